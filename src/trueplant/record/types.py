@@ -1,0 +1,107 @@
+"""What was measured: frozen records, what screening found in them, and the segments that can be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One experiment as it was read. NaN marks what is missing; nothing is altered or filled in.
+
+    Time first: t (N,), r (N, n_y), y (N, n_y), u (N, n_u), d (N, n_d); t increases strictly and is in
+    `time_unit`. r is all NaN where no set-point was recorded. `automatic` (N, n_u) is True where the
+    loop was in automatic (all True without a mode column). The slave signals (N, n_u) are NaN if absent.
+    """
+
+    name: str
+    t: Array
+    r: Array
+    u: Array
+    y: Array
+    d: Array
+    automatic: BoolArray
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    disturbances: tuple[str, ...]
+    time_unit: str
+    hold: tuple[str, ...]
+    """One of "zoh", "linear" for each input: how it runs between samples."""
+    closed: bool = True
+    slave_sp: Array | None = None
+    slave_pv: Array | None = None
+    start: datetime | None = None
+    source: str = ""
+    sha256: str = ""
+    notes: tuple[Finding, ...] = ()
+    """What the reader already had to say (text among numbers, duplicates dropped, time zone assumed ...)."""
+
+    @property
+    def sample_time(self) -> float:
+        """Median step of t."""
+        return float(np.median(np.diff(self.t)))
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that screening noticed, in words a shift engineer understands."""
+
+    kind: str
+    """saturated, manual, frozen, held, spike, quantised, compressed, outlier, out-of-range, missing, gap,
+    duplicate, backwards, text, bad-quality, irregular, excluded, constant, ..."""
+    signal: str
+    message: str
+    spans: tuple[tuple[float, float], ...] = ()
+    """(from, to) in the record's time."""
+    samples: int = 0
+    excludes: bool = False
+    """True if samples were left out because of it."""
+    value: float | None = None
+    """The measured size where there is one: quantum, hold interval, share of samples, ..."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A stretch of one record on a uniform grid, ready for estimation.
+
+    u and d are finite throughout; y is NaN where a sample must not be used; r is NaN where unknown.
+    `free` (N, n_u) is True where OP was neither at a limit nor in manual.
+    """
+
+    experiment: int
+    h: float
+    t: Array
+    r: Array
+    u: Array
+    y: Array
+    d: Array
+    free: BoolArray
+    hold: tuple[str, ...]
+    closed: bool = True
+
+    def __len__(self) -> int:
+        return int(self.t.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """A record, what was found in it, and what of it can be used."""
+
+    record: Record
+    findings: tuple[Finding, ...]
+    segments: tuple[Segment, ...]
+    usable_y: BoolArray
+    """(N, n_y) on the record's own samples."""
+    saturated: BoolArray
+    """(N, n_u) on the record's own samples."""
+    refusal: str | None = None
+    """Why nothing of it can be used, if so."""
+    update_interval: Array = field(default_factory=lambda: np.zeros(0))
+    """(n_y,) time between real updates of each PV (its sample time unless PV is held longer)."""
