@@ -1,0 +1,19 @@
+"""Shared fixtures. Real records are read from the folder named by TRUEPLANT_DATA_DIR."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """The folder of the real records; tests that need it skip only if it was never named."""
+    named = os.environ.get("TRUEPLANT_DATA_DIR")
+    if not named:
+        pytest.skip("TRUEPLANT_DATA_DIR is not set: name the folder of the public example records to run this test")
+    folder = Path(named)
+    assert any(folder.glob("*/*.csv")), f"TRUEPLANT_DATA_DIR={named} holds no records"
+    return folder
