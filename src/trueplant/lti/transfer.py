@@ -42,8 +42,11 @@ class Term:
         if not (np.isfinite(self.dead_time) and self.dead_time >= 0):
             raise FormulaError(f"dead time must be 0 or more, not {self.dead_time:g}: exp(-theta s) only delays")
         lead = den[0]
-        object.__setattr__(self, "num", tuple(c / lead for c in num))
-        object.__setattr__(self, "den", tuple(c / lead for c in den))
+        num, den = tuple(c / lead for c in num), tuple(c / lead for c in den)
+        if not np.all(np.isfinite(num + den)):
+            raise FormulaError("a transfer function's coefficients overflow; express it in other units")
+        object.__setattr__(self, "num", num)
+        object.__setattr__(self, "den", den)
         object.__setattr__(self, "dead_time", float(self.dead_time))
 
     def __call__(self, s: ArrayLike) -> ComplexArray:
