@@ -1,0 +1,267 @@
+"""Named structures of a plant element: which parameters it has, and how it depends on them.
+
+    G(s) = (g1 e^(-theta1 s) + g2 e^(-theta2 s) + ...) prod (lead s + 1)
+           / (s^m prod (tau s + 1) prod (s^2/omega0^2 + 2 zeta s/omega0 + 1))
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import FormulaError
+from trueplant.lti.transfer import Term, TransferFunction
+
+Array = NDArray[np.float64]
+
+_BASES = {"gain": (0, 0), "fopdt": (1, 0), "sopdt": (2, 0), "integrator": (0, 1), "pair": (0, 0)}
+
+
+@dataclass(frozen=True)
+class Block:
+    """Value and gradient of one delayed term: rows of numerators over one denominator, one dead time."""
+
+    num: Array
+    """(1 + number of rows, n + 1): first the term itself."""
+    den: Array
+    dead_time: float
+    index: tuple[int, ...]
+    """The parameter that each further row is the derivative by."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """How many of each factor an element has. Parameters are ordered as `names`."""
+
+    lags: int = 1
+    leads: int = 0
+    pairs: int = 0
+    integrators: int = 0
+    delayed: int = 1
+
+    @classmethod
+    def parse(cls, text: str) -> Structure:
+        """From a name such as "fopdt", "sopdt+lead", "integrator+lag", "pair+lead", "sopdt+delayed"."""
+        base, *extras = [part.strip().lower() for part in text.split("+")]
+        if base not in _BASES:
+            raise FormulaError(f"unknown structure {text!r}: begin with one of {', '.join(_BASES)}")
+        counts = {"lag": _BASES[base][0], "lead": 0, "pair": int(base == "pair"), "integrator": _BASES[base][1]}
+        counts["delayed"] = 1
+        for extra in extras:
+            if extra not in counts:
+                raise FormulaError(f"unknown part {extra!r} of structure {text!r}: use {', '.join(counts)}")
+            counts[extra] += 1
+        structure = cls(counts["lag"], counts["lead"], counts["pair"], counts["integrator"], counts["delayed"])
+        if structure.relative_degree < 0:
+            raise FormulaError(f"structure {text!r} is improper: it has more leads than lags")
+        return structure
+
+    def __str__(self) -> str:
+        lags = self.lags
+        if self.integrators:
+            parts, integrators, pairs = ["integrator"], self.integrators - 1, self.pairs
+        elif lags:
+            parts, integrators, pairs = ["sopdt" if lags > 1 else "fopdt"], 0, self.pairs
+            lags -= min(lags, 2)
+        elif self.pairs:
+            parts, integrators, pairs = ["pair"], 0, self.pairs - 1
+        else:
+            parts, integrators, pairs = ["gain"], 0, 0
+        extras = (("integrator", integrators), ("lag", lags), ("pair", pairs), ("lead", self.leads))
+        for name, count in (*extras, ("delayed", self.delayed - 1)):
+            parts += [name] * count
+        return "+".join(parts)
+
+    @property
+    def relative_degree(self) -> int:
+        return self.lags + 2 * self.pairs + self.integrators - self.leads
+
+    @property
+    def has_dead_time(self) -> bool:
+        """A held input has no derivative by dead time where the element answers a jump with a jump."""
+        return self.relative_degree > 0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        gain = "slope" if self.integrators else "gain"
+
+        def numbered(name: str, count: int) -> list[str]:
+            return [name] if count == 1 else [f"{name}{k + 1}" for k in range(count)]
+
+        names = numbered(gain, self.delayed) + [f"tau{k + 1}" for k in range(self.lags)]
+        for k in range(self.pairs):
+            names += ["omega0", "zeta"] if k == 0 else [f"omega0_{k + 1}", f"zeta_{k + 1}"]
+        names += [f"lead{k + 1}" for k in range(self.leads)]
+        return tuple(names + (numbered("dead_time", self.delayed) if self.has_dead_time else []))
+
+    def _slices(self) -> tuple[slice, slice, slice, slice, slice]:
+        g = self.delayed
+        t = g + self.lags
+        p = t + 2 * self.pairs
+        z = p + self.leads
+        return slice(0, g), slice(g, t), slice(t, p), slice(p, z), slice(z, len(self.names))
+
+    def units(self, output_unit: str, input_unit: str, time_unit: str) -> tuple[str, ...]:
+        """The unit of each parameter, in the order of `names`."""
+        gain = f"{output_unit or '1'}/{input_unit or '1'}" if output_unit or input_unit else ""
+        table = {"gain": gain, "slop": f"{gain or '1'}/{time_unit}" if time_unit else gain, "zeta": ""}
+        table["omeg"] = f"rad/{time_unit}" if time_unit else ""
+        return tuple(table.get(name[:4], time_unit) for name in self.names)
+
+    def polynomials(self, p: Array) -> tuple[Array, Array]:
+        """Numerator and denominator without gains and dead times, descending powers."""
+        _, lags, pairs, leads, _ = self._slices()
+        num = np.ones(1)
+        for lead in p[leads]:
+            num = np.polymul(num, [lead, 1.0])
+        den = np.ones(1)
+        for tau in p[lags]:
+            den = np.polymul(den, [tau, 1.0])
+        for omega0, zeta in p[pairs].reshape(-1, 2):
+            den = np.polymul(den, [1 / omega0**2, 2 * zeta / omega0, 1.0])
+        return num, np.concatenate([den, np.zeros(self.integrators)])
+
+    def dead_times(self, p: Array) -> Array:
+        return p[self._slices()[4]] if self.has_dead_time else np.zeros(self.delayed)
+
+    def transfer(self, p: Array) -> TransferFunction:
+        """The transfer function with the parameters p."""
+        num, den = self.polynomials(np.asarray(p, dtype=float))
+        gains = p[self._slices()[0]]
+        return TransferFunction(
+            tuple(Term(tuple(g * num), tuple(den), t) for g, t in zip(gains, self.dead_times(p), strict=True))
+        )
+
+    def gradient_blocks(self, p: Array) -> Iterator[Block]:
+        """One block for each delayed term, with the derivative by every parameter that it depends on."""
+        gains, lags, pairs, leads, _ = self._slices()
+        num, den = self.polynomials(p)
+        size = 2 * len(den) - 1
+        lead_coefficient = den[0] ** 2
+
+        def row(polynomial: Array) -> Array:
+            return np.concatenate([np.zeros(size - len(polynomial)), polynomial]) / lead_coefficient
+
+        shape: list[tuple[int, Array]] = []
+        for k in range(lags.start, lags.stop):
+            rest = np.polydiv(den, [p[k], 1.0])[0]
+            shape.append((k, -np.polymul(np.polymul(num, rest), [1.0, 0.0])))
+        for k in range(pairs.start, pairs.stop, 2):
+            w, z = p[k], p[k + 1]
+            rest = np.polymul(num, np.polydiv(den, [1 / w**2, 2 * z / w, 1.0])[0])
+            shape.append((k, np.polymul(rest, [2 / w**3, 2 * z / w**2, 0.0])))
+            shape.append((k + 1, np.polymul(rest, [-2 / w, 0.0])))
+        for k in range(leads.start, leads.stop):
+            others = np.ones(1)
+            for m in range(leads.start, leads.stop):
+                if m != k:
+                    others = np.polymul(others, [p[m], 1.0])
+            shape.append((k, np.polymul(np.polymul(others, [1.0, 0.0]), den)))
+
+        base = np.polymul(num, den)
+        for k, theta in enumerate(self.dead_times(p)):
+            g = p[k]
+            rows, index = [row(g * base), row(base)], [k]
+            for j, polynomial in shape:
+                rows.append(row(g * polynomial))
+                index.append(j)
+            if self.has_dead_time:
+                rows.append(row(-g * np.polymul(base, [1.0, 0.0])))
+                index.append(leads.stop + k)
+            yield Block(np.array(rows), np.polymul(den, den) / lead_coefficient, float(theta), tuple(index))
+
+    def gradient(self, p: Array, s: Array) -> NDArray[np.complex128]:
+        """Derivative of the response at complex s (n_s,) by each parameter: (n_s, n_p)."""
+        out = np.zeros((len(s), len(self.names)), dtype=complex)
+        for block in self.gradient_blocks(p):
+            common = np.exp(-block.dead_time * s) / np.polyval(block.den, s)
+            for k, row in zip(block.index, block.num[1:], strict=True):
+                out[:, k] += np.polyval(row, s) * common
+        return out
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds: time constants, frequencies and damping above 0, dead times not below 0."""
+        _, lags, pairs, _, dead = self._slices()
+        low = np.full(len(self.names), -np.inf)
+        low[lags] = low[pairs] = 1e-9
+        low[dead] = 0.0
+        return low, np.full(len(self.names), np.inf)
+
+    def sorted(self, p: Array) -> Array:
+        """Order of the parameters with tau1 >= tau2 >= ...: indices into p."""
+        order = np.arange(len(p))
+        lags = self._slices()[1]
+        order[lags] = lags.start + np.argsort(-p[lags], kind="stable")
+        return order
+
+    @property
+    def time_scales(self) -> Array:
+        """Exponent (n_p,) with which each parameter scales when time is stretched by a factor; dead time 0."""
+        return np.array([0 if re.match("gain|zeta|dead", n) else -1 if re.match("omega|slope", n) else 1
+                         for n in self.names], dtype=float)
+
+
+def structure_of(system: TransferFunction) -> tuple[Structure, Array]:
+    """Structure and parameters of a transfer function.
+
+    Raises FormulaError where it does not have the form of this module (other sums of delayed terms, zero
+    pairs, poles in the right half-plane): such an element can be used, but not estimated.
+    """
+    if system.is_zero:
+        raise FormulaError("a zero element has no structure: name one, for instance structure = \"fopdt\"")
+    terms = system.terms
+    if len({t.den for t in terms}) > 1:
+        if len({t.dead_time for t in terms}) > 1:
+            raise FormulaError(f"{system}: delayed terms with different denominators cannot be estimated")
+        num, den = np.zeros(1), np.ones(1)
+        for t in terms:
+            num = np.polyadd(np.polymul(num, t.den), np.polymul(t.num, den))
+            den = np.polymul(den, t.den)
+        terms = (Term(tuple(num), tuple(den), terms[0].dead_time),)
+    first = np.array(terms[0].num)
+    for t in terms[1:]:
+        if len(t.num) != len(first) or not np.allclose(np.array(t.num) * first[0], first * t.num[0], rtol=1e-9):
+            raise FormulaError(f"{system}: delayed terms that do not share their zeros cannot be estimated")
+    zeros, poles = _clean_roots(first), _clean_roots(np.array(terms[0].den))
+    if np.any(np.abs(zeros.imag) > 0) or np.any(zeros == 0):
+        raise FormulaError(f"{system}: zeros that are complex or at s = 0 cannot be estimated")
+    if np.any(poles.real > 0):
+        raise FormulaError(f"{system}: an element that is unstable in open loop cannot be estimated")
+    real = poles[(poles.imag == 0) & (poles.real < 0)].real
+    upper = poles[poles.imag > 0]
+    structure = Structure(
+        lags=real.size,
+        leads=zeros.size,
+        pairs=upper.size,
+        integrators=int(np.sum(poles == 0)),
+        delayed=len(terms),
+    )
+    taus = np.sort(-1 / real)[::-1]
+    pairs = np.column_stack([np.abs(upper), -upper.real / np.abs(upper)]).ravel()
+    leads = np.sort(-1 / zeros.real)[::-1]
+    # Each root r contributes (s - r) = -r (s/(-r) + 1), so the product of the -r belongs to the gain.
+    scale = np.prod(-zeros.real) / np.real(np.prod(-poles[poles != 0]))
+    gains = [t.num[0] * scale for t in terms]
+    dead = [t.dead_time for t in terms] if structure.has_dead_time else []
+    return structure, np.array([*gains, *taus, *pairs, *leads, *dead], dtype=float)
+
+
+def _clean_roots(polynomial: Array) -> NDArray[np.complex128]:
+    """Roots with multiple ones put back together, as far as the polynomial is reproduced."""
+    roots = np.roots(polynomial).astype(complex)
+    if roots.size < 2:
+        return roots
+    for tolerance in (1e-1, 1e-2, 1e-3, 1e-6):
+        cleaned = roots.copy()
+        for k, root in enumerate(roots):
+            near = np.abs(roots - root) <= tolerance * np.abs(root)
+            mean = roots[near].mean()
+            cleaned[k] = mean.real if abs(mean.imag) <= 1e-9 * abs(mean) else mean
+        rebuilt = np.real(np.poly(cleaned)) * polynomial[0]
+        if np.allclose(rebuilt, polynomial, rtol=1e-9, atol=1e-12 * np.max(np.abs(polynomial))):
+            return cleaned
+    return roots
