@@ -1,0 +1,233 @@
+"""Structure-preserving fit of one row of the plant by prediction errors with an autoregressive noise model.
+
+    y = sum_j G_j(p; theta) u_j + offset + free response + v,    A(q) v = e, e white
+
+Levenberg-Marquardt on theta and the AR coefficients; offsets and initial states are linear and projected
+out in every step (variable projection, Golub and Pereyra 1973, with the full derivative).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.identify.noise import lagged, whiten, whitened_valid
+from trueplant.identify.predict import Row
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class RowFit:
+    """Estimate of one row: parameters of its elements, noise model, covariance."""
+
+    row: Row
+    theta: Array
+    """(row.size,) parameters of the elements, stacked in the order of row.specs."""
+    ar: Array
+    variance: float
+    """Of the prediction error e."""
+    information: Array
+    """(size + len(ar), ...) Gauss-Newton information of theta and ar, in units of 1/variance."""
+    cost: float
+    count: int
+    """Prediction errors used."""
+    weights: Array
+    """(n_pieces,) 1/relative standard deviation of the prediction errors in each piece."""
+    converged: bool
+    free: BoolArray
+
+    @property
+    def deviance(self) -> float:
+        """-2 log likelihood up to a constant."""
+        return self.count * np.log(max(self.cost, 1e-300) / self.count)
+
+    @property
+    def criterion(self) -> float:
+        """Bayesian information criterion, nuisance terms included."""
+        nuisance = sum(self.row.nuisance(self.theta, k).shape[1] for k in range(len(self.row.pieces)))
+        return self.deviance + np.log(self.count) * (self.theta.size + self.ar.size + nuisance)
+
+    @property
+    def covariance(self) -> Array:
+        """(size, size) of theta; infinite variance where the data say nothing."""
+        n = self.theta.size
+        scale = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
+        normal = self.information / np.outer(scale, scale)
+        values, vectors = np.linalg.eigh(normal)
+        values = np.maximum(values, 1e-14)
+        inverse = (vectors / values) @ vectors.T
+        full: Array = self.variance * inverse / np.outer(scale, scale)
+        return full[:n, :n]
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    cost: float
+    information: Array
+    slope: Array
+    count: int
+    power: Array
+    """(n_pieces, 2) weighted sum of squares and number of errors of each piece."""
+
+
+def _orthonormal(columns: Array) -> Array:
+    """Basis of the column space, directions lost in rounding dropped."""
+    norms = np.linalg.norm(columns, axis=0)
+    u, s, _ = np.linalg.svd(columns[:, norms > 0] / norms[norms > 0], full_matrices=False)
+    return u[:, s > 1e-7 * s[0]] if s.size else u
+
+
+def _nuisance_weights(columns: Array, target: Array) -> Array:
+    weights: Array = np.linalg.lstsq(columns, target, rcond=1e-7)[0]
+    return weights
+
+
+def _evaluate(row: Row, theta: Array, ar: Array, weights: Array, derivatives: bool = True) -> _Point:
+    size, order = theta.size, ar.size
+    information = np.zeros((size + order, size + order))
+    slope = np.zeros(size + order)
+    power = np.zeros((len(row.pieces), 2))
+    for k in range(len(row.pieces)):
+        y, valid = row.measured(k)
+        if y.size <= order + 1:
+            continue
+        use = whitened_valid(order, valid)
+        if not use.any():
+            continue
+        if derivatives:
+            response, gradient = row.response_and_gradient(theta, k)
+        else:
+            response = row.response(theta, k)
+        v = np.where(valid, y - response, 0.0)
+        z = row.nuisance(theta, k)
+        filtered_z = whiten(ar, z)[use]
+        coefficients = _nuisance_weights(filtered_z, whiten(ar, v)[use])
+        v = np.where(valid, v - z @ coefficients, 0.0)
+        e = weights[k] * whiten(ar, v)[use]
+        power[k] = e @ e, e.size
+        if not derivatives:
+            continue
+        gradient = gradient + row.nuisance_gradient(theta, k, coefficients)
+        jacobian = weights[k] * np.hstack([-whiten(ar, gradient)[use], lagged(v, order)[use]])
+        basis = _orthonormal(filtered_z)
+        jacobian -= basis @ (basis.T @ jacobian)
+        information += jacobian.T @ jacobian
+        slope += jacobian.T @ e
+    return _Point(float(power[:, 0].sum()), information, slope, int(power[:, 1].sum()), power)
+
+
+def fit_row(
+    row: Row,
+    theta: Array,
+    ar: Array,
+    *,
+    weights: Array | None = None,
+    free: BoolArray | None = None,
+    reweight: bool = True,
+    iterations: int = 60,
+) -> RowFit:
+    """Least prediction errors from the given start.
+
+    `free` marks the parameters of theta that may move. With several pieces, each is weighted by its own
+    prediction-error level, re-estimated as the fit proceeds unless `reweight` is False.
+    """
+    weights = np.ones(len(row.pieces)) if weights is None else weights
+    free = np.ones(theta.size, dtype=bool) if free is None else free
+    low, high = row.bounds()
+    moving = np.concatenate([free, np.ones(ar.size, dtype=bool)])
+    n = theta.size
+    damping = 1e-3
+    point = _evaluate(row, theta, ar, weights)
+    converged = False
+    for round_ in range(iterations):
+        diagonal = np.maximum(np.diag(point.information), 1e-300)
+        pinned = np.concatenate(
+            [((theta <= low) & (point.slope[:n] > 0)) | ((theta >= high) & (point.slope[:n] < 0)), np.zeros(ar.size, bool)]
+        )
+        active = moving & ~pinned & (np.diag(point.information) > 0)
+        if not active.any():
+            converged = True
+            break
+        index = np.ix_(active, active)
+        scale = np.sqrt(diagonal[active])
+        normal = point.information[index] / np.outer(scale, scale)
+        accepted = False
+        for _ in range(12):
+            step = np.zeros(n + ar.size)
+            step[active] = -np.linalg.solve(
+                normal + damping * np.eye(active.sum()), point.slope[active] / scale
+            ) / scale
+            trial = np.clip(_limited(theta, step[:n], low), low, high)
+            trial_ar = ar + step[n:]
+            candidate = _evaluate(row, trial, trial_ar, weights, derivatives=False)
+            if np.isfinite(candidate.cost) and candidate.cost <= point.cost * (1 + 1e-14):
+                accepted = True
+                break
+            damping = min(damping * 8, 1e8)
+        if not accepted:
+            converged = True
+            break
+        gain = point.cost - candidate.cost
+        expected = float(-step @ point.slope)
+        theta, ar = trial, trial_ar
+        damping = max(damping / 10, 1e-9)
+        settled = gain <= 1e-9 * point.cost and expected <= 1e-8 * point.cost
+        if reweight and len(row.pieces) > 1 and round_ in (2, 5, 9):
+            weights = _level_weights(candidate.power, weights)
+            settled = False
+        point = _evaluate(row, theta, ar, weights)
+        if settled or point.cost <= 1e-24 * max(_energy(row), 1e-300):
+            converged = True
+            break
+    used = max(point.count - int(moving.sum()) - len(row.pieces), 1)
+    information = point.information.copy()
+    frozen = np.flatnonzero(~moving)
+    information[frozen, :] = information[:, frozen] = 0.0
+    information[frozen, frozen] = 1e30
+    return RowFit(row, theta, ar, point.cost / used, information, point.cost, point.count, weights, converged, free)
+
+
+def _limited(theta: Array, step: Array, low: Array) -> Array:
+    """A step that takes positive parameters at most to a third or to three times their value."""
+    positive = np.isfinite(low) & (low > 0)
+    trial = theta + step
+    trial[positive] = np.clip(trial[positive], theta[positive] / 3, theta[positive] * 3)
+    return trial
+
+
+def _energy(row: Row) -> float:
+    return float(sum(np.sum((y - y.mean()) ** 2) for y, _ in (row.measured(k) for k in range(len(row.pieces)))))
+
+
+def _level_weights(power: Array, weights: Array) -> Array:
+    """Weights that level the prediction errors of the pieces, held within a factor of 10 of each other."""
+    spread = np.sqrt(power[:, 0] / np.maximum(power[:, 1], 1)) / weights
+    typical = np.median(spread[power[:, 1] > 0]) if (power[:, 1] > 0).any() else 1.0
+    if typical <= 0:
+        return weights
+    levelled: Array = np.clip(typical / np.maximum(spread, 1e-300), 0.1, 10.0)
+    return levelled
+
+
+def residuals(fit: RowFit) -> list[tuple[Array, Array, BoolArray]]:
+    """For each piece: the output error v (NaN where not measured), the prediction error e, and where e is valid."""
+    out = []
+    row, order = fit.row, fit.ar.size
+    for k in range(len(row.pieces)):
+        y, valid = row.measured(k)
+        response = row.response(fit.theta, k)
+        v = np.where(valid, y - response, 0.0)
+        z = row.nuisance(fit.theta, k)
+        if y.size > order + 1 and whitened_valid(order, valid).any():
+            use = whitened_valid(order, valid)
+            v = v - z @ _nuisance_weights(whiten(fit.ar, z)[use], whiten(fit.ar, v)[use])
+            e = np.full(y.size, np.nan)
+            e[order:][use] = whiten(fit.ar, np.where(valid, v, 0.0))[use]
+        else:
+            use, e = np.zeros(max(y.size - order, 0), bool), np.full(y.size, np.nan)
+        out.append((np.where(valid, v, np.nan), e, np.isfinite(e)))
+    return out

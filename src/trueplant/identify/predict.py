@@ -1,0 +1,168 @@
+"""The output of one row of the plant, simulated on recorded inputs, with its derivatives.
+
+Signals enter as deviations from their first sample. What happened before the record is summed up by
+nuisance terms that are linear: an offset for each segment and, unless the record starts at rest, the
+free response of every lag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.lti.sampled import rows_response, sampled_response
+from trueplant.lti.structure import Structure
+from trueplant.lti.transfer import TransferFunction
+from trueplant.record.types import Segment
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Spec:
+    """One element of the row: which input drives it, and its structure or its fixed transfer function."""
+
+    column: int
+    """Index into the inputs followed by the measured disturbances."""
+    structure: Structure
+    start: tuple[float, ...] | None = None
+    """Parameters to start from (the model's); None where the model has no such element."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """An element kept at its declared value."""
+
+    column: int
+    system: TransferFunction
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One segment as one output sees it. Inputs are deviations from their first sample."""
+
+    experiment: int
+    h: float
+    y: Array
+    """(N,) minus the response of the held elements; 0 where not valid."""
+    valid: BoolArray
+    inputs: Array
+    """(n_columns, N)."""
+    hold: tuple[str, ...]
+
+    @property
+    def span(self) -> float:
+        return self.h * (self.y.size - 1)
+
+
+def pieces_of(segments: Sequence[Segment], output: int, held: Sequence[Held] = ()) -> tuple[Piece, ...]:
+    """The segments in which this output was measured at all."""
+    pieces = []
+    for segment in segments:
+        valid = np.isfinite(segment.y[:, output])
+        if valid.sum() < 2:
+            continue
+        inputs = np.column_stack([segment.u, segment.d])
+        inputs = np.ascontiguousarray((inputs - inputs[0]).T)
+        hold = segment.hold + ("linear",) * segment.d.shape[1]
+        y = np.where(valid, segment.y[:, output], 0.0)
+        for element in held:
+            y = y - sampled_response(element.system, inputs[element.column], segment.h, hold[element.column])
+        pieces.append(Piece(segment.experiment, segment.h, np.where(valid, y, 0.0), valid, inputs, hold))
+    return tuple(pieces)
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A row of elements over pieces of data, seen at every `stride`-th sample."""
+
+    specs: tuple[Spec, ...]
+    pieces: tuple[Piece, ...]
+    stride: int = 1
+    at_rest: bool = False
+    """True if every piece starts in steady state, so that no free response is needed."""
+
+    @property
+    def slices(self) -> tuple[slice, ...]:
+        ends = np.cumsum([len(s.structure.names) for s in self.specs])
+        return tuple(slice(int(e) - len(s.structure.names), int(e)) for s, e in zip(self.specs, ends, strict=True))
+
+    @property
+    def size(self) -> int:
+        return sum(len(s.structure.names) for s in self.specs)
+
+    def bounds(self) -> tuple[Array, Array]:
+        pairs = [s.structure.bounds() for s in self.specs]
+        return np.concatenate([low for low, _ in pairs]), np.concatenate([high for _, high in pairs])
+
+    def measured(self, k: int) -> tuple[Array, BoolArray]:
+        piece = self.pieces[k]
+        return piece.y[:: self.stride], piece.valid[:: self.stride]
+
+    def response(self, theta: Array, k: int) -> Array:
+        """Simulated output of piece k at the strided samples, from rest."""
+        piece = self.pieces[k]
+        total = np.zeros(piece.y.size)
+        for spec, part in zip(self.specs, self.slices, strict=True):
+            system = spec.structure.transfer(theta[part])
+            total += sampled_response(system, piece.inputs[spec.column], piece.h, piece.hold[spec.column])
+        return total[:: self.stride]
+
+    def response_and_gradient(self, theta: Array, k: int) -> tuple[Array, Array]:
+        """Simulated output (n,) of piece k and its derivative by theta (n, size)."""
+        piece = self.pieces[k]
+        n = len(range(0, piece.y.size, self.stride))
+        total, gradient = np.zeros(n), np.zeros((self.size, n))
+        for spec, part in zip(self.specs, self.slices, strict=True):
+            u, hold = piece.inputs[spec.column], piece.hold[spec.column]
+            for block in spec.structure.gradient_blocks(theta[part]):
+                rows = rows_response(block.num, block.den, block.dead_time, u, piece.h, hold)[:, :: self.stride]
+                total += rows[0]
+                for index, row in zip(block.index, rows[1:], strict=True):
+                    gradient[part.start + index] += row
+        return total, gradient.T
+
+    def nuisance(self, theta: Array, k: int) -> Array:
+        """Columns (n, n_z) of piece k: offset, then the free response of every mode unless at rest."""
+        piece = self.pieces[k]
+        t = piece.h * np.arange(0, piece.y.size, self.stride)
+        columns = [np.ones(t.size)]
+        if self.at_rest:
+            return np.column_stack(columns)
+        for spec, part in zip(self.specs, self.slices, strict=True):
+            for name, value, following in zip(
+                spec.structure.names, theta[part], np.append(theta[part][1:], 0.0), strict=True
+            ):
+                if name.startswith("tau"):
+                    columns.append(np.exp(-t / value))
+                elif name.startswith("omega0"):
+                    damping = np.exp(-min(following, 1.0) * value * t)
+                    frequency = value * np.sqrt(max(1 - following**2, 0.0))
+                    columns += [damping * np.cos(frequency * t), damping * np.sin(frequency * t)]
+            if spec.structure.integrators:
+                columns.append(t / max(piece.span, piece.h))
+        return np.column_stack(columns)
+
+    def nuisance_gradient(self, theta: Array, k: int, weights: Array) -> Array:
+        """Derivative (n, size) of `nuisance @ weights` by theta: only lags and pairs move the columns."""
+        n = len(range(0, self.pieces[k].y.size, self.stride))
+        out = np.zeros((n, self.size))
+        if self.at_rest:
+            return out
+        moving = [
+            part.start + m
+            for spec, part in zip(self.specs, self.slices, strict=True)
+            for m, name in enumerate(spec.structure.names)
+            if name.startswith(("tau", "omega0", "zeta"))
+        ]
+        base = self.nuisance(theta, k) @ weights
+        for index in moving:
+            step = 1e-6 * abs(theta[index])
+            shifted = theta.copy()
+            shifted[index] += step
+            out[:, index] = (self.nuisance(shifted, k) @ weights - base) / step
+        return out

@@ -1,0 +1,172 @@
+"""Where the fit starts: the time scale and the dead time of each element on a grid, gains by least squares.
+
+The cost of a dead time has several minima; the grid covers them all, one element at a time with the
+gains of all others and the nuisance terms projected out, and several times over.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.identify.fit import _orthonormal
+from trueplant.identify.noise import whiten, whitened_valid
+from trueplant.identify.predict import Row
+from trueplant.lti.sampled import sampled_response
+
+Array = NDArray[np.float64]
+
+STRETCH = 2.0 ** np.linspace(-3, 3, 13)
+
+
+def initial_theta(row: Row, time_scale: float) -> Array:
+    """The models' parameters; elements without one get the time scale, unit gain and no dead time."""
+    parts = []
+    for spec in row.specs:
+        if spec.start is not None:
+            parts.append(np.array(spec.start, dtype=float))
+            continue
+        values = {"gain": 1.0, "slope": 1.0, "tau": time_scale, "omega": 2.0 / time_scale, "zeta": 0.7}
+        values |= {"lead": time_scale / 10, "dead": 0.0}
+        names = spec.structure.names
+        start = np.array([next(v for key, v in values.items() if name.startswith(key)) for name in names])
+        for k, name in enumerate(names):
+            if name.startswith("tau"):
+                start[k] /= int(name[3:])
+        parts.append(start)
+    return np.concatenate(parts)
+
+
+def lag_of(names: tuple[str, ...], p: Array) -> float:
+    """Sum of the lags of an element: how long it takes to answer, without its dead time."""
+    total = 0.0
+    for name, value in zip(names, p, strict=True):
+        if name.startswith("tau"):
+            total += value
+        elif name.startswith("omega0"):
+            total += 1 / value
+    return total
+
+
+def grid_start(row: Row, theta: Array, ar: Array, rounds: int = 2, largest: int = 20_000) -> Array:
+    """theta with time scales, dead times and gains that the data prefer (given the noise model)."""
+    samples = sum(len(range(0, p.y.size, row.stride)) for p in row.pieces)
+    if samples > largest and ar.size == 0:
+        row = Row(row.specs, row.pieces, row.stride * int(np.ceil(samples / largest)), row.at_rest)
+    theta = theta.copy()
+    for _ in range(rounds):
+        before = theta.copy()
+        for m in range(len(row.specs)):
+            theta = _improve_element(row, theta, ar, m)
+        if np.allclose(theta, before, rtol=1e-12, atol=0):
+            break
+    return _least_squares_gains(row, theta, ar)
+
+
+def _unit(row: Row, theta: Array, m: int) -> Array:
+    """Parameters of element m with its gains scaled so that the largest is 1."""
+    p = theta[row.slices[m]].copy()
+    count = row.specs[m].structure.delayed
+    largest = np.max(np.abs(p[:count]))
+    p[:count] = p[:count] / largest if largest > 0 else 1.0
+    return p
+
+
+def _columns(row: Row, theta: Array, skip: int | None = None) -> list[Array]:
+    """For each piece, the responses of the elements at unit gain, but for the one to skip."""
+    out = []
+    for piece in row.pieces:
+        columns = [
+            sampled_response(
+                spec.structure.transfer(_unit(row, theta, m)), piece.inputs[spec.column], piece.h,
+                piece.hold[spec.column],
+            )[:: row.stride]
+            for m, spec in enumerate(row.specs)
+            if m != skip
+        ]
+        out.append(np.column_stack(columns) if columns else np.zeros((len(range(0, piece.y.size, row.stride)), 0)))
+    return out
+
+
+def dead_time_grid(row: Row, m: int, p: Array, h: float, finest: int = 48) -> Array:
+    """Dead times to try for element m, in whole samples of the record."""
+    names = row.specs[m].structure.names
+    dead = [v for name, v in zip(names, p, strict=True) if name.startswith("dead")]
+    longest = min(max(3 * max(dead, default=0.0), lag_of(names, p), 10 * h), max(q.span for q in row.pieces) / 4)
+    count = max(int(longest / h), 1)
+    return np.unique(np.round(np.linspace(0, count, min(count + 1, finest))).astype(int))
+
+
+def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
+    structure, part = row.specs[m].structure, row.slices[m]
+    unit = _unit(row, theta, m)
+    exponents = structure.time_scales
+    dead = np.array([name.startswith("dead") for name in structure.names])
+    h = row.pieces[0].h
+    shifts = dead_time_grid(row, m, unit, h) if dead.any() else np.zeros(1, dtype=int)
+    others = _columns(row, theta, skip=m)
+    top = np.zeros((STRETCH.size, shifts.size))
+    gain = np.zeros_like(top)
+    power = np.zeros_like(top)
+    moment = np.zeros_like(top)
+    nominal = theta.copy()
+    for k, piece in enumerate(row.pieces):
+        y, valid = row.measured(k)
+        if y.size <= ar.size + 1:
+            continue
+        use = whitened_valid(ar.size, valid)
+        if not use.any():
+            continue
+        basis = _orthonormal(whiten(ar, np.hstack([others[k], row.nuisance(nominal, k)]))[use])
+        target = whiten(ar, y)[use]
+        target = target - basis @ (basis.T @ target)
+        spec = row.specs[m]
+        for a, stretch in enumerate(STRETCH):
+            p = unit * stretch**exponents
+            p[dead] = unit[dead] - (unit[dead].min() if dead.any() else 0.0)
+            full = sampled_response(structure.transfer(p), piece.inputs[spec.column], piece.h, piece.hold[spec.column])
+            shifted = np.zeros((shifts.size, y.size))
+            for b, shift in enumerate(shifts):
+                late = np.concatenate([np.zeros(min(shift, full.size)), full[: full.size - shift]])
+                shifted[b] = late[:: row.stride]
+            x = whiten(ar, shifted.T)[use]
+            x = x - basis @ (basis.T @ x)
+            moment[a] += x.T @ target
+            power[a] += np.einsum("nb,nb->b", x, x)
+    ok = power > 1e-12 * max(power.max(), 1e-300)
+    top[ok] = moment[ok] ** 2 / power[ok]
+    gain[ok] = moment[ok] / power[ok]
+    a, b = np.unravel_index(int(np.argmax(top)), top.shape)
+    if top[a, b] <= 0:
+        return theta
+    p = unit * STRETCH[a] ** exponents
+    if dead.any():
+        p[dead] = unit[dead] - unit[dead].min() + shifts[b] * h
+    p[: structure.delayed] *= gain[a, b]
+    theta = theta.copy()
+    theta[part] = p
+    return theta
+
+
+def _least_squares_gains(row: Row, theta: Array, ar: Array) -> Array:
+    """theta with the gain of each element by least squares over all pieces."""
+    columns = _columns(row, theta)
+    count = len(row.specs)
+    gram, moment = np.zeros((count, count)), np.zeros(count)
+    for k in range(len(row.pieces)):
+        y, valid = row.measured(k)
+        use = whitened_valid(ar.size, valid) if y.size > ar.size + 1 else np.zeros(0, bool)
+        if not use.any():
+            continue
+        basis = _orthonormal(whiten(ar, row.nuisance(theta, k))[use])
+        x = whiten(ar, columns[k])[use]
+        x = x - basis @ (basis.T @ x)
+        gram += x.T @ x
+        moment += x.T @ whiten(ar, y)[use]
+    gains = np.linalg.lstsq(gram, moment, rcond=1e-10)[0]
+    theta = theta.copy()
+    for m, (spec, part) in enumerate(zip(row.specs, row.slices, strict=True)):
+        p = _unit(row, theta, m)
+        p[: spec.structure.delayed] *= gains[m] if gains[m] != 0 else 1e-6
+        theta[part] = p
+    return theta
