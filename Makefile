@@ -1,0 +1,66 @@
+# Everything runs in .venv, which the first call of any target creates.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+DATA := $(abspath ../shared/data)
+
+ifndef TRUEPLANT_DATA_DIR
+ifneq ($(wildcard $(DATA)),)
+export TRUEPLANT_DATA_DIR := $(DATA)
+endif
+endif
+
+.PHONY: demo test check bench docs lowest lock clean
+.DELETE_ON_ERROR:
+
+demo: .venv/ready
+	$(BIN)/trueplant demo splitter
+
+test: .venv/ready-dev
+	$(BIN)/python -m pytest -q -n 2
+
+check: .venv/ready-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+	$(BIN)/python -m pytest -q -n 2 --doctest-modules tests src
+
+bench: .venv/ready-dev
+	@set -e; for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python "$$file"; done
+
+docs: .venv/ready-docs
+	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
+
+# The lowest versions that pyproject.toml allows, resolved afresh in a venv of their own.
+lowest: .venv/ready-dev
+	$(PIP) install uv
+	$(BIN)/uv venv --quiet --clear --python $(BIN)/python .venv-lowest
+	$(BIN)/uv pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct -e '.[test]'
+	.venv-lowest/bin/python -m pytest -q -n 2
+
+# Pinned versions with hashes; no address of a package index gets into them.
+COMPILE := $(BIN)/python -m piptools compile --quiet --strip-extras --allow-unsafe --generate-hashes \
+	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-header pyproject.toml
+lock: .venv/ready-dev
+	$(PIP) install pip-tools
+	$(COMPILE) --extra build -o requirements.txt
+	$(COMPILE) --extra build --extra test --extra dev -c requirements.txt -o requirements-dev.txt
+	$(COMPILE) --extra build --extra docs -c requirements-dev.txt -o requirements-docs.txt
+
+INSTALL = $(PIP) install --require-hashes -r $(1) && $(PIP) install --no-deps --no-build-isolation -e . && touch $@
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+
+.venv/ready: requirements.txt pyproject.toml | .venv/bin/python
+	$(call INSTALL,requirements.txt)
+
+.venv/ready-dev: requirements-dev.txt pyproject.toml | .venv/bin/python
+	$(call INSTALL,requirements-dev.txt)
+
+.venv/ready-docs: requirements-docs.txt pyproject.toml | .venv/bin/python
+	$(call INSTALL,requirements-docs.txt)
+
+clean:
+	rm -rf .venv .venv-lowest docs/_build .pytest_cache .mypy_cache .ruff_cache

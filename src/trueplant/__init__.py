@@ -1,0 +1,95 @@
+"""trueplant: closed-loop plant data in; what changed in the plant, how surely, and the updated model out.
+
+Everything named in ``__all__`` is public and stable. Names are imported when they are first used, so that
+``import trueplant`` and ``trueplant --help`` stay quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from trueplant import datasets as datasets
+    from trueplant.errors import (
+        DataError,
+        FormulaError,
+        IllPosedLoop,
+        LoopError,
+        OutputError,
+        ProjectError,
+        Refused,
+        SignConflict,
+        SourceError,
+        TrueplantError,
+        UnstableLoop,
+        UsageError,
+    )
+    from trueplant.lti import TransferFunction, TransferMatrix, tf
+    from trueplant.record.types import Record, Screened, Segment
+    from trueplant.study import Project, Result, run
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "datasets": "trueplant.datasets",
+    **dict.fromkeys(
+        (
+            "DataError",
+            "FormulaError",
+            "IllPosedLoop",
+            "LoopError",
+            "OutputError",
+            "ProjectError",
+            "Refused",
+            "SignConflict",
+            "SourceError",
+            "TrueplantError",
+            "UnstableLoop",
+            "UsageError",
+        ),
+        "trueplant.errors",
+    ),
+    **dict.fromkeys(("TransferFunction", "TransferMatrix", "tf"), "trueplant.lti"),
+    **dict.fromkeys(("Record", "Screened", "Segment"), "trueplant.record.types"),
+    **dict.fromkeys(("Project", "Result", "run"), "trueplant.study"),
+}
+
+__all__ = [
+    "DataError",
+    "FormulaError",
+    "IllPosedLoop",
+    "LoopError",
+    "OutputError",
+    "Project",
+    "ProjectError",
+    "Record",
+    "Refused",
+    "Result",
+    "Screened",
+    "Segment",
+    "SignConflict",
+    "SourceError",
+    "TransferFunction",
+    "TransferMatrix",
+    "TrueplantError",
+    "UnstableLoop",
+    "UsageError",
+    "__version__",
+    "datasets",
+    "run",
+    "tf",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'trueplant' has no attribute {name!r}")
+    module = import_module(_HOME[name])
+    value = module if module.__name__ == f"trueplant.{name}" else getattr(module, name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
