@@ -1,0 +1,130 @@
+"""What each figure shows, in words and numbers: its caption, and its text alternative for those who cannot see it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.report.figures import phases
+from trueplant.report.numbers import interval, number, per
+from trueplant.study.result import Curves, Residuals, Trend
+
+Array = NDArray[np.float64]
+
+
+def _rms(x: Array) -> float | None:
+    known = x[np.isfinite(x)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else None
+
+
+def _extent(x: Array, unit: str) -> str:
+    known = x[np.isfinite(x)]
+    if not known.size:
+        return "missing throughout"
+    return f"{interval(float(known.min()), float(known.max()))}{_unit(unit)}"
+
+
+def _unit(unit: str) -> str:
+    return f" {unit}" if unit else ""
+
+
+def step_response(curves: Curves, i: int, j: int) -> str:
+    t, unit = curves.step_t, _unit(per(curves.output_units[i], curves.input_units[j]))
+    model, plant = curves.step_model[:, i, j], curves.step_plant[:, i, j]
+    low, high = curves.step_low[:, i, j], curves.step_high[:, i, j]
+    if not t.size:
+        return "No step response was computed."
+    end = f"After {number(float(t[-1]))}{_unit(curves.time_unit)}: model {number(float(model[-1]))}, "
+    if not np.isfinite(plant).any():
+        return f"{end}plant not answered{unit and f' ({unit.strip()})'}."
+    end += f"plant {number(float(plant[-1]))}"
+    if np.isfinite(low[-1]) and np.isfinite(high[-1]):
+        end += f" ({interval(float(low[-1]), float(high[-1]))})"
+    apart = np.abs(plant - model)
+    if not np.isfinite(apart).any():
+        return f"{end}{unit}."
+    at = int(np.nanargmax(apart))
+    return f"{end}{unit}. Widest gap {number(float(apart[at]), 3)} at {number(float(t[at]), 3)}{_unit(curves.time_unit)}."
+
+
+def bode(curves: Curves, i: int, j: int) -> str:
+    w, band = curves.w, curves.band[i][j]
+    frequency = f"rad/{curves.time_unit}"
+    if band is None:
+        said, inside = "The data speak at no frequency. Over all frequencies drawn", np.ones(w.size, dtype=bool)
+    else:
+        inside = (w >= band[0]) & (w <= band[1])
+        said = f"The data speak from {number(band[0], 3)} to {number(band[1], 3)} {frequency}. There"
+        if not inside.any():
+            return f"{said.removesuffix('. There')}, between the frequencies drawn."
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.abs(curves.bode_plant[inside, i, j]) / np.abs(curves.bode_model[inside, i, j])
+    model, plant, points = phases(curves, i, j)
+    shift = (plant - model)[inside]
+    ratio, shift = ratio[np.isfinite(ratio)], shift[np.isfinite(shift)]
+    count = int(np.isfinite(points).sum())
+    label = f" {count} points: {curves.np_label or 'estimate without a model'}." if count else ""
+    if not ratio.size or not shift.size:
+        return f"{said}, plant and model cannot be compared: one of them has no response.{label}"
+    return (
+        f"{said}, the plant has {number(float(ratio.min()), 3)} to {number(float(ratio.max()), 3)} times the model's "
+        f"magnitude and its phase differs by {number(float(shift.min()), 3)}° to {number(float(shift.max()), 3)}°.{label}"
+    )
+
+
+def trends(curves: Curves, trend: Trend, panels: Sequence[tuple[str, int]]) -> str:
+    if not trend.t.size:
+        return "No samples."
+    length = float(trend.t[-1] - trend.t[0])
+    said = [f"{trend.t.size} samples over {number(length)}{_unit(curves.time_unit)}."]
+    for kind, k in panels:
+        if kind == "u":
+            said.append(f"{curves.inputs[k]}: OP {_extent(trend.u[:, k], curves.input_units[k])}.")
+            continue
+        errors = [
+            f"{number(rms, 3)} for the {who}"
+            for who, prediction in (("model", trend.model), ("plant", trend.plant))
+            if (rms := _rms(trend.y[:, k] - prediction[:, k])) is not None
+        ]
+        missed = f"; prediction error (rms) {', '.join(errors)}" if errors else ""
+        missed += "" if np.isfinite(trend.r[:, k]).any() else "; no set-point was recorded"
+        said.append(f"{curves.outputs[k]}: PV {_extent(trend.y[:, k], curves.output_units[k])}{missed}.")
+    return " ".join(said)
+
+
+def residuals_over_time(found: Residuals, unit: str) -> str:
+    known = found.e[np.isfinite(found.e)]
+    if not known.size:
+        return "No prediction errors."
+    return (
+        f"{known.size} prediction errors, rms {number(_rms(known), 3)}{_unit(unit)}, "
+        f"from {number(float(known.min()), 3)} to {number(float(known.max()), 3)}{_unit(unit)}."
+    )
+
+
+def correlation(lags: Array, value: Array, bound: float) -> str:
+    """Lag 0 of an autocorrelation is 1 by definition; the caller leaves it out."""
+    known = np.isfinite(value)
+    if not known.any():
+        return "Not computed."
+    outside = int((np.abs(value[known]) > bound).sum())
+    at = int(np.nanargmax(np.abs(value)))
+    return (
+        f"{outside} of {int(known.sum())} lags lie outside ±{number(bound, 2)}; "
+        f"the largest is {number(float(value[at]), 2)} at lag {number(float(lags[at]))}."
+    )
+
+
+def condition(curves: Curves) -> str:
+    value = curves.condition
+    if not np.isfinite(value).any():
+        return "Not computed."
+    low, high = int(np.nanargmin(value)), int(np.nanargmax(value))
+    unit, w = f"rad/{curves.time_unit}", curves.condition_w
+    return (
+        f"From {number(float(value[low]), 3)} at {number(float(w[low]), 3)} {unit} to {number(float(value[high]), 3)} "
+        f"at {number(float(w[high]), 3)} {unit}. Near 1 the excitations of the loops are independent; "
+        "a large number means that they moved together and cannot be told apart there."
+    )

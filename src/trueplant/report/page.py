@@ -1,0 +1,238 @@
+"""The report as one HTML file: it opens offline, in any browser, on paper and on a phone."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import statistics
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trueplant.report import tables
+from trueplant.report.numbers import number, probability
+from trueplant.study.result import Curves, Result, Trend
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+MOST_POINTS, ALL_POINTS, MOST_ROWS = 4000, 200_000, 60
+WORDS = (
+    "name samples sample_time start source used excluded findings excitation outputs inputs experiment output input "
+    "validation whiteness independence residuals kind signal message reason from to spans value loop closed hold "
+    "agreement controller_consistency consistent rms unit version time_spans seed settings method confidence "
+    "tolerance_percent margins peaks lower upper frequency current settings_now form metrics before after used_spans "
+    "excluded_spans update_interval time_unit refusal notes code where parameters standard_error interval verdict"
+)
+"""Field names of result.json that are shown as words; any other key may be the user's own name and stays as it is."""
+LABELS = {word: word.replace("_", " ").capitalize() for word in WORDS.split()} | {
+    "fit_percent_model": "Fit of the model (%)",
+    "fit_percent_plant": "Fit of the plant (%)",
+    "project_sha256": "SHA-256 of the project",
+    "data_sha256": "SHA-256 of the data",
+    "sha256": "SHA-256",
+}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure as the template needs it: where it goes, what it shows, and plotly's JSON."""
+
+    id: str
+    title: str
+    caption: str
+    height: int
+    json: str
+
+
+class _Book:
+    """Collects the figures in the order in which they appear."""
+
+    def __init__(self) -> None:
+        self.drawn: list[Drawn] = []
+
+    def add(self, figure: go.Figure, title: str, caption: str) -> Drawn:
+        name = f"figure-{len(self.drawn) + 1}"
+        text = figure.to_json(engine="json", validate=False)
+        self.drawn.append(Drawn(name, title, caption, int(figure.layout.height), text))
+        return self.drawn[-1]
+
+    def json(self) -> str:
+        """All figures and both palettes, safe inside a script element."""
+        import json
+
+        from trueplant.report.style import DARK, LIGHT
+
+        book = ",".join(f'"{d.id}":{d.json}' for d in self.drawn)
+        text = f'{{"palettes":{json.dumps({"light": LIGHT, "dark": DARK})},"figures":{{{book}}}}}'
+        return text.replace("<", "\\u003c")
+
+
+def render(result: Result) -> str:
+    """The report of `result` as HTML text: no file or address outside of it is needed.
+
+    The same result gives the same text. Raises nothing for results without curves, elements or data.
+    """
+    import jinja2
+    from markupsafe import Markup
+    from plotly.offline import get_plotlyjs
+
+    from trueplant.report.style import DARK, LIGHT
+    from trueplant.study.words import plain
+
+    room = files("trueplant.report")
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(lambda name: room.joinpath(name).read_text(encoding="utf-8")),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"number": number, "probability": probability, "label": _label, "name": tables.plain_name}
+    environment.tests["spans"] = _is_spans
+    environment.tests["records"] = _is_records
+    book = _Book()
+    scripts = [get_plotlyjs(), room.joinpath("report.js").read_text(encoding="utf-8")]
+    scale = tables.percent_scale(result.elements)
+    page = environment.get_template("report.html.j2").render(
+        result=result,
+        headline=result.headline,
+        confidence=_confidence(result),
+        most_rows=MOST_ROWS,
+        provenance=plain(result.provenance),
+        data=plain(result.data),
+        fit=plain(result.fit),
+        robustness=plain(result.robustness),
+        controllers=plain(result.controllers),
+        comparison=tables.comparison(plain(result.methods)),
+        elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in result.elements],
+        grid=_grid(result),
+        scale=number(scale),
+        figures=_figures(result.curves, book, _z(_confidence(result))) if result.curves is not None else None,
+        book=Markup(book.json()),
+        scripts=[Markup(s) for s in scripts],
+        script_hashes=" ".join(f"'sha256-{_digest(s)}'" for s in scripts),
+        style=Markup(room.joinpath("report.css").read_text(encoding="utf-8")),
+        light=Markup(_variables(LIGHT)),
+        dark=Markup(_variables(DARK)),
+    )
+    return page + "\n"
+
+
+def _digest(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _variables(palette: Mapping[str, str]) -> str:
+    return "".join(f"--{role.replace('_', '-')}:{color};" for role, color in palette.items())
+
+
+def _confidence(result: Result) -> float:
+    settings = result.provenance.get("settings")
+    value = settings.get("confidence", 0.95) if isinstance(settings, Mapping) else 0.95
+    return float(value)
+
+
+def _z(confidence: float) -> float:
+    return statistics.NormalDist().inv_cdf(0.5 + confidence / 2)
+
+
+def _label(key: str) -> str:
+    return LABELS.get(key, str(key))
+
+
+def _is_spans(value: Any) -> bool:
+    """[[from, to], ...]."""
+    return isinstance(value, list) and bool(value) and all(
+        isinstance(v, list) and len(v) == 2 and all(isinstance(x, int | float) for x in v) for v in value
+    )
+
+
+def _is_records(value: Any) -> bool:
+    """A list of mappings: a table."""
+    return isinstance(value, list) and bool(value) and all(isinstance(v, Mapping) for v in value)
+
+
+def _grid(result: Result) -> tuple[list[str], list[tuple[str, list[Any]]]]:
+    """Inputs, and for each output its elements in the order of the inputs (None where there is none)."""
+    curves = result.curves
+    outputs = list(curves.outputs) if curves else list(dict.fromkeys(e.output for e in result.elements))
+    inputs = list(curves.inputs) if curves else list(dict.fromkeys(e.input for e in result.elements))
+    found = {(e.output, e.input): e for e in result.elements}
+    return inputs, [(i, [found.get((i, j)) for j in inputs]) for i in outputs]
+
+
+def _figures(curves: Curves, book: _Book, z: float) -> dict[str, Any]:
+    from trueplant.report import captions, figures
+
+    limit = _points(curves)
+    pairs = [[(i, j) for j in range(len(curves.inputs))] for i in range(len(curves.outputs))]
+
+    def matrix(draw: Any, say: Any) -> list[tuple[str, list[Drawn], list[str]]]:
+        rows = []
+        for i, row in enumerate(pairs):
+            active = [(i, j) for _, j in row if figures.has_response(curves, i, j)]
+            drawn = [
+                book.add(draw(i, j), f"{curves.outputs[i]} ← {curves.inputs[j]}", say(curves, i, j)) for i, j in active
+            ]
+            rows.append((curves.outputs[i], drawn, [curves.inputs[j] for _, j in row if (i, j) not in active]))
+        return rows
+
+    steps = matrix(lambda i, j: figures.step_response(curves, i, j), captions.step_response)
+    shown = [(t, _trend_figures(curves, t, book, limit)) for t in curves.trends]
+    bodes = matrix(lambda i, j: figures.bode(curves, i, j, z), captions.bode)
+    residuals = []
+    for found in curves.residuals:
+        unit = dict(zip(curves.outputs, curves.output_units, strict=True)).get(found.output, "")
+        over_time = book.add(
+            figures.residuals_over_time(found, unit, curves.time_unit, limit),
+            f"Prediction errors of {found.output}",
+            captions.residuals_over_time(found, unit),
+        )
+        pairs_of_lags = [("Autocorrelation", found.lags, found.acf, found.acf_bound, found.lags != 0)] + [
+            (f"Correlation with {name}", found.ccf_lags, value, found.ccf_bound, np.ones(value.size, dtype=bool))
+            for name, value in found.ccf.items()
+        ]
+        correlations = [
+            book.add(
+                figures.correlation(lags, value, bound),
+                title,
+                captions.correlation(lags[told], value[told], bound),
+            )
+            for title, lags, value, bound, told in pairs_of_lags
+        ]
+        residuals.append((found.output, over_time, correlations))
+    condition = None
+    if np.isfinite(curves.condition).any():
+        title = "Condition number of the excitation"
+        condition = book.add(figures.condition(curves), title, captions.condition(curves))
+    return {
+        "steps": steps,
+        "trends": shown,
+        "bodes": bodes,
+        "residuals": residuals,
+        "condition": condition,
+        "np_label": curves.np_label or "estimate without a model",
+        "has_points": bool(np.isfinite(curves.np_value).any()),
+        "time_unit": curves.time_unit,
+    }
+
+
+def _trend_figures(curves: Curves, trend: Trend, book: _Book, limit: int) -> list[Drawn]:
+    from trueplant.report import captions, figures
+
+    drawn = []
+    for panels in figures.trend_panels(curves):
+        names = ", ".join(curves.outputs[i] if kind == "y" else curves.inputs[i] for kind, i in panels)
+        caption = captions.trends(curves, trend, panels)
+        drawn.append(book.add(figures.trends(curves, trend, panels, limit), f"{trend.name}: {names}", caption))
+    return drawn
+
+
+def _points(curves: Curves) -> int:
+    """Points a trace, so that many long experiments together stay small enough to open quickly."""
+    traces = len(curves.trends) * (4 * len(curves.outputs) + len(curves.inputs)) + len(curves.residuals)
+    return max(400, min(MOST_POINTS, ALL_POINTS // max(1, traces)))

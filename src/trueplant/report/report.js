@@ -1,0 +1,89 @@
+// Draws the figures from the JSON in this file, in the colours of the screen or of paper.
+(() => {
+  "use strict";
+  const book = JSON.parse(document.getElementById("book").textContent);
+  const plots = Array.from(document.querySelectorAll(".plot"));
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  const config = {
+    displaylogo: false,
+    responsive: true,
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+  };
+  let printing = false;
+
+  const palette = () => book.palettes[dark.matches && !printing ? "dark" : "light"];
+
+  function trace(given, colors) {
+    const color = colors[given.meta.role];
+    const drawn = { ...given };
+    if (given.fillcolor) {
+      drawn.fillcolor = color;
+    } else if (given.line) {
+      drawn.line = { ...given.line, color };
+    }
+    if (given.marker) drawn.marker = { ...given.marker, color };
+    if (given.error_y) drawn.error_y = { ...given.error_y, color };
+    return drawn;
+  }
+
+  function layout(given, colors, box) {
+    const drawn = structuredClone(given);
+    drawn.font.color = colors.ink;
+    for (const [key, axis] of Object.entries(drawn)) {
+      if (/^[xy]axis\d*$/.test(key)) {
+        axis.gridcolor = colors.grid;
+        axis.linecolor = axis.tickcolor = colors.axis;
+      }
+    }
+    for (const shape of drawn.shapes || []) shape.fillcolor = colors[shape.name];
+    drawn.hoverlabel = { ...drawn.hoverlabel, bgcolor: colors.paper, bordercolor: colors.axis, font: { color: colors.ink } };
+    // A finger that drags should scroll the page.
+    drawn.dragmode = window.matchMedia("(pointer: coarse)").matches ? false : "zoom";
+    if (printing) Object.assign(drawn, { autosize: false, width: box.clientWidth, height: box.clientHeight });
+    return drawn;
+  }
+
+  function draw(box) {
+    const { data, layout: given } = book.figures[box.id];
+    const colors = palette();
+    box.dataset.drawn = "yes";
+    return Plotly.react(box, data.map((one) => trace(one, colors)), layout(given, colors, box), config);
+  }
+
+  const redraw = () => plots.filter((box) => box.dataset.drawn).forEach(draw);
+  dark.addEventListener("change", redraw);
+
+  // What is in view is drawn first, the rest when the browser has time.
+  const watcher = new IntersectionObserver(
+    (seen) => seen.filter((one) => one.isIntersecting).forEach((one) => {
+      watcher.unobserve(one.target);
+      if (!one.target.dataset.drawn) draw(one.target);
+    }),
+    { rootMargin: "400px" },
+  );
+  plots.forEach((box) => watcher.observe(box));
+  const later = window.requestIdleCallback || ((work) => window.setTimeout(work, 50));
+  const waiting = plots.slice();
+  function next() {
+    const box = waiting.shift();
+    if (!box) return;
+    if (!box.dataset.drawn) draw(box);
+    later(next);
+  }
+  later(next);
+
+  let opened = [];
+  window.addEventListener("beforeprint", () => {
+    printing = true;
+    document.documentElement.classList.add("printing");
+    opened = Array.from(document.querySelectorAll("details:not([open])"));
+    opened.forEach((one) => { one.open = true; });
+    plots.forEach(draw);
+  });
+  window.addEventListener("afterprint", () => {
+    printing = false;
+    document.documentElement.classList.remove("printing");
+    opened.forEach((one) => { one.open = false; });
+    plots.forEach(draw);
+  });
+})();

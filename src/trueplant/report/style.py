@@ -1,0 +1,118 @@
+"""What all figures share: colours, lines, axes, and text that cannot be mistaken for markup.
+
+The colours are those of Okabe and Ito (2008), which stay apart for colour-blind readers; line
+pattern and marker differ as well, so that the figures can be read in black and white. Each trace
+bears its role in `meta`, by which the page recolours it for a dark screen or for paper.
+"""
+
+from __future__ import annotations
+
+import html
+
+import plotly.graph_objects as go
+
+LIGHT = {
+    "ink": "#1b1f24",
+    "grid": "#dfe3e8",
+    "axis": "#8a929c",
+    "paper": "#ffffff",
+    "measured": "#1b1f24",
+    "setpoint": "#00805c",
+    "model": "#c24a00",
+    "plant": "#0072b2",
+    "plant_band": "rgba(0,114,178,0.20)",
+    "points": "#a8487d",
+    "excluded": "rgba(230,159,0,0.30)",
+    "speaks": "rgba(0,158,115,0.13)",
+    "bound": "#c24a00",
+}
+DARK = {
+    "ink": "#e6e9ed",
+    "grid": "#343b44",
+    "axis": "#7d8793",
+    "paper": "#14181d",
+    "measured": "#f2f4f7",
+    "setpoint": "#2fc79a",
+    "model": "#f0a020",
+    "plant": "#56b4e9",
+    "plant_band": "rgba(86,180,233,0.25)",
+    "points": "#dd9abf",
+    "excluded": "rgba(230,159,0,0.34)",
+    "speaks": "rgba(0,190,140,0.16)",
+    "bound": "#f0a020",
+}
+DASH = {"model": "dash", "setpoint": "dashdot", "bound": "dot"}
+WIDTH = {"measured": 1.2, "setpoint": 1.6, "model": 2, "plant": 2, "bound": 1.4}
+LEFT, RIGHT, TOP, BOTTOM = 64, 14, 26, 48
+"""Margins in pixels, equal in all figures so that their axes line up."""
+
+
+def inert(text: str) -> str:
+    """User text for a figure: no pseudo-HTML and no hover-template fields."""
+    return html.escape(text, quote=False).replace("%{", "%&#123;")
+
+
+def shortened(text: str, length: int = 40) -> str:
+    """`text`, or its beginning and end where it is longer than `length`."""
+    if len(text) <= length:
+        return text
+    head = (length - 1) * 2 // 3
+    return f"{text[:head]}…{text[head + 1 - length :]}"
+
+
+def with_unit(label: str, unit: str) -> str:
+    """Axis label ``label (unit)``."""
+    return f"{label} ({unit})" if unit else label
+
+
+def line(role: str, name: str, **extra: object) -> go.Scatter:
+    """A line in the colour, pattern and width of its role."""
+    pen = {"color": LIGHT[role], "dash": DASH.get(role, "solid"), "width": WIDTH.get(role, 1.5)}
+    settings = {"mode": "lines", "name": inert(name), "meta": {"role": role}, "line": pen} | extra
+    return go.Scatter(**settings)
+
+
+def area(role: str, name: str, **extra: object) -> go.Scatter:
+    """A filled closed outline without a border."""
+    return go.Scatter(
+        mode="lines",
+        line={"width": 0},
+        fill="toself",
+        fillcolor=LIGHT[role],
+        meta={"role": role},
+        name=inert(name),
+        **extra,
+    )
+
+
+def framed(figure: go.Figure, height: int) -> go.Figure:
+    """`figure` with the margins, fonts and axes that all share, `height` pixels high."""
+    figure.update_layout(
+        template=go.layout.Template(),
+        height=height,
+        autosize=True,
+        margin={"l": LEFT, "r": RIGHT, "t": TOP, "b": BOTTOM},
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        font={"size": 12, "color": LIGHT["ink"], "family": "system-ui, sans-serif"},
+        showlegend=False,
+        hovermode="closest",
+        hoverlabel={"namelength": -1},
+    )
+    axis = {
+        "gridcolor": LIGHT["grid"],
+        "linecolor": LIGHT["axis"],
+        "showline": True,
+        "mirror": True,
+        "ticks": "outside",
+        "ticklen": 4,
+        "tickcolor": LIGHT["axis"],
+        "zeroline": False,
+        "exponentformat": "power",
+        "showexponent": "all",
+        "title_standoff": 8,
+        "title_font_size": 12,
+    }
+    figure.update_xaxes(**axis)
+    figure.update_yaxes(**axis)
+    return figure

@@ -1,0 +1,155 @@
+"""The tables of the report: rows of text from elements and from what the methods answered."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from markupsafe import Markup
+
+from trueplant.report.numbers import MISSING, interval, number, probability, to_precision
+from trueplant.study.result import Element, Parameter
+
+WIDTH, HALF = 132, 60
+MOST_PERCENT = 300.0
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One parameter as text; `kind` is "changed", "unchanged" or "unknown"."""
+
+    name: str
+    unit: str
+    model: str
+    plant: str
+    error: str
+    interval: str
+    change: str
+    p: str
+    kind: str
+    answer: str
+    drawing: Markup
+
+
+def plain_name(name: str) -> str:
+    """``dead_time1`` as ``dead time 1``."""
+    text = name.replace("_", " ")
+    stem = text.rstrip("0123456789")
+    return f"{stem} {text[len(stem) :]}" if stem != text and len(stem) > 3 else text
+
+
+def _percent_interval(p: Parameter) -> tuple[float, float, float] | None:
+    """Change and its interval in percent of the model's value."""
+    if p.plant is None or not p.model or p.change_percent is None or not math.isfinite(p.change_percent):
+        return None
+    gap = p.plant - p.model
+    scale = p.change_percent / gap if gap else 100 / abs(p.model)
+    low, high = p.ci if p.ci is not None else (p.plant, p.plant)
+    ends = sorted((scale * (low - p.model), scale * (high - p.model)))
+    return (p.change_percent, ends[0], ends[1]) if all(map(math.isfinite, ends)) else None
+
+
+def percent_scale(elements: Sequence[Element]) -> float:
+    """Half width in percent of the drawings of all changes: a round number that holds most intervals."""
+    spans = [_percent_interval(p) for e in elements for p in e.parameters]
+    ends = [max(abs(s[1]), abs(s[2])) if abs(s[1]) + abs(s[2]) < 2 * MOST_PERCENT else abs(s[0]) for s in spans if s]
+    most = min(max(ends, default=10.0), MOST_PERCENT)
+    return next((r for r in (5.0, 10.0, 20.0, 30.0, 50.0, 100.0, 200.0) if r >= most), MOST_PERCENT)
+
+
+def _drawing(p: Parameter, scale: float, kind: str) -> Markup:
+    """The change and its interval as a whisker around zero; an end beyond the scale becomes an arrowhead."""
+    span = _percent_interval(p)
+    if span is None:
+        return Markup("")
+    middle = WIDTH / 2
+    centre, low, high = (middle + HALF * min(max(v / scale, -1.0), 1.0) for v in span)
+    ends = []
+    for value, x, sign in ((span[1], low, -1), (span[2], high, 1)):
+        if abs(value) > scale:
+            ends.append(f'<path d="M{x - 4 * sign:.1f} 5L{x + 3 * sign:.1f} 9L{x - 4 * sign:.1f} 13"/>')
+        else:
+            ends.append(f'<path d="M{x:.1f} 6V12"/>')
+    return Markup(
+        f'<svg class="whisker {kind}" width="{WIDTH}" height="18" viewBox="0 0 {WIDTH} 18" aria-hidden="true">'
+        f'<path class="zero" d="M{middle:.1f} 0V18"/><path d="M{low:.1f} 9H{high:.1f}"/>{"".join(ends)}'
+        f'<circle cx="{centre:.1f}" cy="9" r="4"/></svg>'
+    )
+
+
+def parameter_row(p: Parameter, scale: float) -> ParameterRow:
+    """`scale` is the half width of the drawing in percent."""
+    kind = "unknown" if p.plant is None else "changed" if p.changed else "unchanged"
+    answer = {"unknown": "not answered", "changed": "changed", "unchanged": "no change shown"}[kind]
+    if p.reason:
+        answer += f": {p.reason}"
+    percent = MISSING
+    if p.change_percent is not None and math.isfinite(p.change_percent):
+        digits = 0 if abs(p.change_percent) >= 100 else 1
+        percent = f"{p.change_percent:+.{digits}f} %" if abs(p.change_percent) < 1e6 else number(p.change_percent) + " %"
+    return ParameterRow(
+        name=plain_name(p.name),
+        unit=p.unit,
+        model=number(p.model, 6),
+        plant=to_precision(p.plant, p.std_error),
+        error=number(p.std_error, 2),
+        interval=interval(*p.ci, resolution=p.std_error) if p.ci is not None else MISSING,
+        change=percent,
+        p=probability(p.p_adjusted),
+        kind=kind,
+        answer=answer,
+        drawing=_drawing(p, scale, kind),
+    )
+
+
+def _is_elements(answer: Any) -> bool:
+    return (
+        isinstance(answer, list)
+        and bool(answer)
+        and all(isinstance(e, Mapping) and {"output", "input", "parameters"} <= e.keys() for e in answer)
+    )
+
+
+def _parameters(element: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Parameters as a list of mappings with a name, whichever way the method wrote them."""
+    given = element["parameters"]
+    if isinstance(given, Mapping):
+        return [{"name": k, **(v if isinstance(v, Mapping) else {"plant": v})} for k, v in given.items()]
+    return list(given)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What each method answers, a row for each parameter; and what the methods said besides."""
+
+    methods: tuple[str, ...]
+    rows: tuple[tuple[str, str, str, str, tuple[str, ...]], ...]
+    """(output, input, parameter, unit, one text for each method)."""
+    others: Mapping[str, Any]
+
+
+def comparison(methods: Mapping[str, Any]) -> Comparison:
+    """`methods` as plain data: {method: [{output, input, parameters: [{name, plant, ci, std_error}]}]}.
+
+    Entries of any other form are handed back in `others`.
+    """
+    names = tuple(name for name, answer in methods.items() if _is_elements(answer))
+    cells: dict[tuple[str, str, str], dict[str, str]] = {}
+    units: dict[tuple[str, str, str], str] = {}
+    for method in names:
+        for element in methods[method]:
+            for p in _parameters(element):
+                key = (str(element["output"]), str(element["input"]), str(p.get("name", "")))
+                units.setdefault(key, str(p.get("unit") or ""))
+                value = p.get("plant", p.get("value"))
+                text = to_precision(value, p.get("std_error"))
+                if value is not None and p.get("ci") is not None:
+                    text += f" ({interval(*p['ci'], resolution=p.get('std_error'))})"
+                cells.setdefault(key, {})[method] = text
+    rows = tuple(
+        (key[0], key[1], plain_name(key[2]), units[key], tuple(found.get(m, MISSING) for m in names))
+        for key, found in cells.items()
+    )
+    return Comparison(names, rows, {k: v for k, v in methods.items() if k not in names})
