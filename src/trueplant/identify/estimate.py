@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,6 @@ class Options:
     """Of the autoregressive noise model."""
     order: int | None = None
     """Fixed order of the noise model; None chooses it."""
-    initial: str = "auto"
-    """"rest", "free" (estimated initial state) or "auto" (what the Bayesian criterion prefers)."""
 
 
 def largest_order(row: Row, limit: int) -> int:
@@ -52,24 +50,17 @@ def estimate_row(row: Row, time_scale: float, options: Options | None = None) ->
     """
     options = options or Options()
     limit = largest_order(row, options.largest_order)
-    free_row = replace(row, at_rest=options.initial == "rest")
-    model = initial_theta(free_row, time_scale)
-    none = np.zeros(0)
-    start = grid_start(free_row, model, none)
-    fit = fit_row(free_row, start, none, iterations=15)
+    model = initial_theta(row, time_scale)
+    start = grid_start(row, model, np.zeros(0))
+    fit = fit_row(row, start, np.zeros(0), iterations=15)
     fit = _with_noise(fit, options.order, limit, iterations=25)
     # The grid again, now weighted by the noise model, and the model itself as another start.
-    again = grid_start(free_row, fit.theta, fit.ar, rounds=1)
+    again = grid_start(row, fit.theta, fit.ar, rounds=1)
     for other in (again, model):
-        rival = fit_row(free_row, other, fit.ar, weights=fit.weights, reweight=False, iterations=25)
+        rival = fit_row(row, other, fit.ar, weights=fit.weights, reweight=False, iterations=25)
         if rival.cost < fit.cost * (1 - 1e-9):
             fit = rival
-    fit = _with_noise(fit, options.order, limit, iterations=60)
-    if options.initial == "auto":
-        at_rest = fit_row(replace(row, at_rest=True), fit.theta, fit.ar, weights=fit.weights, reweight=False)
-        if at_rest.criterion < fit.criterion:
-            fit = _with_noise(at_rest, options.order, limit, iterations=60)
-    return fit
+    return _with_noise(fit, options.order, limit, iterations=60)
 
 
 def _with_noise(fit: RowFit, order: int | None, limit: int, iterations: int) -> RowFit:

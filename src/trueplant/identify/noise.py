@@ -59,14 +59,17 @@ def fit_ar(signals: Sequence[Array], valid: Sequence[BoolArray], order: int, ski
 
 
 def choose_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: int) -> int:
-    """Order with the least Akaike criterion on common data: generous, because a noise model that is too
-    small biases closed-loop estimates, while one that is a little too large costs next to nothing."""
+    """Order with the least Bayesian criterion on common data.
+
+    Akaike's larger orders fit what the structure leaves out as if it were noise, at the price of the low
+    frequencies; on simulated data of the right structure the two agree in the estimates.
+    """
     best, order = np.inf, 0
     for p in range(largest + 1):
         _, variance, count = fit_ar(signals, valid, p, skip=largest)
         if count < 5 * (p + 2) or variance <= 0:
             break
-        criterion = count * np.log(variance * (count - p) / count) + 2 * p
+        criterion = count * np.log(variance * (count - p) / count) + np.log(count) * p
         if criterion < best - 1e-9:
             best, order = criterion, p
     return order

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,10 @@ from trueplant.record.types import Segment
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+
+QUIET_SAMPLES = 20
+"""A start is at rest only if the inputs stood still for this many samples."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,18 @@ class Piece:
     def span(self) -> float:
         return self.h * (self.y.size - 1)
 
+    @cached_property
+    def starts_at_rest(self) -> bool:
+        """True if no input moves during the first samples and the output does not drift meanwhile."""
+        moved = np.flatnonzero(np.any(self.inputs != 0, axis=0))
+        lead = int(moved[0]) if moved.size else self.y.size
+        y = self.y[:lead][self.valid[:lead]]
+        if lead < QUIET_SAMPLES or y.size < QUIET_SAMPLES:
+            return False
+        early, late = np.array_split(y, 2)
+        spread = np.median(np.abs(np.diff(y))) + np.std(late)
+        return bool(abs(np.median(late) - np.median(early)) <= spread + 1e-9 * np.ptp(self.y))
+
 
 def pieces_of(segments: Sequence[Segment], output: int, held: Sequence[Held] = ()) -> tuple[Piece, ...]:
     """The segments in which this output was measured at all."""
@@ -83,8 +100,10 @@ class Row:
     specs: tuple[Spec, ...]
     pieces: tuple[Piece, ...]
     stride: int = 1
-    at_rest: bool = False
-    """True if every piece starts in steady state, so that no free response is needed."""
+
+    def rests(self, k: int) -> bool:
+        """Does piece k start in steady state, so that it needs no free response?"""
+        return self.pieces[k].starts_at_rest
 
     @property
     def slices(self) -> tuple[slice, ...]:
@@ -131,7 +150,7 @@ class Row:
         piece = self.pieces[k]
         t = piece.h * np.arange(0, piece.y.size, self.stride)
         columns = [np.ones(t.size)]
-        if self.at_rest:
+        if self.rests(k):
             return np.column_stack(columns)
         for spec, part in zip(self.specs, self.slices, strict=True):
             for name, value, following in zip(
@@ -151,7 +170,7 @@ class Row:
         """Derivative (n, size) of `nuisance @ weights` by theta: only lags and pairs move the columns."""
         n = len(range(0, self.pieces[k].y.size, self.stride))
         out = np.zeros((n, self.size))
-        if self.at_rest:
+        if self.rests(k):
             return out
         moving = [
             part.start + m

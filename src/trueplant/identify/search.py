@@ -52,7 +52,7 @@ def grid_start(row: Row, theta: Array, ar: Array, rounds: int = 2, largest: int 
     """theta with time scales, dead times and gains that the data prefer (given the noise model)."""
     samples = sum(len(range(0, p.y.size, row.stride)) for p in row.pieces)
     if samples > largest and ar.size == 0:
-        row = Row(row.specs, row.pieces, row.stride * int(np.ceil(samples / largest)), row.at_rest)
+        row = Row(row.specs, row.pieces, row.stride * int(np.ceil(samples / largest)))
     theta = theta.copy()
     for _ in range(rounds):
         before = theta.copy()
