@@ -1,0 +1,23 @@
+"""Parametric estimates of the plant, and how far they can be trusted."""
+
+from trueplant.identify.estimate import Options, estimate_row
+from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.output import OutputEstimate, identify_output, unanswered
+from trueplant.identify.predict import Held, Row, Spec, pieces_of
+from trueplant.identify.validate import fit_percent, simulate_piece
+
+__all__ = [
+    "Held",
+    "Options",
+    "OutputEstimate",
+    "Row",
+    "RowFit",
+    "Spec",
+    "estimate_row",
+    "fit_percent",
+    "fit_row",
+    "identify_output",
+    "pieces_of",
+    "simulate_piece",
+    "unanswered",
+]

@@ -13,6 +13,7 @@ from trueplant.identify.predict import Row
 from trueplant.identify.search import grid_start, initial_theta
 
 Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -31,11 +32,16 @@ def largest_order(row: Row, limit: int) -> int:
     return max(0, min(limit, samples // 40, shortest // 4))
 
 
-def fit_noise(fit: RowFit, order: int | None, limit: int) -> Array:
-    """AR coefficients of the output error of a fit; the order is chosen where none is given."""
+def noise_signals(fit: RowFit) -> tuple[list[Array], list[BoolArray]]:
+    """Output errors of each piece, levelled by its weight, and where they were measured."""
     errors = residuals(fit)
     signals = [np.nan_to_num(v) * w for (v, _, _), w in zip(errors, fit.weights, strict=True)]
-    valid = [np.isfinite(v) for v, _, _ in errors]
+    return signals, [np.isfinite(v) for v, _, _ in errors]
+
+
+def fit_noise(fit: RowFit, order: int | None, limit: int) -> Array:
+    """AR coefficients of the output error of a fit; the order is chosen where none is given."""
+    signals, valid = noise_signals(fit)
     energy = sum(float(np.sum(np.where(ok, row_y, 0.0) ** 2)) for (row_y, ok) in map(fit.row.measured, range(len(signals))))
     if sum(float(s @ s) for s in signals) <= 1e-18 * energy:
         return np.zeros(0)  # free of noise: what is left is rounding

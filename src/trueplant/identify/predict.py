@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
+FASTEST_LAG = 0.05
+"""In samples."""
 QUIET_SAMPLES = 20
 """A start is at rest only if the inputs stood still for this many samples."""
 
@@ -115,8 +117,14 @@ class Row:
         return sum(len(s.structure.names) for s in self.specs)
 
     def bounds(self) -> tuple[Array, Array]:
+        """Bounds of theta; lags far shorter than a sample cannot be told from none and end at a twentieth of one."""
         pairs = [s.structure.bounds() for s in self.specs]
-        return np.concatenate([low for low, _ in pairs]), np.concatenate([high for _, high in pairs])
+        low, high = np.concatenate([low for low, _ in pairs]), np.concatenate([high for _, high in pairs])
+        h = self.pieces[0].h
+        names = [name for spec in self.specs for name in spec.structure.names]
+        low[[name.startswith("tau") for name in names]] = FASTEST_LAG * h
+        high[[name.startswith("omega0") for name in names]] = 1 / (FASTEST_LAG * h)
+        return low, high
 
     def measured(self, k: int) -> tuple[Array, BoolArray]:
         piece = self.pieces[k]

@@ -1,0 +1,76 @@
+"""Confidence intervals: from the covariance, and from the profile of the likelihood where that misleads."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from trueplant.identify.fit import RowFit, fit_row
+
+Array = NDArray[np.float64]
+
+
+def normal_intervals(theta: Array, covariance: Array, confidence: float) -> Array:
+    """(n, 2) intervals theta -+ z sigma."""
+    half = norm.ppf(0.5 + confidence / 2) * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return np.column_stack([theta - half, theta + half])
+
+
+def profile_interval(fit: RowFit, index: int, confidence: float, rounds: int = 6) -> tuple[float, float]:
+    """Interval of theta[index] from the profile likelihood.
+
+    The end points are where the deviance, minimised over everything else, has risen by the chi-square
+    quantile (Venzon and Moolgavkar 1988). An end that is not found within 8 standard errors, or lies beyond
+    the parameter's bound, is the bound.
+    """
+    z = float(norm.ppf(0.5 + confidence / 2))
+    sigma = float(np.sqrt(fit.covariance[index, index]))
+    low, high = fit.row.bounds()
+    return tuple(  # type: ignore[return-value]
+        _end(fit, index, side, z, sigma, float(low[index]), float(high[index]), rounds) for side in (-1, 1)
+    )
+
+
+def _end(
+    fit: RowFit, index: int, side: int, z: float, sigma: float, low: float, high: float, rounds: int
+) -> float:
+    centre = float(fit.theta[index])
+    bound = low if side < 0 else high
+    furthest = min(8 * sigma, abs(bound - centre)) if np.isfinite(bound) else 8 * sigma
+    if not np.isfinite(furthest) or furthest <= 0:
+        return bound
+    inside, inside_root = 0.0, 0.0
+    outside, outside_root = None, None
+    distance = min(z * sigma, furthest)
+    start = fit
+    for _ in range(rounds):
+        start = _constrained(start, index, centre + side * distance)
+        root = float(np.sqrt(max(start.deviance - fit.deviance, 0.0)))
+        if abs(root - z) < 0.01 * z:
+            return centre + side * distance
+        if root < z:
+            if distance >= furthest:
+                return bound if np.isfinite(bound) and furthest < 8 * sigma else side * np.inf
+            inside, inside_root = distance, root
+        else:
+            outside, outside_root = distance, root
+        if outside is None or outside_root is None:
+            distance = min(distance * max(1.2, min(2.0, z / max(root, 0.1))), furthest)
+        else:
+            share = (z - inside_root) / max(outside_root - inside_root, 1e-12)
+            distance = inside + min(max(share, 0.05), 0.95) * (outside - inside)
+    return centre + side * distance
+
+
+def _constrained(fit: RowFit, index: int, value: float) -> RowFit:
+    theta = fit.theta.copy()
+    free = fit.free.copy()
+    # The other parameters follow along the ridge, as the covariance says.
+    slope = fit.covariance[:, index] / max(fit.covariance[index, index], 1e-300)
+    if fit.free[index]:
+        low, high = fit.row.bounds()
+        theta = np.clip(theta + np.where(fit.free, slope, 0.0) * (value - theta[index]), low, high)
+    theta[index] = value
+    free[index] = False
+    return fit_row(fit.row, theta, fit.ar, weights=fit.weights, free=free, reweight=False, iterations=12)

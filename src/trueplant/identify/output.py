@@ -1,0 +1,205 @@
+"""The elements of one output, estimated with everything that says how far they can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.identify.estimate import Options, estimate_row
+from trueplant.identify.fit import RowFit
+from trueplant.identify.intervals import normal_intervals, profile_interval
+from trueplant.identify.predict import Held, Row, Spec, pieces_of
+from trueplant.identify.runs import Runs, combine_runs, compare_runs, refit_noise
+from trueplant.identify.search import lag_of
+from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
+from trueplant.record.types import Segment
+
+Array = NDArray[np.float64]
+
+SAMPLES_PER_LAG = 80
+"""More samples than this per lag of the fastest element are left out of long records."""
+ENOUGH_SAMPLES = 1000
+FEWEST_SAMPLES = 2.5
+"""Lag and dead time together must span this many samples to be told from each other and from none."""
+WEAK = 0.2
+"""Relative standard error from which an interval is taken from the profile likelihood."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutputEstimate:
+    """One output: parameters, covariance, intervals, and the reasons why some of them are not to be had."""
+
+    output: int
+    fit: RowFit
+    theta: Array
+    covariance: Array
+    intervals: Array
+    """(n, 2); infinite where nothing is known."""
+    runs: Runs | None
+    order_dependence: dict[int, str] = field(default_factory=dict)
+    """Parameters whose estimate moves beyond its interval with the order of the noise model."""
+    tests: ResidualTests | None = None
+    validation: Validation | None = None
+
+    @property
+    def row(self) -> Row:
+        return self.fit.row
+
+
+def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_interval: float, h: float) -> int:
+    """How many samples one prediction error spans: real updates only, and no finer than the lags deserve."""
+    held = max(1, round(update_interval / h)) if np.isfinite(update_interval) else 1
+    lags = [
+        lag + dead
+        for spec in specs
+        if spec.start is not None
+        for lag, dead in [(lag_of(spec.structure.names, np.array(spec.start)), _dead(spec))]
+        if lag + dead > 0
+    ]
+    samples = sum(len(segment) for segment in segments)
+    most = max(1, samples // ENOUGH_SAMPLES)
+    wanted = int(min(lags) / SAMPLES_PER_LAG / h) if lags else 1
+    return max(held, min(max(wanted, 1), most))
+
+
+def _dead(spec: Spec) -> float:
+    assert spec.start is not None
+    names = spec.structure.names
+    return max((v for name, v in zip(names, spec.start, strict=True) if name.startswith("dead")), default=0.0)
+
+
+def identify_output(
+    segments: Sequence[Segment],
+    output: int,
+    specs: Sequence[Spec],
+    held: Sequence[Held] = (),
+    *,
+    confidence: float = 0.95,
+    update_interval: float = 0.0,
+    time_scale: float | None = None,
+    options: Options | None = None,
+    thorough: bool = True,
+) -> OutputEstimate | None:
+    """Estimate the elements `specs` of one output; None where this output has no usable data.
+
+    Time unit and shapes are those of the segments. `held` elements keep their declared value.
+    `update_interval` is how often the PV really changes. `thorough` adds the intervals by profile
+    likelihood, other orders of the noise model, the validation and the residual tests.
+    """
+    pieces = pieces_of(segments, output, held)
+    if not pieces or not specs:
+        return None
+    h = pieces[0].h
+    row = Row(tuple(specs), pieces, choose_stride(segments, specs, update_interval, h))
+    fit = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
+    runs = compare_runs(fit)
+    if runs is not None and not runs.agree:
+        theta, covariance = combine_runs(fit, runs)
+    else:
+        theta, covariance = fit.theta, fit.covariance
+    intervals = normal_intervals(theta, covariance, confidence)
+    low, high = fit.row.bounds()
+    intervals = np.clip(intervals, np.where(np.isfinite(low), low, -np.inf)[:, None], high[:, None])
+    if not thorough:
+        return OutputEstimate(output, fit, theta, covariance, intervals, runs)
+    if runs is None or runs.agree:
+        for index in _profiled(fit):
+            intervals[index] = profile_interval(fit, index, confidence)
+    return OutputEstimate(
+        output,
+        fit,
+        theta,
+        covariance,
+        intervals,
+        runs,
+        _order_dependence(fit, covariance),
+        residual_tests(fit, confidence),
+        validate(fit),
+    )
+
+
+def _profiled(fit: RowFit) -> list[int]:
+    """Dead times, and parameters that are known poorly but not hopelessly."""
+    chosen = []
+    sigma = np.sqrt(np.diag(fit.covariance))
+    names = [name for spec in fit.row.specs for name in spec.structure.names]
+    for index, name in enumerate(names):
+        relative = sigma[index] / max(abs(fit.theta[index]), 1e-300)
+        if (name.startswith("dead") or WEAK < relative) and relative < 1e3 and not name.startswith(("gain", "slope")):
+            chosen.append(index)
+    return chosen
+
+
+def _order_dependence(fit: RowFit, covariance: Array) -> dict[int, str]:
+    """Refits with smaller and larger noise models: what moves by more than chance and by more than a third?"""
+    used = fit.ar.size
+    limit = max(fit.row.measured(k)[0].size for k in range(len(fit.row.pieces))) // 20
+    orders = sorted({max(used // 2, min(1, used)), 2 * used + 2} - {used})
+    sigma = np.sqrt(np.diag(covariance))
+    moved: dict[int, str] = {}
+    for order in orders:
+        if order > limit:
+            continue
+        other = refit_noise(fit, order)
+        other_sigma = np.sqrt(np.diag(other.covariance))
+        shift = np.abs(other.theta - fit.theta)
+        scale = np.maximum(np.abs(fit.theta), _lag_scale(fit))
+        beyond = (shift > 3 * np.minimum(sigma, other_sigma)) & (shift > scale / 3)
+        for index in np.flatnonzero(beyond):
+            moved.setdefault(
+                int(index),
+                f"it depends on the noise model: {fit.theta[index]:.3g} with order {used}, "
+                f"{other.theta[index]:.3g} with order {order}",
+            )
+    return moved
+
+
+def _lag_scale(fit: RowFit) -> Array:
+    """For dead times the lag of their element, which is what an error in them is felt against; else 0."""
+    out = np.zeros(fit.theta.size)
+    for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
+        lag = lag_of(spec.structure.names, fit.theta[part])
+        for k, name in enumerate(spec.structure.names):
+            if name.startswith("dead"):
+                out[part.start + k] = lag
+    return out
+
+
+def unanswered(estimate: OutputEstimate) -> dict[int, str]:
+    """Parameters that the data do not determine, each with the reason in plain words."""
+    fit, theta = estimate.fit, estimate.theta
+    sigma = np.sqrt(np.diag(estimate.covariance))
+    h = fit.row.pieces[0].h
+    reasons: dict[int, str] = {}
+    for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
+        names = spec.structure.names
+        p, s = theta[part], sigma[part]
+        lag = lag_of(names, p)
+        dead = max((v for name, v in zip(names, p, strict=True) if name.startswith("dead")), default=0.0)
+        gains = [k for k, name in enumerate(names) if name.startswith(("gain", "slope"))]
+        silent = all(not np.any(piece.inputs[spec.column]) for piece in fit.row.pieces)
+        no_gain = all(abs(p[k]) < 2 * s[k] for k in gains)
+        fast = not spec.structure.integrators and lag + dead < FEWEST_SAMPLES * h
+        for k, name in enumerate(names):
+            index = part.start + k
+            if silent:
+                reasons[index] = "its input does not move in these data"
+            elif k in gains:
+                model = abs(spec.start[k]) if spec.start is not None else 0.0
+                if not np.isfinite(s[k]) or (model > 0 and s[k] > 0.5 * max(abs(p[k]), model)):
+                    reasons[index] = "its standard error is more than half of its size: the data say too little about it"
+            elif no_gain:
+                reasons[index] = "the gain of this element cannot be told from zero, so it has no dynamics to measure"
+            elif fast and not name.startswith("lead"):
+                reasons[index] = (
+                    f"the loop answers within about {max(lag + dead, h) / h:.0f} sample(s) of {h:g}: what happens "
+                    "between samples is not in the record, and time constant and dead time cannot be told apart"
+                )
+            elif s[k] > 0.5 * max(abs(p[k]), lag if name.startswith("dead") else 0.0):
+                reasons[index] = "its standard error is more than half of its size: the data say too little about it"
+            if index not in reasons and index in estimate.order_dependence and not silent:
+                reasons[index] = estimate.order_dependence[index]
+    return reasons

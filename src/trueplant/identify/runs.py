@@ -1,0 +1,117 @@
+"""Several experiments of one plant: do they agree, and what to believe if they do not.
+
+Each experiment is fitted alone from the common estimate. Where the estimates differ by more than their
+covariances justify (Cochran's Q), the variance between runs is estimated by moments (DerSimonian and Laird
+1986) and added: the result is then the mean of the runs, and its interval speaks of their spread.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.noise import fit_ar
+
+Array = NDArray[np.float64]
+
+INFORMATIVE = 0.5
+"""A run takes part for a parameter if its standard error is below this share of the parameter's size."""
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """The estimates of single experiments, and their spread."""
+
+    experiments: tuple[int, ...]
+    theta: Array
+    """(n_runs, n)."""
+    covariance: Array
+    """(n_runs, n, n)."""
+    p_value: Array
+    """(n,) that the runs agree; 1 where it cannot be tested."""
+    between: Array
+    """(n,) standard deviation between runs, 0 where they agree."""
+    agree: bool
+
+
+def single_runs(pooled: RowFit) -> list[tuple[int, RowFit]]:
+    """The fit of each experiment alone, started from the pooled one."""
+    experiments = sorted({piece.experiment for piece in pooled.row.pieces})
+    fits = []
+    for experiment in experiments:
+        pieces = tuple(piece for piece in pooled.row.pieces if piece.experiment == experiment)
+        row = replace(pooled.row, pieces=pieces)
+        samples = sum(int(row.measured(k)[1].sum()) for k in range(len(pieces)))
+        if samples > 4 * (pooled.theta.size + pooled.ar.size):
+            fits.append((experiment, fit_row(row, pooled.theta, pooled.ar, iterations=40)))
+    return fits
+
+
+def compare_runs(pooled: RowFit, significance: float = 0.05) -> Runs | None:
+    """How far single experiments agree with each other; None with fewer than two that can be fitted."""
+    fits = single_runs(pooled)
+    if len(fits) < 2:
+        return None
+    theta = np.array([fit.theta for _, fit in fits])
+    covariance = np.array([fit.covariance for _, fit in fits])
+    n = theta.shape[1]
+    variance = np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 1e-300)
+    scale = np.abs(pooled.theta) + _dead_time_scale(pooled)
+    p_value, between = np.ones(n), np.zeros(n)
+    for j in range(n):
+        take = np.sqrt(variance[:, j]) < INFORMATIVE * scale[j]
+        count = int(take.sum())
+        if count < 2 or not pooled.free[j]:
+            continue
+        w = 1 / variance[take, j]
+        values = theta[take, j]
+        mean = np.sum(w * values) / w.sum()
+        q = float(np.sum(w * (values - mean) ** 2))
+        p_value[j] = float(chi2.sf(q, count - 1))
+        excess = q - (count - 1)
+        between[j] = np.sqrt(max(excess / (w.sum() - np.sum(w**2) / w.sum()), 0.0))
+    agree = bool(np.min(p_value) > significance / max(n, 1))
+    experiments = tuple(experiment for experiment, _ in fits)
+    return Runs(experiments, theta, covariance, p_value, np.zeros(n) if agree else between, agree)
+
+
+def _dead_time_scale(fit: RowFit) -> Array:
+    """Lag of the element of each dead time: what its standard error is compared with."""
+    out = np.zeros(fit.theta.size)
+    for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
+        names = spec.structure.names
+        lag = sum(v for name, v in zip(names, fit.theta[part], strict=True) if name.startswith("tau"))
+        for k, name in enumerate(names):
+            if name.startswith("dead"):
+                out[part.start + k] = lag
+    return out
+
+
+def combine_runs(pooled: RowFit, runs: Runs) -> tuple[Array, Array]:
+    """Mean of the runs and its covariance, weighted by within- and between-run variance.
+
+    Runs that say next to nothing about a parameter leave it to the others through their covariance.
+    """
+    d = np.diag(runs.between**2)
+    n = pooled.theta.size
+    total, moment = np.zeros((n, n)), np.zeros(n)
+    for theta, covariance in zip(runs.theta, runs.covariance, strict=True):
+        weight = np.linalg.pinv(covariance + d, rcond=1e-13, hermitian=True)
+        total += weight
+        moment += weight @ theta
+    combined = np.linalg.pinv(total, rcond=1e-13, hermitian=True)
+    low, high = pooled.row.bounds()
+    return np.clip(combined @ moment, low, high), combined
+
+
+def refit_noise(fit: RowFit, order: int) -> RowFit:
+    """The same row with a noise model of another order, started from the present estimate."""
+    from trueplant.identify.estimate import noise_signals
+
+    signals, valid = noise_signals(fit)
+    ar = fit_ar(signals, valid, order)[0]
+    return fit_row(fit.row, fit.theta, ar, weights=fit.weights, iterations=40)

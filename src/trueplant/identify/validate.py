@@ -1,0 +1,181 @@
+"""Does the fitted plant hold: simulated fit, data not used, whiteness, correlation with the inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from trueplant.identify.fit import RowFit, _nuisance_weights, fit_row, residuals
+from trueplant.identify.predict import Piece, Row
+from trueplant.identify.search import lag_of
+from trueplant.lti.sampled import sampled_response
+from trueplant.lti.transfer import TransferFunction
+
+Array = NDArray[np.float64]
+
+LAGS = 25
+
+
+def fit_percent(y: Array, simulated: Array) -> float:
+    """100 (1 - |y - yhat|/|y - mean y|) over the measured samples."""
+    ok = np.isfinite(y) & np.isfinite(simulated)
+    spread = np.linalg.norm(y[ok] - y[ok].mean()) if ok.any() else 0.0
+    if spread == 0:
+        return float("nan")
+    return float(100 * (1 - np.linalg.norm(y[ok] - simulated[ok]) / spread))
+
+
+def simulate_piece(
+    piece: Piece, systems: Sequence[tuple[int, TransferFunction]], lags: Sequence[float]
+) -> Array:
+    """Simulated output (N,) of a piece, with offset and free response of the given lags fitted to its data."""
+    total = np.zeros(piece.y.size)
+    for column, system in systems:
+        total += sampled_response(system, piece.inputs[column], piece.h, piece.hold[column])
+    t = piece.h * np.arange(piece.y.size)
+    columns = [np.ones(t.size)]
+    if not piece.starts_at_rest:
+        columns += [np.exp(-t / lag) for lag in lags if lag > 0]
+    z = np.column_stack(columns)
+    out: Array = total + z @ _nuisance_weights(z[piece.valid], (piece.y - total)[piece.valid])
+    return out
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Fit on data that took no part in the estimate."""
+
+    kind: str
+    """"other experiments" or "last third"."""
+    fit_percent: float
+    fit_percent_same_data: float
+    """Of the final estimate on the same stretch."""
+
+
+def validate(fit: RowFit) -> Validation | None:
+    """Refit without a part of the data, and simulate that part: whole experiments, else the last third."""
+    pieces = fit.row.pieces
+    experiments = sorted({p.experiment for p in pieces})
+    if len(experiments) > 1:
+        kind, held = "other experiments", experiments[-1]
+        train = tuple(p for p in pieces if p.experiment != held)
+        test = tuple(p for p in pieces if p.experiment == held)
+    else:
+        kind = "last third"
+        longest = max(pieces, key=lambda p: p.y.size)
+        cut = 2 * longest.y.size // 3
+        train = (_part(longest, slice(0, cut)),)
+        test = (_part(longest, slice(cut, None)),)
+    row = replace(fit.row, pieces=train)
+    samples = sum(int(row.measured(k)[1].sum()) for k in range(len(train)))
+    if samples < 4 * (fit.theta.size + fit.ar.size) or min(t.y.size for t in test) < 3 * fit.theta.size:
+        return None
+    trained = fit_row(row, fit.theta, fit.ar, iterations=30)
+    # Data that say little about some parameter would condemn the plant for that: it keeps its value there.
+    scores = [_score(fit, theta, test) for theta in (trained.theta, fit.theta)]
+    return Validation(kind, *scores)
+
+
+def _part(piece: Piece, part: slice) -> Piece:
+    inputs = piece.inputs[:, part]
+    inputs = np.ascontiguousarray(inputs - inputs[:, :1])
+    return Piece(piece.experiment, piece.h, piece.y[part], piece.valid[part], inputs, piece.hold)
+
+
+def _score(fit: RowFit, theta: Array, pieces: tuple[Piece, ...]) -> float:
+    row = fit.row
+    systems = row_systems(row, theta)
+    lags = [lag_of(s.structure.names, theta[part]) for s, part in zip(row.specs, row.slices, strict=True)]
+    measured = np.concatenate([np.where(p.valid, p.y, np.nan) for p in pieces])
+    return fit_percent(measured, np.concatenate([simulate_piece(p, systems, lags) for p in pieces]))
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualTests:
+    """Tests on the prediction errors, at the strided samples."""
+
+    t: Array
+    e: Array
+    lags: Array
+    acf: Array
+    bound: float
+    """Two-sided bound at the confidence level for a single lag."""
+    whiteness_p: float
+    """Ljung-Box over `lags`."""
+    ccf: Array
+    """(n_columns, n_lags): correlation of e with past inputs (whitened)."""
+    cross_p: Array
+    """(n_columns,) that e is unrelated to the past of each input."""
+
+
+def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
+    """Whiteness of the prediction errors, and their correlation with what each input did before.
+
+    The inputs are whitened by an autoregression first, so that the correlations at different lags are
+    nearly independent under the hypothesis.
+    """
+    errors = residuals(fit)
+    stride = fit.row.stride
+    lags = np.arange(1, LAGS + 1)
+    columns = fit.row.pieces[0].inputs.shape[0]
+    sums = np.zeros(LAGS)
+    pairs = np.zeros(LAGS)
+    power, count = 0.0, 0
+    cross = np.zeros((columns, LAGS))
+    cross_pairs = np.zeros((columns, LAGS))
+    cross_power = np.zeros(columns)
+    cross_count = np.zeros(columns)
+    times, values = [], []
+    clock = 0.0
+    for piece, (_, e, ok), weight in zip(fit.row.pieces, errors, fit.weights, strict=True):
+        x = np.where(ok, e, 0.0) * weight
+        m = ok.astype(float)
+        power += float(x @ x)
+        count += int(ok.sum())
+        for k in lags[lags < x.size]:
+            sums[k - 1] += x[k:] @ x[:-k]
+            pairs[k - 1] += m[k:] @ m[:-k]
+        for c in range(columns):
+            w = _prewhitened(piece.inputs[c, ::stride][: x.size])
+            cross_power[c] += float(w @ w)
+            cross_count[c] += w.size
+            for k in lags[lags < x.size]:
+                cross[c, k - 1] += x[k:] @ w[:-k]
+                cross_pairs[c, k - 1] += m[k:].sum()
+        times.append(clock + piece.h * stride * np.arange(x.size))
+        values.append(e)
+        clock += piece.h * piece.y.size
+    variance = power / max(count, 1)
+    acf = np.divide(sums, pairs * variance, out=np.zeros(LAGS), where=pairs * variance > 0)
+    used = pairs > 0
+    statistic = float(np.sum(pairs[used] * acf[used] ** 2))
+    whiteness = float(chi2.sf(statistic, max(int(used.sum()) - fit.ar.size, 1)))
+    spread = np.sqrt(variance * cross_power / np.maximum(cross_count, 1))[:, None]
+    size = cross_pairs * spread
+    ccf = np.divide(cross, size, out=np.zeros_like(cross), where=size > 0)
+    cross_p = chi2.sf(np.sum(cross_pairs * ccf**2, axis=1), LAGS)
+    cross_p[cross_power == 0] = 1.0
+    bound = float(norm.ppf(0.5 + confidence / 2) / np.sqrt(max(count, 1)))
+    return ResidualTests(np.concatenate(times), np.concatenate(values), lags, acf, bound, whiteness, ccf, cross_p)
+
+
+def _prewhitened(u: Array, order: int = 8) -> Array:
+    """An input without what an autoregression predicts of it."""
+    from trueplant.identify.noise import fit_ar, whiten
+
+    centred = u - u.mean()
+    if not np.any(centred) or centred.size < 4 * order:
+        return np.zeros(u.size)
+    ar = fit_ar([centred], [np.ones(centred.size, bool)], order)[0]
+    out = np.zeros(u.size)
+    out[order:] = whiten(ar, centred)
+    return out
+
+
+def row_systems(row: Row, theta: Array) -> list[tuple[int, TransferFunction]]:
+    """The transfer function of each element of a row, with the column that drives it."""
+    return [(s.column, s.structure.transfer(theta[p])) for s, p in zip(row.specs, row.slices, strict=True)]
