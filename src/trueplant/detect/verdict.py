@@ -1,0 +1,145 @@
+"""Which elements have changed: joint Wald tests with familywise control over the matrix.
+
+The elements are tested jointly over their answered parameters, and Holm's procedure (1979) keeps the
+chance of a single false alarm in the whole matrix at the level asked for. Within an element that has
+changed, its parameters are told apart by Holm's procedure again; a parameter is called changed only
+where its element is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2, norm
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """One element as it goes into the tests. Vectors have one entry a parameter."""
+
+    model: tuple[float | None, ...]
+    """The model's values; None where the model has none to compare with."""
+    plant: Array
+    covariance: Array
+    answered: tuple[bool, ...]
+
+
+@dataclass(frozen=True)
+class ParameterVerdict:
+    p_value: float | None
+    p_adjusted: float | None
+    changed: bool
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """"unchanged", "changed" or "not identifiable", with familywise p-values."""
+
+    verdict: str
+    p_adjusted: float | None
+    parameters: tuple[ParameterVerdict, ...]
+
+
+def holm(p_values: ArrayLike) -> Array:
+    """Familywise p-values by Holm's step-down procedure."""
+    p = np.asarray(p_values, dtype=float)
+    order = np.argsort(p)
+    factors = p.size - np.arange(p.size)
+    adjusted = np.empty(p.size)
+    adjusted[order] = np.minimum(np.maximum.accumulate(p[order] * factors), 1.0)
+    return adjusted
+
+
+def _joint_p(evidence: Evidence, tested: Sequence[int]) -> float:
+    """That the tested parameters all still have the model's values."""
+    index = np.array(tested)
+    shift = evidence.plant[index] - np.array([evidence.model[k] for k in tested], dtype=float)
+    covariance = evidence.covariance[np.ix_(index, index)]
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    normal = covariance / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(normal)
+    use = values > 1e-12
+    rotated = (vectors.T @ (shift / scale))[use]
+    return float(chi2.sf(np.sum(rotated**2 / values[use]), int(use.sum())))
+
+
+def judge(elements: Sequence[Evidence], confidence: float = 0.95, tolerance_percent: float = 0.0) -> tuple[Verdict, ...]:
+    """A verdict for each element, familywise over all of them.
+
+    A change counts as one when it is significant and larger than `tolerance_percent` of the model's value.
+    """
+    level = 1 - confidence
+    tested = [
+        [k for k, (m, ok) in enumerate(zip(e.model, e.answered, strict=True)) if ok and m is not None] for e in elements
+    ]
+    raw = [_joint_p(e, t) if t else None for e, t in zip(elements, tested, strict=True)]
+    known = [p for p in raw if p is not None]
+    adjusted = iter(holm(known))
+    familywise = [None if p is None else float(next(adjusted)) for p in raw]
+    return tuple(
+        _verdict(e, t, p, level, tolerance_percent / 100)
+        for e, t, p in zip(elements, tested, familywise, strict=True)
+    )
+
+
+def _verdict(
+    evidence: Evidence, tested: Sequence[int], p_element: float | None, level: float, tolerance: float
+) -> Verdict:
+    none = ParameterVerdict(None, None, False)
+    parameters = [none] * len(evidence.model)
+    if p_element is None:
+        return Verdict("not identifiable", None, tuple(parameters))
+    shift = np.array([evidence.plant[k] - (evidence.model[k] or 0.0) for k in tested])
+    sigma = np.sqrt(np.maximum(np.diag(evidence.covariance)[list(tested)], 1e-300))
+    raw = 2 * norm.sf(np.abs(shift) / sigma)
+    adjusted = np.maximum(holm(raw), p_element)
+    allowed = tolerance * np.abs([evidence.model[k] or 0.0 for k in tested])
+    beyond = np.abs(shift) > allowed
+    significant = p_element < level
+    changed = significant & (adjusted < level) & beyond
+    if significant and not (adjusted < level).any() and (tolerance == 0 or beyond.any()):
+        # Jointly beyond doubt, singly not: the change is put on the parameter that shows it best.
+        changed[int(np.argmin(np.where(beyond, raw, 2.0)))] = True
+    for k, p, q, c in zip(tested, raw, adjusted, changed, strict=True):
+        parameters[k] = ParameterVerdict(float(p), float(q), bool(c))
+    return Verdict("changed" if changed.any() else "unchanged", p_element, tuple(parameters))
+
+
+def importance_in_loop(delta: NDArray[np.complex128], q_s: NDArray[np.complex128]) -> Array:
+    """Peak over frequency of the largest singular value of each Delta_ij alone in Delta Q Shat: (n_y, n_u).
+
+    delta is (n_w, n_y, n_u), q_s = Q Shat is (n_w, n_u, n_y). Above 1 the change can be as large as the
+    set-point itself; 0 leaves the loop as it was.
+    """
+    rows = np.linalg.norm(q_s, axis=2)
+    peak: Array = np.max(np.abs(delta) * rows[:, None, :], axis=0)
+    return peak
+
+
+def importance_open_loop(delta: NDArray[np.complex128], model: NDArray[np.complex128]) -> Array:
+    """Largest |Delta_ij| over frequency relative to the largest |Ghat_ij| (to its row's where that is 0)."""
+    own = np.max(np.abs(model), axis=0)
+    row = np.max(own, axis=1, keepdims=True)
+    size = np.where(own > 0, own, row)
+    return np.divide(np.max(np.abs(delta), axis=0), size, out=np.full(own.shape, np.inf), where=size > 0)
+
+
+def grade(half_widths: Sequence[float], answered: Sequence[bool], sound: bool) -> str:
+    """How well an element is known, A to D.
+
+    A: every parameter answered, each interval within 10 % of its value, residuals as they should be.
+    B: the same within 25 %, or within 10 % with residuals that show structure.
+    C: every parameter answered. D: some are not.
+    `half_widths` are relative (of the dead time: to dead time plus lag).
+    """
+    if not all(answered) or not answered:
+        return "D"
+    widest = max(half_widths)
+    if widest <= 0.10:
+        return "A" if sound else "B"
+    return "B" if widest <= 0.25 and sound else "C"
