@@ -1,0 +1,249 @@
+"""The closed loop in time, and what a declared controller would have written on recorded signals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trueplant.errors import LoopError, UnstableLoop
+from trueplant.loop.controller import Controller
+from trueplant.loop.kernel import run_law, run_loop, terms_of
+from trueplant.loop.law import filtered_setpoint, law_of, rest
+from trueplant.loop.pid import PID
+from trueplant.lti.sampled import sampled_response
+from trueplant.lti.transfer import TransferMatrix
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A simulated record; time first. u is held from each instant to the next.
+
+    r, y (measured), y_true, v: (N, n_y); u: (N, n_u). y_true is without measurement noise, quantisation and
+    spikes; v is all that acts on y besides the plant: output disturbances and Gd d.
+    """
+
+    t: Array
+    r: Array
+    u: Array
+    y: Array
+    y_true: Array
+    v: Array
+
+    @property
+    def h(self) -> float:
+        """Sample time of the record."""
+        return float(self.t[1] - self.t[0]) if self.t.size > 1 else 0.0
+
+
+def _signal(value: ArrayLike | None, shape: tuple[int, int], name: str) -> Array:
+    """(N, n) from None (zeros), a number, one value a channel or the whole signal."""
+    given = np.asarray(0.0 if value is None else value, dtype=float)
+    if given.ndim and given.shape not in (shape, shape[1:]):
+        raise LoopError(f"{name} must be a number, {shape[1]} numbers or an array {shape}, not of shape {given.shape}")
+    if not np.all(np.isfinite(given)):
+        raise LoopError(f"{name} must be finite throughout")
+    return np.ascontiguousarray(np.broadcast_to(given, shape))
+
+
+def _wide(limits: ArrayLike | None, controller: Controller | None, n_u: int) -> Array:
+    if limits is None:
+        return controller.limits if controller else np.tile([-np.inf, np.inf], (n_u, 1))
+    bounds = np.broadcast_to(np.asarray(limits, dtype=float), (n_u, 2)).copy()
+    if not np.all(bounds[:, 0] < bounds[:, 1]):
+        raise LoopError("limits must be (low, high) for each input, with low below high")
+    return bounds
+
+
+def simulate(
+    plant: TransferMatrix,
+    controller: Controller | None,
+    r: ArrayLike,
+    h: float,
+    *,
+    u: ArrayLike | None = None,
+    v: ArrayLike | None = None,
+    d: ArrayLike | None = None,
+    Gd: TransferMatrix | None = None,
+    input_disturbance: ArrayLike | None = None,
+    noise: ArrayLike | None = None,
+    quantisation: ArrayLike | None = None,
+    spikes: tuple[float, float] | None = None,
+    limits: ArrayLike | None = None,
+    u0: ArrayLike = 0.0,
+    y0: ArrayLike = 0.0,
+    record_every: int = 1,
+    seed: int = 0,
+) -> Simulation:
+    """Run the loop from rest at the operating point (u0, y0) with set-points r (N, n_y) at steps of h.
+
+    The plant is exact at the instants for the held OP, with dead times of any fraction of h. Sampled
+    controllers run at their scan, a multiple of h: nothing is approximated. Continuous ones are run with an OP
+    held over each step at its value in the middle of the step, of second order in h: choose h well below the
+    plant's and the controller's times, and thin out with record_every. Where an element passes its input on
+    without lag or dead time, PV is read before OP is written.
+
+    u (N, n_u): the OP without a controller. v (N, n_y): output disturbances; d (N, n_d) with Gd: measured ones;
+    input_disturbance (N, n_u): added to OP behind the controller. All are held between instants.
+    noise: standard deviations of white measurement noise, or the noise (N, n_y). quantisation: quantum of each
+    PV. spikes: (probability, standard deviation) of single outliers. limits: (low, high) of each OP, instead
+    of those that the controller declares. The same seed gives the same record.
+
+    Raises LoopError for signals and settings that do not fit, UnstableLoop if the loop runs away.
+    """
+    n_y, n_u = plant.shape
+    setpoints = np.asarray(r, dtype=float)
+    if setpoints.ndim != 2 or setpoints.shape[0] == 0:
+        raise LoopError(f"r must have shape (N, {n_y}), not {setpoints.shape}")
+    if not (np.isfinite(h) and h > 0):
+        raise LoopError(f"the step h must be above 0, not {h:g}")
+    steps = setpoints.shape[0]
+    setpoints = _signal(setpoints, (steps, n_y), "r")
+    start_u = np.broadcast_to(np.asarray(u0, dtype=float), (n_u,)).copy()
+    start_y = np.broadcast_to(np.asarray(y0, dtype=float), (n_y,)).copy()
+    rng = np.random.default_rng(seed)
+    white = rng.standard_normal((steps, n_y))
+    hit, size = rng.random((steps, n_y)), rng.standard_normal((steps, n_y))
+    noisy = _signal(noise, (steps, n_y), "noise")
+    if np.ndim(noise if noise is not None else 0.0) < 2:
+        noisy = noisy * white
+    outliers = np.where(hit < spikes[0], spikes[1] * size, 0.0) if spikes else np.zeros((steps, n_y))
+    quantum = _signal(quantisation, (1, n_y), "quantisation")[0]
+    added = _signal(v, (steps, n_y), "v")
+    if (d is None) != (Gd is None):
+        raise LoopError("a measured disturbance needs both d and Gd")
+    if Gd is not None:
+        added = added + sampled_response(Gd, _signal(d, (steps, Gd.shape[1]), "d"), h)
+    behind = _signal(input_disturbance, (steps, n_u), "input_disturbance")
+    bounds = _wide(limits, controller, n_u)
+    if controller is None:
+        if u is None:
+            raise LoopError("without a controller the inputs u (N, n_u) must be given")
+        op = np.clip(_signal(u, (steps, n_u), "u"), bounds[:, 0], bounds[:, 1])
+        plant_y = sampled_response(plant, op - start_u + behind, h)
+        measured = start_y + plant_y + added + noisy
+        rounded = np.round(measured / np.where(quantum > 0, quantum, 1.0)) * quantum
+        measured = np.where(quantum > 0, rounded, measured) + outliers
+    else:
+        if u is not None:
+            raise LoopError("give either a controller or the inputs u, not both")
+        op, measured, plant_y = _closed(
+            plant, controller, setpoints, h, added, noisy, outliers, quantum, behind, bounds, start_u, start_y
+        )
+    if not (np.all(np.isfinite(measured)) and np.all(np.isfinite(op))):
+        raise UnstableLoop("the simulated loop runs away to infinity: check gains, signs and action with check_loop")
+    keep = slice(None, None, record_every)
+    return Simulation(
+        t=np.arange(steps, dtype=float)[keep] * h,
+        r=setpoints[keep],
+        u=op[keep],
+        y=measured[keep],
+        y_true=(start_y + plant_y + added)[keep],
+        v=added[keep],
+    )
+
+
+def _closed(
+    plant: TransferMatrix,
+    controller: Controller,
+    r: Array,
+    h: float,
+    added: Array,
+    noise: Array,
+    spikes: Array,
+    quantum: Array,
+    behind: Array,
+    bounds: Array,
+    u0: Array,
+    y0: Array,
+) -> tuple[Array, Array, Array]:
+    if (controller.n_u, controller.n_y) != (plant.shape[1], plant.shape[0]):
+        raise LoopError(
+            f"the controller has {controller.n_u} inputs and {controller.n_y} outputs, the plant {plant.shape[1]} and "
+            f"{plant.shape[0]}: they must agree"
+        )
+    if any(isinstance(e, PID) and e.pv_transform is not None for e in controller.entries.values()):
+        raise LoopError("a controller with a pv_transform cannot be simulated: use controller.linearised(pv)")
+    law = law_of(controller, h)
+    r_mean, r_end = np.empty((2, law.i.size, r.shape[0]))
+    for e, entry in enumerate(controller.entries.values()):
+        own = np.concatenate([[y0[law.j[e]]], r[:, law.j[e]]])
+        if isinstance(entry, PID) and entry.setpoint_filter is not None:
+            if entry.sample_time is None:
+                halves = filtered_setpoint(entry, np.repeat(own, 2), h / 2, own[0])
+                # step k is number k + 1 of `own`: its signals at k - 1/2, k and k + 1/2
+                before, at, after = halves[1:-1:2], halves[2::2], halves[3::2]
+                r_mean[e], r_end[e] = (before + 2 * at + after) / 4, after
+                continue
+            r_end[e] = filtered_setpoint(entry, own[1:], h, own[0])
+        else:
+            r_end[e] = own[1:]
+        r_mean[e] = (own[:-1] + own[1:]) / 2
+    x, integral = rest(law, y0[law.j], y0[law.j], u0, bounds)
+    op, measured, plant_y = run_loop(
+        terms_of(plant, h), law, r_mean, r_end, added, noise, spikes, quantum, behind, bounds, u0, y0, x, integral
+    )
+    return op, measured, plant_y
+
+
+def replay(
+    controller: Controller,
+    r: ArrayLike,
+    y: ArrayLike,
+    h: float,
+    *,
+    first: ArrayLike | None = None,
+    bias: ArrayLike = 0.0,
+    hold: str = "zoh",
+    limits: ArrayLike | None = None,
+) -> Array:
+    """OP (N, n_u) that the declared controller writes on recorded set-points and PVs (N, n_y), step h.
+
+    first: OP (n_u,) just before the record, which the controller takes over without a bump, at rest on the
+    first set-point and PV. Without it the controller starts with empty memory and its integrals at `bias`
+    (n_u,). hold: how the recorded signals run between samples, "zoh" or "linear"; it matters for continuous
+    controllers only, which are exact under "zoh" and of second order under "linear".
+    """
+    if hold not in ("zoh", "linear"):
+        raise LoopError(f'hold must be "zoh" or "linear", not {hold!r}')
+    pv = np.asarray(y, dtype=float)
+    if pv.ndim != 2 or pv.shape[1] != controller.n_y or pv.shape[0] == 0:
+        raise LoopError(f"y must have shape (N, {controller.n_y}), not {pv.shape}")
+    pv = _signal(pv, pv.shape, "y")
+    sp = _signal(np.asarray(r, dtype=float), pv.shape, "r")
+    law = law_of(controller, h)
+    bounds = _wide(limits, controller, controller.n_u)
+    n_e = law.i.size
+    r_mean, r_end, y_mean, y_end = np.empty((4, n_e, pv.shape[0]))
+    for e, entry in enumerate(controller.entries.values()):
+        transform = entry.pv_transform if isinstance(entry, PID) else None
+        own_r, own_y = sp[:, law.j[e]], pv[:, law.j[e]]
+        if transform is not None:
+            own_r, own_y = np.asarray(transform(own_r)), np.asarray(transform(own_y))
+            if not (np.all(np.isfinite(own_r)) and np.all(np.isfinite(own_y))):
+                raise LoopError(f"pv_transform has no finite value for some set-point or PV of output {law.j[e] + 1}")
+        own_r = filtered_setpoint(entry, own_r, h, own_r[0])
+        for given, mean, end in ((own_r, r_mean, r_end), (own_y, y_mean, y_end)):
+            end[e] = mean[e] = given
+            if entry.sample_time is None:
+                mean[e, 1:] = given[:-1] if hold == "zoh" else (given[:-1] + given[1:]) / 2
+                if first is None:
+                    mean[e, 0] = 0.0
+    if first is None:
+        x = np.zeros((n_e, law.A.shape[1]))
+        start = np.broadcast_to(np.asarray(bias, dtype=float), (controller.n_u,))
+        integral = np.zeros(n_e)
+        for i in range(controller.n_u):
+            writers = np.flatnonzero(law.i == i)
+            if writers.size:
+                integral[writers[np.argmax(law.ki[writers] != 0)]] = start[i]
+    else:
+        start = np.broadcast_to(np.asarray(first, dtype=float), (controller.n_u,)).copy()
+        x, integral = rest(law, r_end[:, 0].copy(), y_end[:, 0].copy(), start, bounds)
+    # no time has passed at the first sample of a continuous law
+    integral -= np.where(law.sampled, 0.0, law.ki * (r_mean[:, 0] - y_mean[:, 0]))
+    u: Array = run_law(law, r_mean, r_end, y_mean, y_end, bounds, x, integral)
+    return u
