@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ SAMPLES_PER_LAG = 80
 ENOUGH_SAMPLES = 1000
 FEWEST_SAMPLES = 2.5
 """Lag and dead time together must span this many samples to be told from each other and from none."""
+UNDERMODELLED = 1e-3
+"""Significance from which prediction errors that follow an input are held against the structure."""
 WEAK = 0.2
 """Relative standard error from which an interval is taken from the profile likelihood."""
 
@@ -39,30 +41,29 @@ class OutputEstimate:
     intervals: Array
     """(n, 2); infinite where nothing is known."""
     runs: Runs | None
-    order_dependence: dict[int, str] = field(default_factory=dict)
+    order_dependence: dict[int, str]
     """Parameters whose estimate moves beyond its interval with the order of the noise model."""
-    tests: ResidualTests | None = None
-    validation: Validation | None = None
+    tests: ResidualTests
+    validation: Validation | None
 
     @property
     def row(self) -> Row:
         return self.fit.row
 
 
-def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_interval: float, h: float) -> int:
-    """How many samples one prediction error spans: real updates only, and no finer than the lags deserve."""
+def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_interval: float) -> int:
+    """Samples from one prediction error to the next: real updates of PV only, no finer than the lags deserve.
+
+    `specs` are all elements of the matrix: rows that share a stride can be compared.
+    """
+    h = segments[0].h
     held = max(1, round(update_interval / h)) if np.isfinite(update_interval) else 1
-    lags = [
-        lag + dead
-        for spec in specs
-        if spec.start is not None
-        for lag, dead in [(lag_of(spec.structure.names, np.array(spec.start)), _dead(spec))]
-        if lag + dead > 0
+    answers = [
+        lag_of(spec.structure.names, np.array(spec.start)) + _dead(spec) for spec in specs if spec.start is not None
     ]
     samples = sum(len(segment) for segment in segments)
-    most = max(1, samples // ENOUGH_SAMPLES)
-    wanted = int(min(lags) / SAMPLES_PER_LAG / h) if lags else 1
-    return max(held, min(max(wanted, 1), most))
+    wanted = int(min((a for a in answers if a > 0), default=0.0) / SAMPLES_PER_LAG / h)
+    return max(held, min(max(wanted, 1), max(1, samples // ENOUGH_SAMPLES)))
 
 
 def _dead(spec: Spec) -> float:
@@ -78,47 +79,38 @@ def identify_output(
     held: Sequence[Held] = (),
     *,
     confidence: float = 0.95,
-    update_interval: float = 0.0,
+    stride: int = 1,
     time_scale: float | None = None,
     options: Options | None = None,
-    thorough: bool = True,
 ) -> OutputEstimate | None:
     """Estimate the elements `specs` of one output; None where this output has no usable data.
 
     Time unit and shapes are those of the segments. `held` elements keep their declared value.
-    `update_interval` is how often the PV really changes. `thorough` adds the intervals by profile
-    likelihood, other orders of the noise model, the validation and the residual tests.
+    `stride` is the number of samples from one prediction error to the next (`choose_stride`), `time_scale`
+    where the search for elements that the model lacks begins.
     """
     pieces = pieces_of(segments, output, held)
     if not pieces or not specs:
         return None
-    h = pieces[0].h
-    row = Row(tuple(specs), pieces, choose_stride(segments, specs, update_interval, h))
+    row = Row(tuple(specs), pieces, stride)
     fit = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
     runs = compare_runs(fit)
     if runs is not None and not runs.agree:
         theta, covariance = combine_runs(fit, runs)
     else:
         theta, covariance = fit.theta, fit.covariance
+    tests = residual_tests(fit, confidence)
+    moved, shifts = _order_dependence(fit, covariance, tests)
+    if runs is None or runs.agree:
+        # What the choice of the noise model moves is not known better than that.
+        covariance = covariance + np.diag(shifts**2)
     intervals = normal_intervals(theta, covariance, confidence)
     low, high = fit.row.bounds()
     intervals = np.clip(intervals, np.where(np.isfinite(low), low, -np.inf)[:, None], high[:, None])
-    if not thorough:
-        return OutputEstimate(output, fit, theta, covariance, intervals, runs)
-    if runs is None or runs.agree:
+    if not np.any(shifts) and (runs is None or runs.agree):
         for index in _profiled(fit):
             intervals[index] = profile_interval(fit, index, confidence)
-    return OutputEstimate(
-        output,
-        fit,
-        theta,
-        covariance,
-        intervals,
-        runs,
-        _order_dependence(fit, covariance),
-        residual_tests(fit, confidence),
-        validate(fit),
-    )
+    return OutputEstimate(output, fit, theta, covariance, intervals, runs, moved, tests, validate(fit))
 
 
 def _profiled(fit: RowFit) -> list[int]:
@@ -133,28 +125,36 @@ def _profiled(fit: RowFit) -> list[int]:
     return chosen
 
 
-def _order_dependence(fit: RowFit, covariance: Array) -> dict[int, str]:
-    """Refits with smaller and larger noise models: what moves by more than chance and by more than a third?"""
+def _order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tuple[dict[int, str], Array]:
+    """What other noise models make of the same data.
+
+    Returns the parameters that move by more than chance and by more than a third, with a sentence each,
+    and (n,) how far each parameter moves where the prediction errors still follow the inputs: then the
+    structure is too simple, every noise model weighs its error differently, and no one of them is right.
+    """
     used = fit.ar.size
+    undermodelled = bool(np.min(tests.cross_p) < UNDERMODELLED)
     limit = max(fit.row.measured(k)[0].size for k in range(len(fit.row.pieces))) // 20
-    orders = sorted({max(used // 2, min(1, used)), 2 * used + 2} - {used})
+    orders = {used // 2, min(used, 1), 2 * used + 2} | ({0} if undermodelled else set())
     sigma = np.sqrt(np.diag(covariance))
+    scale = np.maximum(np.abs(fit.theta), _lag_scale(fit))
     moved: dict[int, str] = {}
-    for order in orders:
-        if order > limit:
+    shifts = np.zeros(fit.theta.size)
+    for order in sorted(orders - {used}):
+        if order > limit or (order == 0 and not undermodelled):
             continue
         other = refit_noise(fit, order)
-        other_sigma = np.sqrt(np.diag(other.covariance))
         shift = np.abs(other.theta - fit.theta)
-        scale = np.maximum(np.abs(fit.theta), _lag_scale(fit))
-        beyond = (shift > 3 * np.minimum(sigma, other_sigma)) & (shift > scale / 3)
+        beyond = (shift > 3 * np.minimum(sigma, np.sqrt(np.diag(other.covariance)))) & (shift > scale / 3)
         for index in np.flatnonzero(beyond):
             moved.setdefault(
                 int(index),
                 f"it depends on the noise model: {fit.theta[index]:.3g} with order {used}, "
                 f"{other.theta[index]:.3g} with order {order}",
             )
-    return moved
+        if undermodelled:
+            shifts = np.maximum(shifts, shift)
+    return moved, shifts
 
 
 def _lag_scale(fit: RowFit) -> Array:
