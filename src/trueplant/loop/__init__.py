@@ -1,21 +1,29 @@
 """Controllers, closed-loop frequency functions and the simulator of the loop in time."""
 
+from trueplant.loop.closed import LoopFunctions, check_loop, complementary, loop_functions, sensitivity
 from trueplant.loop.controller import Controller
 from trueplant.loop.pid import PID, Linear
 from trueplant.loop.signals import alternating_steps, ar1, arma, drift, random_steps, step_disturbance
 from trueplant.loop.simulate import Simulation, replay, simulate
+from trueplant.loop.stability import unstable_poles
 
 __all__ = [
     "PID",
     "Controller",
     "Linear",
+    "LoopFunctions",
     "Simulation",
     "alternating_steps",
     "ar1",
     "arma",
+    "check_loop",
+    "complementary",
     "drift",
+    "loop_functions",
     "random_steps",
     "replay",
+    "sensitivity",
     "simulate",
     "step_disturbance",
+    "unstable_poles",
 ]

@@ -31,8 +31,7 @@ _PARALLEL_KEYS = ("Kp", "Ki", "Kd", "Tf")
 def backward_difference(s: ArrayLike, h: float) -> ComplexArray:
     """``(1 - e^(-s h))/h``, what s becomes in a law sampled at h."""
     z = np.asarray(s, dtype=np.complex128)
-    value: ComplexArray = -np.expm1(-z * h) / h
-    return value
+    return np.asarray(-np.expm1(-z * h) / h, dtype=np.complex128)
 
 
 def hold(s: ArrayLike, h: float) -> ComplexArray:

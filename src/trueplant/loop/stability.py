@@ -1,0 +1,221 @@
+"""Number of unstable closed-loop poles with exact dead time, by the argument principle.
+
+det(I + G Q) is followed along Re s = -sigma, with a sigma that is tiny against all rates of the loop: no
+indentations are needed, and integrators count as poles to the right of the line. The steps along the line are halved
+until phase and magnitude change little over each. Open-loop poles are counted in G and in Q separately with the
+multiplicity that their realisation needs, so that a cancellation of an unstable pole does not hide it.
+(Skogestad and Postlethwaite 2005, theorem 4.9.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import IllPosedLoop, LoopError, UnstableLoop
+from trueplant.loop.controller import Controller
+from trueplant.loop.kernel import Terms, terms_of
+from trueplant.loop.pid import PID, Entry, hold
+from trueplant.lti.transfer import TransferMatrix
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Function = Callable[[ComplexArray], ComplexArray]
+
+_MOST_POINTS = 400_000
+
+
+@dataclass(frozen=True)
+class _Rates:
+    """All rates in the loop, in rad per time unit."""
+
+    slowest: float
+    fastest: float
+    dead_time: float
+    poles: ComplexArray
+
+
+def unstable_poles(plant: TransferMatrix, controller: Controller) -> int:
+    """Number of closed-loop poles in the closed right half-plane (outside the unit circle for a sampled loop).
+
+    Exact for continuous controllers and for controllers with one common scan. Controllers with different
+    scans are taken by their frequency functions, which neglects aliasing. Raises IllPosedLoop, LoopError (improper
+    loops, or when it cannot be decided) and UnstableLoop where dead time makes the count infinite.
+    """
+    h = controller.scan
+    law = _continuous_part(controller) if h else controller
+    rates = _rates(plant, law, h)
+    sigma = 1.0137e-7 * rates.slowest
+    if h:
+        sigma = max(sigma, 1e-10 / h)
+    open_loop = _multiplicity(plant, _plant_poles(plant), rates, lambda p: p.real > -sigma)
+    if h:
+        outside = np.exp(-sigma * h)
+        open_loop += _multiplicity(law, _law_poles(law), rates, lambda p: np.abs(1 - h * p) < 1 / outside)
+        terms = terms_of(plant, h)
+        scan = h
+
+        def sampled(s: ComplexArray) -> ComplexArray:
+            return _held_response(terms, plant.shape, np.exp(s * scan)) @ (controller(s) / hold(s, scan)[:, None, None])
+
+        phase = _phase_along(sampled, sigma, np.pi / h, rates)
+    else:
+        open_loop += _multiplicity(controller, _law_poles(law), rates, lambda p: p.real > -sigma)
+        phase = _continuous_phase(plant, controller, sigma, rates)
+    count = open_loop - phase / np.pi
+    if abs(count - round(count)) > 0.05:
+        raise LoopError("whether the closed loop is stable cannot be decided: it is too close to its limit")
+    return round(count)
+
+
+def _continuous_part(controller: Controller) -> Controller:
+    """The same laws in the variable that stands for s in a sampled one."""
+    entries: dict[tuple[int, int], Entry] = {}
+    for place, entry in controller.entries.items():
+        entries[place] = replace(entry, sample_time=None)
+    return replace(controller, entries=entries)
+
+
+def _plant_poles(plant: TransferMatrix) -> ComplexArray:
+    return np.concatenate([element.poles for row in plant.elements for element in row])
+
+
+def _law_poles(controller: Controller) -> ComplexArray:
+    found = [np.zeros(0, dtype=complex)]
+    for entry in controller.entries.values():
+        if isinstance(entry, PID):
+            _, ki, kd, tf = entry.parallel
+            found.append(np.array(([0.0] if ki else []) + ([-1 / tf] if kd and tf else []), dtype=complex))
+        else:
+            found.append(entry.tf.poles)
+    return np.concatenate(found)
+
+
+def _rates(plant: TransferMatrix, law: Controller, h: float | None) -> _Rates:
+    poles = np.concatenate([_plant_poles(plant), _law_poles(law)])
+    terms = [term for row in plant.elements for element in row for term in element.terms]
+    zeros = []
+    for entry in law.entries.values():
+        if isinstance(entry, PID):
+            kp, ki, kd, tf = entry.parallel
+            zeros.append(np.roots([kp * tf + kd, kp + ki * tf, ki]))
+        else:
+            terms += entry.tf.terms
+    zeros += [np.roots(term.num) for term in terms]
+    dead_times = np.array([term.dead_time for term in terms if term.dead_time > 0])
+    rates = np.abs(np.concatenate([poles, *zeros]))
+    rates = np.concatenate([rates[rates > 0], 1 / dead_times, [1 / h] if h else []])
+    if rates.size == 0:
+        rates = np.ones(1)
+    longest = float(dead_times.max(initial=0.0)) * plant.shape[0]
+    return _Rates(float(rates.min()), float(rates.max()), longest, poles)
+
+
+def _multiplicity(
+    system: Function, poles: ComplexArray, rates: _Rates, unstable: Callable[[ComplexArray], NDArray[np.bool_]]
+) -> int:
+    """McMillan degree of the system's unstable poles, from its Laurent coefficients around each."""
+    total = 0
+    scale = max(rates.slowest, 1e-12)
+    left = list(poles[unstable(poles)])
+    while left:
+        near = [p for p in left if abs(p - left[0]) < 1e-4 * max(abs(left[0]), scale)]
+        left = [p for p in left if p not in near]
+        centre = np.mean(near)
+        distance = np.abs(rates.poles - centre)
+        others = distance[distance > 1e-3 * max(abs(centre), scale)]
+        radius = 0.4 * float(np.min(others, initial=max(abs(centre), rates.slowest)))
+        if rates.dead_time > 0:
+            radius = min(radius, 1 / rates.dead_time)
+        turn = np.exp(2j * np.pi * np.arange(64) / 64)
+        around = system(centre + radius * turn)
+        order = min(len(near), 8)
+        laurent = [np.tensordot(turn**m, around, (0, 0)) / 64 for m in range(1, 2 * order)]
+        hankel = np.block([[laurent[a + b] for b in range(order)] for a in range(order)])
+        singular = np.linalg.svd(hankel, compute_uv=False)
+        total += int(np.sum(singular > 1e-6 * np.max(np.abs(around))))
+    return total
+
+
+def _held_response(terms: Terms, shape: tuple[int, int], z: ComplexArray) -> ComplexArray:
+    """Pulse response of the plant at z (n,) for a held input read after the output: (n, n_y, n_u)."""
+    value = np.zeros((z.size, *shape), dtype=complex)
+    for t in range(terms.i.size):
+        n = terms.order[t]
+        part = terms.d[t] * z ** -max(terms.q[t] + terms.late[t], 1.0) if terms.d[t] else np.zeros(z.size, complex)
+        if n:
+            drive = terms.b0[t, :n] + terms.b1[t, :n] / z[:, None]
+            states = np.linalg.solve(z[:, None, None] * np.eye(n) - terms.A[t, :n, :n], drive[:, :, None])[:, :, 0]
+            part = part + states @ terms.C[t, :n] * z ** -float(terms.q[t])
+        value[:, terms.i[t], terms.j[t]] += part
+    return value
+
+
+def _continuous_phase(plant: TransferMatrix, controller: Controller, sigma: float, rates: _Rates) -> float:
+    """Phase change of det(I + G Q) from 0 to infinite frequency on the line."""
+
+    def loop(s: ComplexArray) -> ComplexArray:
+        return plant(s) @ controller(s)
+
+    far = loop(np.array([1e8, 1e9], dtype=complex) * rates.fastest)
+    if not np.all(np.isfinite(far)) or np.max(np.abs(far[1])) > 2 * np.max(np.abs(far[0])) + 1e-3:
+        raise LoopError("the loop's gain grows without limit at high frequency: add a filter to the derivative")
+    direct = far[1].real
+    eye = np.eye(plant.shape[0])
+    if abs(np.linalg.det(eye + direct)) < 1e-6 * max(1.0, float(np.linalg.norm(direct))):
+        raise IllPosedLoop(
+            "I + G Q is singular at infinite frequency: the model passes its input on without lag, and the controller "
+            "exactly undoes that. Add the lag or dead time that the plant must have"
+        )
+    rest = np.linalg.inv(eye + direct)
+
+    def reduced(s: ComplexArray) -> ComplexArray:
+        return np.asarray(rest @ (loop(s) - direct), dtype=np.complex128)
+
+    # beyond the top all eigenvalues of the loop are below 1: det(I + L) goes to 1 without turning
+    top, before = 10 * rates.fastest, np.inf
+    while True:
+        tail = -sigma + 1j * np.geomspace(top, 1e3 * top, 2000)
+        largest = float(np.max(np.abs(np.linalg.eigvals(reduced(tail)))))
+        levels_out = largest > 0.5 * before
+        if largest < 0.5 or (levels_out and largest < 0.99):
+            break
+        if levels_out:
+            raise UnstableLoop(
+                "the loop's gain stays at 1 or above at high frequency behind a dead time: add a lag, or lower the gain"
+            )
+        top, before = 10 * top, largest
+    end = np.linalg.eigvals(reduced(np.array([-sigma + 1j * top])))[0]
+    return _phase_along(reduced, sigma, top, rates) - float(np.sum(np.angle(1 + end)))
+
+
+def _phase_along(loop: Function, sigma: float, top: float, rates: _Rates) -> float:
+    """Phase change of det(I + L) from -sigma to -sigma + j top, followed with steps as small as needed."""
+
+    def values(w: Array) -> tuple[ComplexArray, Array]:
+        response = loop(-sigma + 1j * w)
+        det = np.linalg.det(np.eye(response.shape[-1]) + response)
+        return np.asarray(det, dtype=np.complex128), np.max(np.sum(np.abs(response), axis=-1), axis=-1)
+
+    resonances = rates.poles[np.abs(rates.poles.imag) > 0]
+    near = np.abs(resonances.imag)[:, None] + np.abs(resonances.real + sigma)[:, None] * np.geomspace(1e-2, 1e2, 20)
+    w = np.concatenate([[0.0], np.geomspace(1e-2 * sigma, top, 600), near.ravel(), (2 * near[:, :1] - near).ravel()])
+    w = np.unique(w[(w >= 0) & (w <= top)])
+    det, size = values(w)
+    while True:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = np.log(det[1:] / det[:-1])
+            turning = np.diff(w) * rates.dead_time > 1.0
+        coarse = (np.abs(change.imag) > 0.5) | ~(np.abs(change.real) < 1.0) | (turning & (size[1:] + size[:-1] > 0.5))
+        if not np.any(coarse):
+            return float(np.sum(change.imag))
+        left, right = w[:-1][coarse], w[1:][coarse]
+        middle = np.where((left > 0) & (right > 2 * left), np.sqrt(left * right), (left + right) / 2)
+        if w.size + middle.size > _MOST_POINTS or np.any((middle <= left) | (middle >= right)):
+            raise LoopError("whether the closed loop is stable cannot be decided: it is too close to its limit")
+        new_det, new_size = values(middle)
+        order = np.argsort(np.concatenate([w, middle]))
+        w, det, size = (np.concatenate(pair)[order] for pair in ((w, middle), (det, new_det), (size, new_size)))
