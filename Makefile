@@ -21,7 +21,6 @@ test: .venv/ready-dev
 
 check: .venv/ready-dev
 	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/python -m pytest -q -n 2 --doctest-modules tests src

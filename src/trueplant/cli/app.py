@@ -1,17 +1,127 @@
-"""The command ``trueplant`` and its exit status."""
+"""The command ``trueplant``: its arguments here, its work in the modules that each command imports when it runs."""
 
 from __future__ import annotations
 
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
 import typer
+
+from trueplant import __version__
+from trueplant.errors import TrueplantError
+
+INTERNAL_ERROR, INTERRUPTED = 70, 130
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
+ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT.toml", help="The project file.")]
+OutFolder = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
+OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="File to write.")]
+Json = Annotated[bool, typer.Option("--json", help="Print result.json, and nothing else.")]
+FailOnMismatch = Annotated[bool, typer.Option("--fail-on-mismatch", help="Exit with status 1 if the plant has changed.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"trueplant {__version__}")
+        raise typer.Exit
+
 
 @app.callback()
-def trueplant() -> None:
+def trueplant(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show it.")] = False,
+) -> None:
     """Find what changed in a plant from its closed-loop data, and how surely."""
 
 
-def main() -> None:
-    """Entry point of the console script."""
-    app()
+@app.command()
+def run(
+    project: ProjectFile, out: OutFolder = None, json: Json = False, fail_on_mismatch: FailOnMismatch = False
+) -> int:
+    """Analyse a project: writes result.json, report.html and plant.toml."""
+    from trueplant.cli.analyse import run
+
+    return run(project, out, json, fail_on_mismatch)
+
+
+@app.command()
+def check(project: ProjectFile) -> int:
+    """Read and screen the data only: what is usable, what is not and why."""
+    from trueplant.cli.data import check
+
+    return check(project)
+
+
+@app.command()
+def init(
+    data: Annotated[Path, typer.Argument(metavar="DATA", help="A CSV, Parquet or XLSX file.")],
+    out: OutFile = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file if it is there.")] = False,
+) -> int:
+    """Write a commented project file from the columns of a data file."""
+    from trueplant.cli.data import init
+
+    return init(data, out, force)
+
+
+@app.command()
+def simulate(project: ProjectFile, out: OutFile = None) -> int:
+    """Simulate the declared loop (table [simulate]) and write the record as CSV or Parquet."""
+    from trueplant.cli.data import simulate
+
+    return simulate(project, out)
+
+
+@app.command()
+def demo(
+    name: Annotated[str, typer.Argument(metavar="[NAME]", help="splitter, mill or wood-berry.")] = "splitter",
+    out: OutFolder = None,
+    json: Json = False,
+) -> int:
+    """Run a built-in simulated case end to end, no file needed."""
+    from trueplant.cli.analyse import demo
+
+    return demo(name, out, json)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit status; an error is one message on standard error."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    command = typer.main.get_command(app)
+    try:
+        given = None if arguments is None else list(arguments)
+        return int(command.main(args=given, prog_name="trueplant", standalone_mode=False) or 0)
+    except TrueplantError as error:
+        _say(str(error))
+        return error.exit_status
+    except (typer.Abort, KeyboardInterrupt):
+        _say("interrupted; no result was written")
+        return INTERRUPTED
+    except BrokenPipeError:
+        # whoever read our output has seen enough; keep Python from trying to flush it once more
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        if hasattr(error, "format_message"):
+            _say(f"{error.format_message().rstrip('.')}; see trueplant --help")
+            return 2
+        _say(f"internal error ({type(error).__name__}); the details were written to {_write_details()}")
+        return INTERNAL_ERROR
+
+
+def _say(message: str) -> None:
+    print(f"trueplant: {message}", file=sys.stderr)
+
+
+def _write_details() -> str:
+    handle, name = tempfile.mkstemp(prefix="trueplant-error-", suffix=".txt")
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        file.write(f"trueplant {__version__}, Python {sys.version}\n{' '.join(sys.argv)}\n\n{traceback.format_exc()}")
+    return name

@@ -1,0 +1,83 @@
+"""The commands that analyse: ``run`` and ``demo``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from trueplant.errors import UsageError
+from trueplant.study.output import prepare_output, to_json, write_files, write_results
+from trueplant.study.project import Project
+
+if TYPE_CHECKING:
+    from trueplant.study.result import Result
+
+REFUSED, MISMATCH = 3, 1
+Progress = Callable[[str, float], None]
+
+
+def run(path: Path, out: Path | None, json: bool, fail_on_mismatch: bool) -> int:
+    """Analyse, write, and say what came out."""
+    project = Project.load(path)
+    folder = prepare_output(out or Path(f"{path.stem}-result"))
+    result = _analyse(project, folder, json)
+    if result.status == "refused":
+        return REFUSED
+    return MISMATCH if fail_on_mismatch and result.mismatch else 0
+
+
+def demo(name: str, out: Path | None, json: bool) -> int:
+    """Simulate a built-in case, then run the same analysis on it as on any record."""
+    text = demo_text(name)
+    folder = prepare_output(out or Path(f"demo-{name}"))
+    from trueplant.study.project_simulate import as_file, simulate_record
+
+    project = Project.from_toml(text, folder)
+    record = project.data.files[0]
+    write_files(folder, {record: as_file(simulate_record(project), record), "project.toml": text})
+    result = _analyse(Project.load(folder / "project.toml"), folder, json)
+    return REFUSED if result.status == "refused" else 0
+
+
+def demo_text(name: str) -> str:
+    """The project file of a built-in case. Raises UsageError for an unknown name."""
+    cases = {p.name.removesuffix(".toml"): p for p in resources.files("trueplant.cli").joinpath("demos").iterdir()}
+    if name not in cases:
+        raise UsageError(f"there is no demo {name!r}: choose one of {', '.join(sorted(cases))}")
+    return cases[name].read_text(encoding="utf-8")
+
+
+def _analyse(project: Project, folder: Path, json: bool) -> Result:
+    from trueplant.report import render
+    from trueplant.study.pipeline import analyse
+
+    with _progress() as step:
+        result = analyse(project, progress=step)
+        step("writing the report", 0.95)
+        written = write_results(result, folder, render(result))
+    if json:
+        sys.stdout.write(to_json(result))
+    else:
+        from trueplant.cli.show import show
+
+        show(result, list(written.values()))
+    return result
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """A function of the step's name and the share done; it draws on a terminal and is quiet elsewhere."""
+    if not sys.stderr.isatty():
+        yield lambda step, share: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("reading", total=1.0)
+        yield lambda step, share: bar.update(task, description=step, completed=share)

@@ -1,0 +1,68 @@
+"""A result on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from trueplant.study.result import Element, Parameter, Result
+from trueplant.study.words import number, value_with_interval
+
+_STYLE = {"changed": "bold red", "unchanged": "green", "not identifiable": "yellow"}
+
+
+def console() -> Console:
+    """Standard output; in a pipe lines are not folded at 80 columns."""
+    on_terminal = Console(highlight=False, soft_wrap=True)
+    return on_terminal if on_terminal.is_terminal else Console(highlight=False, soft_wrap=True, width=140)
+
+
+def show(result: Result, written: Sequence[Path]) -> None:
+    """The headline, a table of the elements, what to know about the data, and the files written."""
+    out = console()
+    out.print(Text(result.headline, style="bold"))
+    if result.elements:
+        out.print(elements_table(result))
+    for reason in (*result.reasons, *result.notes):
+        out.print(Text(f"{'refused' if reason in result.reasons else 'note'}: {reason.message}"))
+    for path in written:
+        out.print(Text(str(path)))
+
+
+def elements_table(result: Result) -> Table:
+    """One row a parameter: what the model says, what the plant does, and the verdict of its element."""
+    confidence = result.provenance.get("settings", {}).get("confidence")
+    plant = f"plant ({100 * confidence:g} % interval)" if confidence else "plant"
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for heading in ("element", "verdict", "grade", "parameter", "model", plant, "change"):
+        table.add_column(heading, justify="right" if heading in ("model", "change") else "left", overflow="fold")
+    for element in result.elements:
+        for k, parameter in enumerate(element.parameters or (None,)):
+            table.add_row(*(_element_cells(element) if k == 0 else ("", "", "")), *_parameter_cells(element, parameter))
+    return table
+
+
+def _element_cells(element: Element) -> tuple[Text, Text, Text]:
+    name = Text(f"{element.input} -> {element.output}")
+    return name, Text(element.verdict, style=_STYLE.get(element.verdict, "")), Text(element.grade)
+
+
+def _parameter_cells(element: Element, parameter: Parameter | None) -> tuple[Text, ...]:
+    if parameter is None:
+        return Text(""), Text(""), Text(element.reason), Text("")
+    unit = f" {parameter.unit}" if parameter.unit else ""
+    model = "-" if parameter.model is None else number(parameter.model)
+    if parameter.plant is None:
+        plant = parameter.reason or "not known"
+    elif parameter.ci is None:
+        plant = f"{number(parameter.plant)}{unit}"
+    else:
+        plant = f"{value_with_interval(parameter.plant, parameter.ci)}{unit}"
+    percent = "" if parameter.change_percent is None else f"{parameter.change_percent:+.1f} %"
+    style = "bold" if parameter.changed else ""
+    return Text(parameter.name.replace("_", " ")), Text(model), Text(plant, style=style), Text(percent, style=style)

@@ -1,0 +1,59 @@
+"""The declared controllers and columns as the rooms `loop` and `record` take them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from trueplant import loop
+from trueplant.errors import LoopError, ProjectError
+from trueplant.lti import parse_pv, tf
+from trueplant.study.project_parts import Controller, Limits
+
+if TYPE_CHECKING:
+    from trueplant.study.project import Project
+
+_GAINS = ("Kc", "Ti", "Td", "alpha", "Kp", "Ki", "Kd", "Tf")
+
+
+def controller_of(
+    project: Project, laws: Sequence[Controller], limits: Sequence[Limits | None]
+) -> loop.Controller | None:
+    """The laws as one controller, (n_u, n_y); ``limits`` are those of OP, one for each input."""
+    if not laws:
+        return None
+    entries = {}
+    for law in laws:
+        j, i = project.output_names.index(law.output), project.input_names.index(law.input)
+        try:
+            entries[i, j] = _entry(project, law, j, i, limits[i])
+        except LoopError as error:
+            raise ProjectError(f"{project.source}: controller from {law.output} to {law.input}: {error}") from error
+    return loop.Controller(entries, len(project.inputs), len(project.outputs))
+
+
+def _entry(project: Project, law: Controller, j: int, i: int, limits: Limits | None) -> loop.PID | loop.Linear:
+    spans = [None if span is None else span[1] - span[0] for span in (project.inputs[i].limits, project.outputs[j].limits)]
+    if law.tf is not None:
+        factor = -1.0 if law.action == "direct" else 1.0
+        if law.gain_unit == "percent of span":
+            factor *= (spans[0] or 0.0) / (spans[1] or 1.0)
+        return loop.Linear(tf(law.tf) * factor, sample_time=law.sample_time, limits=limits)
+    gains = {key: getattr(law, key) for key in _GAINS if getattr(law, key) is not None}
+    if law.kind == "parallel":
+        gains.setdefault("Kp", 0.0)
+    return loop.PID(
+        form=law.kind,
+        **gains,
+        action=law.action,
+        gain_unit=law.gain_unit,
+        op_span=spans[0],
+        pv_span=spans[1],
+        setpoint_weight=law.setpoint_weight,
+        setpoint_filter=None if law.setpoint_filter is None else tf(law.setpoint_filter),
+        derivative_on=law.derivative_on,
+        sample_time=law.sample_time,
+        anti_windup="none" if limits is None else law.anti_windup,
+        limits=limits,
+        pv_transform=None if law.pv_transform is None else parse_pv(law.pv_transform),
+    )

@@ -1,0 +1,240 @@
+"""A result in words, as terminal text, as notebook HTML, and as plain Python for JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+import math
+from collections.abc import Mapping, Sequence
+from datetime import date, datetime
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from trueplant.study.result import Element, Parameter, Result
+
+_PHRASES = {
+    "gain": "a gain",
+    "slope": "a slope",
+    "tau": "a time constant",
+    "lead": "a lead time",
+    "dead_time": "a dead time",
+    "omega0": "a natural frequency",
+    "zeta": "a damping ratio",
+}
+_SYMBOLS = {"gain": "K", "slope": "K'", "dead_time": "dead time"}
+
+
+def headline(result: Result) -> str:
+    """The verdict first, in a sentence or two for the person at the panel."""
+    if result.status == "refused":
+        why = result.reasons[0].message if result.reasons else "the data do not say enough"
+        more = len(result.reasons) - 1
+        rest = f" ({more} more reason{'s' if more > 1 else ''} in the result)" if more > 0 else ""
+        return f"No answer can be given: {_sentence(why)}{rest}"
+    changed = sorted((e for e in result.elements if e.verdict == "changed"), key=_weight)
+    open_ones = [e for e in result.elements if e.verdict == "not identifiable"]
+    kept = len(result.elements) - len(changed) - len(open_ones)
+    if changed:
+        text = f"The plant has changed: {_what_changed(changed[0])}."
+        if len(changed) > 1:
+            text += f" {_also(changed[1:])}"
+        if kept:
+            text += f" {_count(kept, 'element')} as the model says."
+    elif kept:
+        whole = "" if open_ones else "all " if kept > 1 else ""
+        where = f"{whole}{_count(kept, 'element')}" if kept > 1 or open_ones else _arrow(result.elements[0])
+        text = f"The plant has not changed: no difference from the model was found in {where}."
+    else:
+        text = "No verdict is possible: none of the elements can be told from these data."
+    if open_ones and (changed or kept):
+        text += f" {_count(len(open_ones), 'element')} could not be judged ({', '.join(map(_arrow, open_ones[:3]))}"
+        text += f" and {len(open_ones) - 3} more)." if len(open_ones) > 3 else ")."
+    return text
+
+
+def _weight(element: Element) -> tuple[float, float]:
+    importance = element.importance.value
+    return -(importance if importance is not None and math.isfinite(importance) else 0.0), element.p_adjusted or 0.0
+
+
+def _arrow(element: Element) -> str:
+    return f"{_spoken(element.input)} -> {_spoken(element.output)}"
+
+
+def _spoken(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _count(n: int, word: str) -> str:
+    return f"{n} {word}{'s' if n != 1 else ''}"
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
+def _what_changed(element: Element) -> str:
+    moved = [p for p in element.parameters if p.changed and p.plant is not None]
+    where = _arrow(element)
+    if element.tf_model.strip() in ("0", "0.0", ""):
+        known = [p for p in element.parameters if p.plant is not None]
+        values = ", ".join(f"{_phrase(p, known)} of {_quantity(p.plant, p.unit)}" for p in known)
+        return f"{where} responds with {values}, where the model has no response" if values else f"{where} responds"
+    if not moved:
+        return f"{where} differs from the model as a whole, though no single parameter does for certain"
+    clauses = []
+    for parameter in moved:
+        clause = f"{_phrase(parameter, element.parameters)} of {_quantity(parameter.plant, parameter.unit)}"
+        if parameter.model is not None:
+            clause += f", not {_quantity(parameter.model, parameter.unit)}"
+            if parameter.change_percent is not None and math.isfinite(parameter.change_percent):
+                clause += f" ({parameter.change_percent:+.0f} %)"
+        clauses.append(clause)
+    return f"{where} responds with {_listed(clauses)}"
+
+
+def _listed(clauses: Sequence[str]) -> str:
+    return clauses[0] if len(clauses) == 1 else f"{'; '.join(clauses[:-1])}; and {clauses[-1]}"
+
+
+def _also(elements: Sequence[Element]) -> str:
+    named = [f"{_arrow(e)} ({_short(e)})" for e in elements[:3]]
+    rest = f" and {len(elements) - 3} more" if len(elements) > 3 else ""
+    return f"Changed too: {', '.join(named)}{rest}."
+
+
+def _short(element: Element) -> str:
+    if element.tf_model.strip() in ("0", "0.0", ""):
+        return "not in the model"
+    parts = []
+    for p in element.parameters:
+        if p.changed and p.plant is not None:
+            percent = p.change_percent
+            size = f"{percent:+.0f} %" if percent is not None and math.isfinite(percent) else number(p.plant)
+            parts.append(f"{p.name.replace('_', ' ')} {size}")
+    return ", ".join(parts) or "as a whole"
+
+
+def _phrase(parameter: Parameter, parameters: Sequence[Parameter]) -> str:
+    base = parameter.name.rstrip("0123456789") if parameter.name != "omega0" else "omega0"
+    alike = [p for p in parameters if p.name.rstrip("0123456789") == base]
+    phrase = _PHRASES.get(base, f"a {parameter.name}")
+    ordinal = {"1": "first", "2": "second", "3": "third"}.get(parameter.name[-1])
+    return phrase.replace("a ", f"a {ordinal} ", 1) if len(alike) > 1 and ordinal else phrase
+
+
+def _quantity(value: float | None, unit: str) -> str:
+    return f"{number(value)} {unit}".rstrip()
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Three significant digits, without an exponent where it can be helped."""
+    if value is None or not math.isfinite(value):
+        return "unknown"
+    if value == 0:
+        return "0"
+    if not 1e-4 <= abs(value) < 1e6:
+        return f"{value:.{digits - 1}e}"
+    decimals = digits - 1 - math.floor(math.log10(abs(value)))
+    return f"{round(value, decimals):.{max(decimals, 0)}f}"
+
+
+def parameter_line(parameter: Parameter) -> str:
+    """``K = 0.917 ± 0.012 degC/% (model 0.932, -1.6 %)``; ± is half of the interval, which is written out if lopsided."""
+    base = parameter.name.rstrip("0123456789")
+    symbol = _SYMBOLS.get(base, parameter.name)
+    symbol += parameter.name.removeprefix(base) if base in _SYMBOLS else ""
+    unit = f" {parameter.unit}" if parameter.unit else ""
+    if parameter.plant is None:
+        known = f"model {number(parameter.model)}{unit}" if parameter.model is not None else "not in the model"
+        return f"{symbol} not known: {parameter.reason or 'the data do not say'} ({known})"
+    if parameter.ci is None:
+        value = f"{number(parameter.plant)}{unit}"
+    else:
+        value = f"{value_with_interval(parameter.plant, parameter.ci)}{unit}"
+    if parameter.model is None:
+        compared = "not in the model"
+    else:
+        compared = f"model {number(parameter.model)}"
+        if parameter.change_percent is not None and math.isfinite(parameter.change_percent):
+            compared += f", {parameter.change_percent:+.1f} %"
+    return f"{symbol} = {value} ({compared})" + ("  changed" if parameter.changed else "")
+
+
+def value_with_interval(value: float, ci: tuple[float, float]) -> str:
+    """``0.917 ± 0.012`` with half of the interval, or ``0.917, 0.90 to 0.95`` where it is lopsided."""
+    below, above = value - ci[0], ci[1] - value
+    half = (below + above) / 2
+    if not (math.isfinite(half) and half > 0) or half > 1e6 * max(abs(value), 1e-300):
+        return f"{number(value)}, {number(ci[0])} to {number(ci[1])}"
+    decimals = min(max(1 - math.floor(math.log10(half)), 0), 12)
+    if abs(above - below) > 0.4 * half:
+        return f"{value:.{decimals}f}, {ci[0]:.{decimals}f} to {ci[1]:.{decimals}f}"
+    return f"{value:.{decimals}f} ± {half:.{decimals}f}"
+
+
+def text_summary(result: Result) -> str:
+    """What a terminal shows."""
+    lines = [headline(result)]
+    confidence = result.provenance.get("settings", {}).get("confidence") if result.elements else None
+    if confidence:
+        lines.append(f"(± is half of the {100 * confidence:g} % interval)")
+    for element in result.elements:
+        grade = f", grade {element.grade}" if element.grade else ""
+        lines += ["", f"{element.input} -> {element.output} ({element.structure}): {element.verdict}{grade}"]
+        lines += [f"  {parameter_line(p)}" for p in element.parameters]
+        if element.reason:
+            lines.append(f"  {_sentence(element.reason)}")
+    for title, reasons in (("refused", result.reasons), ("note", result.notes)):
+        if reasons:
+            lines.append("")
+        for reason in reasons:
+            where = f" ({reason.where})" if reason.where else ""
+            lines.append(f"{title}{where}: {_sentence(reason.message)}")
+    return "\n".join(lines)
+
+
+def html_summary(result: Result) -> str:
+    """What a notebook shows."""
+    rows = []
+    for element in result.elements:
+        cells = "<br>".join(html.escape(parameter_line(p)) for p in element.parameters)
+        named = html.escape(f"{element.input} → {element.output}")
+        said = html.escape(f"{element.verdict}, grade {element.grade}" if element.grade else element.verdict)
+        rows.append(f"<tr><td>{named}</td><td>{said}</td><td style='text-align:left'>{cells}</td></tr>")
+    notes = "".join(f"<li>{html.escape(_sentence(r.message))}</li>" for r in (*result.reasons, *result.notes))
+    table = f"<table><tr><th>element</th><th>verdict</th><th>parameters</th></tr>{''.join(rows)}</table>" if rows else ""
+    return f"<p><b>{html.escape(headline(result))}</b></p>{table}{f'<ul>{notes}</ul>' if notes else ''}"
+
+
+def plain(value: Any) -> Any:
+    """``value`` as what JSON can hold: dataclasses and mappings as dicts, arrays as lists, non-finite numbers as None.
+
+    Raises TypeError for anything else, rather than write what nobody can read back.
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, (set, frozenset)):
+        return sorted(plain(entry) for entry in value)
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, complex):
+        return {"re": plain(value.real), "im": plain(value.imag)}
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, (datetime, date)):
+        return value.isoformat()
+    if isinstance(value, PurePath):
+        return value.as_posix()
+    raise TypeError(f"a {type(value).__name__} has no place in result.json")
