@@ -68,7 +68,7 @@ def sample(
     for _ in range(experiments):
         u = np.repeat(rng.choice([-2.0, -1.0, 0.0, 1.0, 2.0], (N // 40, n_u)), 40, axis=0)
         y = np.column_stack([simulate(row, u) for row in plant]) + rng.normal(0, 0.25 * scale, (N, n_y))
-        r = 50 + u @ plant[..., 0].T if with_setpoints else np.full((N, n_y), np.nan)
+        r = 50 + (u - u[0]) @ plant[..., 0].T if with_setpoints else np.full((N, n_y), np.nan)
         records.append((u + 40, y + 50, r))
     fitted = [_fit([(u - 40, y[:, k] - 50) for u, y, _ in records], model[k]) for k in range(n_y)]
     estimate = np.stack([f[0] for f in fitted])
@@ -80,7 +80,8 @@ def sample(
         for a in range(n_y)
         for b in range(n_u)
     )
-    trends, residuals = _trends(records, model, estimate, t), _residuals(records, estimate, outputs, inputs, t)
+    trends = _trends(records, model, estimate, t, inputs[0])
+    residuals = _residuals(records, estimate, outputs, inputs, t)
     curves = _curves(outputs, inputs, units, model, estimate, covariances, records, rng)
     curves = dataclasses.replace(curves, trends=trends, residuals=residuals)
     return Result(
@@ -112,12 +113,15 @@ def sample(
 def _fit(records: list[tuple[Array, Array]], model: Array) -> tuple[Array, Array]:
     """Least-squares estimate (n_u, 3) and its covariance, from the model's values on; an offset for each record."""
 
+    size = max(float(np.std(y)) for _, y in records)
+
     def errors(x: Array) -> Array:
         parts = [y - simulate(x.reshape(model.shape), u) for u, y in records]
-        return np.concatenate([part - part.mean() for part in parts])
+        return np.concatenate([part - part.mean() for part in parts]) / size
 
     scale = np.maximum(np.abs(model).ravel(), 1e-12)
-    found = least_squares(lambda x: errors(x * scale), model.ravel() / scale)
+    lowest = np.where(np.arange(model.size) % 3 == 2, 0.0, -np.inf)
+    found = least_squares(lambda x: errors(x * scale), model.ravel() / scale, bounds=(lowest, np.inf))
     variance = 2 * found.cost / (found.fun.size - model.size)
     covariance = variance * np.linalg.inv(found.jac.T @ found.jac) * np.outer(scale, scale)
     return (found.x * scale).reshape(model.shape), covariance
@@ -163,8 +167,10 @@ def _predictions(u: Array, y: Array, parameters: Array) -> Array:
     return free + (y - free).mean(axis=0)
 
 
-def _trends(records: list[tuple[Array, Array, Array]], model: Array, plant: Array, t: Array) -> tuple[Trend, ...]:
-    spans = ((20.0, 26.0, "reflux", "OP at its upper limit"), (150.0, 158.5, "all", "excluded in the project file"))
+def _trends(
+    records: list[tuple[Array, Array, Array]], model: Array, plant: Array, t: Array, limited: str
+) -> tuple[Trend, ...]:
+    spans = ((20.0, 26.0, limited, "OP at its upper limit"), (150.0, 158.5, "all", "excluded in the project file"))
     return tuple(
         Trend(f"run_{k + 1}", t, r, y, u, _predictions(u, y, model), _predictions(u, y, plant), spans if k == 0 else ())
         for k, (u, y, r) in enumerate(records)
@@ -211,7 +217,9 @@ def _curves(
     rng: np.random.Generator,
 ) -> Curves:
     n_y, n_u = model.shape[:2]
-    draws = [rng.multivariate_normal(p.ravel(), c, 300).reshape(300, n_u, 3) for p, c in zip(plant, covariances, strict=True)]
+    draws = [
+        rng.multivariate_normal(p.ravel(), c, 300).reshape(300, n_u, 3) for p, c in zip(plant, covariances, strict=True)
+    ]
     step_t, w = np.linspace(0, 60, 121), np.geomspace(0.01, 3, 90)
     spread = np.stack([np.quantile(step(d, step_t), [0.025, 0.975], axis=0) for d in draws], axis=1)
     low, high = np.moveaxis(spread, -1, 1)
@@ -297,9 +305,7 @@ def refused(curves: bool = False) -> Result:
     )
     return Result(
         status="refused",
-        reasons=(
-            Reason("no-excitation", "The valve never moved: make set-point steps of at least 2 % and record again.", "run_1.csv"),
-        ),
+        reasons=(Reason("no-excitation", "The valve never moved: make set-point steps, record again.", "run_1.csv"),),
         provenance={"version": "0.1.0"},
         data=(),
         elements=(element,) if curves else (),

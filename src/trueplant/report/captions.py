@@ -46,7 +46,10 @@ def step_response(curves: Curves, i: int, j: int) -> str:
     if not np.isfinite(apart).any():
         return f"{end}{unit}."
     at = int(np.nanargmax(apart))
-    return f"{end}{unit}. Widest gap {number(float(apart[at]), 3)} at {number(float(t[at]), 3)}{_unit(curves.time_unit)}."
+    if apart[at] == 0:
+        return f"{end}{unit}. The curves coincide."
+    when = f"{number(float(t[at]), 3)}{_unit(curves.time_unit)}"
+    return f"{end}{unit}. Widest gap {number(float(apart[at]), 3)} at {when}."
 
 
 def bode(curves: Curves, i: int, j: int) -> str:
@@ -68,10 +71,9 @@ def bode(curves: Curves, i: int, j: int) -> str:
     label = f" {count} points: {curves.np_label or 'estimate without a model'}." if count else ""
     if not ratio.size or not shift.size:
         return f"{said}, plant and model cannot be compared: one of them has no response.{label}"
-    return (
-        f"{said}, the plant has {number(float(ratio.min()), 3)} to {number(float(ratio.max()), 3)} times the model's "
-        f"magnitude and its phase differs by {number(float(shift.min()), 3)}° to {number(float(shift.max()), 3)}°.{label}"
-    )
+    times = f"{number(float(ratio.min()), 3)} to {number(float(ratio.max()), 3)} times"
+    degrees = f"{number(float(shift.min()), 3)}° to {number(float(shift.max()), 3)}°"
+    return f"{said}, the plant has {times} the model's magnitude and its phase differs by {degrees}.{label}"
 
 
 def trends(curves: Curves, trend: Trend, panels: Sequence[tuple[str, int]]) -> str:

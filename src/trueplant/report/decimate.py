@@ -30,7 +30,8 @@ def min_max(t: Array, x: Array, limit: int) -> tuple[Array, Array]:
 
 def compact(x: Array) -> NDArray[np.floating]:
     """In single precision where that cannot be seen (rounding below 1e-5 of the range), else as it is."""
-    single = x.astype(np.float32)
+    with np.errstate(over="ignore"):
+        single = x.astype(np.float32)
     finite = np.isfinite(x) & np.isfinite(single)
     if not np.array_equal(finite, np.isfinite(x)):
         return x

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import plotly.graph_objects as go
@@ -57,22 +58,32 @@ def _decades(values: Array, room: float = 0.12) -> list[float] | None:
 
 
 def log_ticks(limits: list[float] | None) -> dict[str, object]:
-    """Ticks of a logarithmic axis: whole decades if there are enough, else 1, 2 and 5; every label in full."""
+    """Ticks of a logarithmic axis, every label in full: decades if there are enough, else 1, 2, 5, else even steps."""
     if limits is None:
         return {}
     low, high = limits
-    stride = max(1, math.ceil((high - low) / 6))
-    digits = (1,) if high - low >= 2 else (1, 2, 5) if high - low >= 0.5 else (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)
-    powers = range(math.floor(low), math.ceil(high) + 1)
-    ticks = [d * 10.0**p for p in powers if p % stride == 0 for d in digits if low <= math.log10(d) + p <= high]
+    if high - low < 0.7:
+        ticks = _even(10.0**low, 10.0**high)
+    else:
+        stride = max(1, math.ceil((high - low) / 6))
+        digits = (1,) if high - low >= 2 else (1, 2, 5)
+        powers = [p for p in range(math.floor(low), math.ceil(high) + 1) if p % stride == 0]
+        ticks = [d * 10.0**p for p in powers for d in digits if low <= math.log10(d) + p <= high]
     return {"tickvals": ticks, "ticktext": [_power(v) for v in ticks]}
+
+
+def _even(low: float, high: float) -> list[float]:
+    """Three to seven round numbers in even steps from `low` to `high`."""
+    decade = 10.0 ** math.floor(math.log10((high - low) / 3))
+    step = next(m * decade for m in (5, 2, 1) if high - low >= 3 * m * decade)
+    return [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
 
 
 def _power(value: float) -> str:
     exponent = math.floor(math.log10(value) + 1e-9)
     if -3 <= exponent <= 3:
         return number(value)
-    mantissa = number(value / 10.0**exponent, 2)
+    mantissa = number(value / 10.0**exponent, 3)
     power = f"10<sup>{exponent}</sup>"
     return power if mantissa == "1" else f"{mantissa}·{power}"
 
@@ -118,7 +129,7 @@ def bode(curves: Curves, i: int, j: int, z: float) -> go.Figure:
     known = np.isfinite(value) & (value > 0)
     w_points, value, error, phase_points = curves.np_w[known], value[known], error[known], phase_points[known]
     angle_error = np.degrees(np.minimum(error / value, np.pi))
-    points = [
+    points: list[tuple[Array, dict[str, object]]] = [
         (value, {"array": error, "arrayminus": np.minimum(error, 0.99 * value)}),
         (phase_points, {"array": angle_error}),
     ]
@@ -192,7 +203,7 @@ def trend_panels(curves: Curves, most: int = 4) -> list[list[tuple[str, int]]]:
     panels = [("y", i) for i in range(len(curves.outputs))] + [("u", j) for j in range(len(curves.inputs))]
     count = math.ceil(len(panels) / most)
     cuts = [round(k * len(panels) / count) for k in range(count + 1)]
-    return [panels[a:b] for a, b in zip(cuts, cuts[1:], strict=False)]
+    return [panels[a:b] for a, b in pairwise(cuts)]
 
 
 def trends(curves: Curves, trend: Trend, panels: Sequence[tuple[str, int]], limit: int) -> go.Figure:

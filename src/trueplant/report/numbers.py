@@ -44,11 +44,21 @@ def interval(low: float | None, high: float | None, resolution: float | None = N
     return f"{to_precision(low, resolution)} to {to_precision(high, resolution)}"
 
 
-def probability(p: float | None) -> str:
-    """A p-value; below one in a thousand it is only said to be so."""
+def probability(p: float | None, relation: bool = False) -> str:
+    """A p-value, with ``=`` in front if `relation`; below one in a thousand it is only said to be so."""
     if p is None or math.isnan(p):
         return MISSING
-    return "< 0.001" if p < 1e-3 else f"{p:.3f}"
+    return "< 0.001" if p < 1e-3 else f"{'= ' if relation else ''}{p:.3f}"
+
+
+def percentage(change: float | None) -> str:
+    """A change in percent with its sign."""
+    if change is None or not math.isfinite(change):
+        return MISSING
+    if abs(change) >= 1e6:
+        return f"{number(change)} %"
+    text = f"{change:+.{0 if abs(change) >= 100 else 1}f}"
+    return "0.0 %" if text in ("+0.0", "-0.0") else f"{text} %"
 
 
 def per(output_unit: str, input_unit: str) -> str:

@@ -91,7 +91,7 @@ def render(result: Result) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "probability": probability, "label": _label, "name": tables.plain_name}
+    environment.filters |= {"number": number, "probability": probability, "label": _label}
     environment.tests["spans"] = _is_spans
     environment.tests["records"] = _is_records
     book = _Book()
@@ -176,7 +176,7 @@ def _figures(curves: Curves, book: _Book, z: float) -> dict[str, Any]:
         for i, row in enumerate(pairs):
             active = [(i, j) for _, j in row if figures.has_response(curves, i, j)]
             drawn = [
-                book.add(draw(i, j), f"{curves.outputs[i]} ← {curves.inputs[j]}", say(curves, i, j)) for i, j in active
+                book.add(draw(i, j), f"{curves.inputs[j]} → {curves.outputs[i]}", say(curves, i, j)) for i, j in active
             ]
             rows.append((curves.outputs[i], drawn, [curves.inputs[j] for _, j in row if (i, j) not in active]))
         return rows
@@ -216,6 +216,9 @@ def _figures(curves: Curves, book: _Book, z: float) -> dict[str, Any]:
         "residuals": residuals,
         "condition": condition,
         "np_label": curves.np_label or "estimate without a model",
+        "has_plant": bool(np.isfinite(curves.bode_plant).any()),
+        "has_setpoint": any(np.isfinite(t.r).any() for t in curves.trends),
+        "has_excluded": any(t.excluded for t in curves.trends),
         "has_points": bool(np.isfinite(curves.np_value).any()),
         "time_unit": curves.time_unit,
     }

@@ -4,10 +4,14 @@
   const book = JSON.parse(document.getElementById("book").textContent);
   const plots = Array.from(document.querySelectorAll(".plot"));
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  const touch = window.matchMedia("(pointer: coarse)").matches;
+  // The buttons are named one by one: plotly's own choice has one that sends the figure to a server.
   const config = {
     displaylogo: false,
     responsive: true,
-    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+    displayModeBar: touch ? false : "hover",
+    modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]],
+    plotlyServerURL: "",
   };
   let printing = false;
 
@@ -29,6 +33,7 @@
   function layout(given, colors, box) {
     const drawn = structuredClone(given);
     drawn.font.color = colors.ink;
+    drawn.uirevision = box.id; // a zoom survives a change of colours
     for (const [key, axis] of Object.entries(drawn)) {
       if (/^[xy]axis\d*$/.test(key)) {
         axis.gridcolor = colors.grid;
@@ -38,7 +43,7 @@
     for (const shape of drawn.shapes || []) shape.fillcolor = colors[shape.name];
     drawn.hoverlabel = { ...drawn.hoverlabel, bgcolor: colors.paper, bordercolor: colors.axis, font: { color: colors.ink } };
     // A finger that drags should scroll the page.
-    drawn.dragmode = window.matchMedia("(pointer: coarse)").matches ? false : "zoom";
+    drawn.dragmode = touch ? false : "zoom";
     if (printing) Object.assign(drawn, { autosize: false, width: box.clientWidth, height: box.clientHeight });
     return drawn;
   }

@@ -114,5 +114,5 @@ def framed(figure: go.Figure, height: int) -> go.Figure:
         "title_font_size": 12,
     }
     figure.update_xaxes(**axis)
-    figure.update_yaxes(**axis)
+    figure.update_yaxes(automargin=True, **axis)
     return figure

@@ -9,7 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from trueplant.report.numbers import MISSING, interval, number, probability, to_precision
+from trueplant.report.numbers import MISSING, interval, number, percentage, probability, to_precision
 from trueplant.study.result import Element, Parameter
 
 WIDTH, HALF = 132, 60
@@ -34,10 +34,8 @@ class ParameterRow:
 
 
 def plain_name(name: str) -> str:
-    """``dead_time1`` as ``dead time 1``."""
-    text = name.replace("_", " ")
-    stem = text.rstrip("0123456789")
-    return f"{stem} {text[len(stem) :]}" if stem != text and len(stem) > 3 else text
+    """``dead_time`` as ``dead time``."""
+    return name.replace("_", " ")
 
 
 def _percent_interval(p: Parameter) -> tuple[float, float, float] | None:
@@ -52,11 +50,11 @@ def _percent_interval(p: Parameter) -> tuple[float, float, float] | None:
 
 
 def percent_scale(elements: Sequence[Element]) -> float:
-    """Half width in percent of the drawings of all changes: a round number that holds most intervals."""
-    spans = [_percent_interval(p) for e in elements for p in e.parameters]
-    ends = [max(abs(s[1]), abs(s[2])) if abs(s[1]) + abs(s[2]) < 2 * MOST_PERCENT else abs(s[0]) for s in spans if s]
-    most = min(max(ends, default=10.0), MOST_PERCENT)
-    return next((r for r in (5.0, 10.0, 20.0, 30.0, 50.0, 100.0, 200.0) if r >= most), MOST_PERCENT)
+    """Half width in percent of the drawings: a round number that holds all changes and most of the intervals."""
+    spans = [span for e in elements for p in e.parameters if (span := _percent_interval(p))]
+    ends = sorted(max(abs(low), abs(high)) for _, low, high in spans)
+    needed = max([abs(change) for change, _, _ in spans] + ends[3 * len(ends) // 4 :][:1], default=10.0)
+    return next((r for r in (5.0, 10.0, 20.0, 30.0, 50.0, 100.0, 200.0) if r >= needed), MOST_PERCENT)
 
 
 def _drawing(p: Parameter, scale: float, kind: str) -> Markup:
@@ -82,13 +80,9 @@ def _drawing(p: Parameter, scale: float, kind: str) -> Markup:
 def parameter_row(p: Parameter, scale: float) -> ParameterRow:
     """`scale` is the half width of the drawing in percent."""
     kind = "unknown" if p.plant is None else "changed" if p.changed else "unchanged"
-    answer = {"unknown": "not answered", "changed": "changed", "unchanged": "no change shown"}[kind]
+    answer = {"unknown": "not answered", "changed": "changed", "unchanged": "unchanged"}[kind]
     if p.reason:
         answer += f": {p.reason}"
-    percent = MISSING
-    if p.change_percent is not None and math.isfinite(p.change_percent):
-        digits = 0 if abs(p.change_percent) >= 100 else 1
-        percent = f"{p.change_percent:+.{digits}f} %" if abs(p.change_percent) < 1e6 else number(p.change_percent) + " %"
     return ParameterRow(
         name=plain_name(p.name),
         unit=p.unit,
@@ -96,7 +90,7 @@ def parameter_row(p: Parameter, scale: float) -> ParameterRow:
         plant=to_precision(p.plant, p.std_error),
         error=number(p.std_error, 2),
         interval=interval(*p.ci, resolution=p.std_error) if p.ci is not None else MISSING,
-        change=percent,
+        change=percentage(p.change_percent),
         p=probability(p.p_adjusted),
         kind=kind,
         answer=answer,
@@ -121,35 +115,57 @@ def _parameters(element: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 @dataclass(frozen=True)
+class ComparisonRow:
+    """One parameter: what each method answers."""
+
+    name: str
+    unit: str
+    answers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Comparison:
-    """What each method answers, a row for each parameter; and what the methods said besides."""
+    """What each method answers, element by element; and what the methods said besides."""
 
     methods: tuple[str, ...]
-    rows: tuple[tuple[str, str, str, str, tuple[str, ...]], ...]
-    """(output, input, parameter, unit, one text for each method)."""
+    elements: tuple[tuple[tuple[str, str], tuple[ComparisonRow, ...]], ...]
+    """((output, input), rows) of each element."""
     others: Mapping[str, Any]
 
 
 def comparison(methods: Mapping[str, Any]) -> Comparison:
-    """`methods` as plain data: {method: [{output, input, parameters: [{name, plant, ci, std_error}]}]}.
+    """`methods` as plain data: {method: [{output, input, parameters: [{name, unit, plant, ci, std_error}]}]}.
 
     Entries of any other form are handed back in `others`.
     """
     names = tuple(name for name, answer in methods.items() if _is_elements(answer))
-    cells: dict[tuple[str, str, str], dict[str, str]] = {}
-    units: dict[tuple[str, str, str], str] = {}
+    found: dict[tuple[str, str], dict[str, dict[str, Mapping[str, Any]]]] = {}
     for method in names:
         for element in methods[method]:
+            rows = found.setdefault((str(element["output"]), str(element["input"])), {})
             for p in _parameters(element):
-                key = (str(element["output"]), str(element["input"]), str(p.get("name", "")))
-                units.setdefault(key, str(p.get("unit") or ""))
-                value = p.get("plant", p.get("value"))
-                text = to_precision(value, p.get("std_error"))
-                if value is not None and p.get("ci") is not None:
-                    text += f" ({interval(*p['ci'], resolution=p.get('std_error'))})"
-                cells.setdefault(key, {})[method] = text
-    rows = tuple(
-        (key[0], key[1], plain_name(key[2]), units[key], tuple(found.get(m, MISSING) for m in names))
-        for key, found in cells.items()
+                rows.setdefault(str(p.get("name", "")), {})[method] = p
+    elements = tuple(
+        (
+            element,
+            tuple(
+                ComparisonRow(
+                    plain_name(parameter),
+                    next((str(p["unit"]) for p in answers.values() if p.get("unit")), ""),
+                    tuple(_answer(answers[m]) if m in answers else MISSING for m in names),
+                )
+                for parameter, answers in rows.items()
+            ),
+        )
+        for element, rows in found.items()
     )
-    return Comparison(names, rows, {k: v for k, v in methods.items() if k not in names})
+    return Comparison(names, elements, {k: v for k, v in methods.items() if k not in names})
+
+
+def _answer(p: Mapping[str, Any]) -> str:
+    error = p.get("std_error")
+    text = to_precision(p.get("plant"), error)
+    if p.get("ci") is None:
+        return text
+    low, high = p["ci"]
+    return f"{text} ({interval(low, high, error)})"
