@@ -167,7 +167,7 @@ def test_negative_pairing_of_a_stable_multivariable_loop_is_not_refused():
 
 
 def test_unstable_loop_says_what_to_check():
-    with pytest.raises(UnstableLoop, match="2 poles.*dead times"):
+    with pytest.raises(UnstableLoop, match=r"2 poles.*dead times"):
         check_loop(*one("exp(-2 s)/s", PID(Kc=1.0)))
     with pytest.raises(LoopError, match="must agree"):
         check_loop(MILL, Controller.diagonal([PID(Kc=1.0)]))

@@ -104,11 +104,11 @@ def check_loop(plant: TransferMatrix, controller: Controller) -> None:
     if wrong and (poles or plant.shape == (1, 1)):
         i, j, own, gain = wrong[0]
         words = {1.0: "positive", -1.0: "negative"}
+        cure = 'set action = "direct"' if own > 0 else 'remove action = "direct" or set it to "reverse"'
         raise SignConflict(
-            f"loop from output {j + 1} to input {i + 1}: the controller's gain is {words[own]} (as used in u = Q (r - y)) "
-            f"and the model's gain is {words[gain]}, so the loop feeds back positively. A plant with a negative gain "
-            f'needs a negative controller gain: set action = "direct" or change the sign of the controller\'s gain (or of '
-            f"the model's)"
+            f"loop from output {j + 1} to input {i + 1}: the controller's gain is {words[own]} (in u = Q (r - y)) but "
+            f"the model's gain is {words[gain]}, so the loop feeds back positively; their signs must be equal: "
+            f"{cure}, or change the sign of the controller's gain or of the model's"
         )
     if poles:
         raise UnstableLoop(

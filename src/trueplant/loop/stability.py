@@ -131,7 +131,7 @@ def _multiplicity(
         if rates.dead_time > 0:
             radius = min(radius, 1 / rates.dead_time)
         turn = np.exp(2j * np.pi * np.arange(64) / 64)
-        around = system(centre + radius * turn)
+        around = system(np.asarray(centre + radius * turn, dtype=np.complex128))
         order = min(len(near), 8)
         laurent = [np.tensordot(turn**m, around, (0, 0)) / 64 for m in range(1, 2 * order)]
         hankel = np.block([[laurent[a + b] for b in range(order)] for a in range(order)])
@@ -160,7 +160,7 @@ def _continuous_phase(plant: TransferMatrix, controller: Controller, sigma: floa
     def loop(s: ComplexArray) -> ComplexArray:
         return plant(s) @ controller(s)
 
-    far = loop(np.array([1e8, 1e9], dtype=complex) * rates.fastest)
+    far = loop(np.asarray(rates.fastest * np.array([1e8, 1e9]), dtype=np.complex128))
     if not np.all(np.isfinite(far)) or np.max(np.abs(far[1])) > 2 * np.max(np.abs(far[0])) + 1e-3:
         raise LoopError("the loop's gain grows without limit at high frequency: add a filter to the derivative")
     direct = far[1].real
@@ -178,8 +178,8 @@ def _continuous_phase(plant: TransferMatrix, controller: Controller, sigma: floa
     # beyond the top all eigenvalues of the loop are below 1: det(I + L) goes to 1 without turning
     top, before = 10 * rates.fastest, np.inf
     while True:
-        tail = -sigma + 1j * np.geomspace(top, 1e3 * top, 2000)
-        largest = float(np.max(np.abs(np.linalg.eigvals(reduced(tail)))))
+        tail = reduced(_on_line(sigma, np.geomspace(top, 1e3 * top, 2000)))
+        largest = float(np.max(np.abs(np.linalg.eigvals(tail))))
         levels_out = largest > 0.5 * before
         if largest < 0.5 or (levels_out and largest < 0.99):
             break
@@ -188,15 +188,19 @@ def _continuous_phase(plant: TransferMatrix, controller: Controller, sigma: floa
                 "the loop's gain stays at 1 or above at high frequency behind a dead time: add a lag, or lower the gain"
             )
         top, before = 10 * top, largest
-    end = np.linalg.eigvals(reduced(np.array([-sigma + 1j * top])))[0]
+    end = np.linalg.eigvals(reduced(_on_line(sigma, np.array([top]))))[0]
     return _phase_along(reduced, sigma, top, rates) - float(np.sum(np.angle(1 + end)))
+
+
+def _on_line(sigma: float, w: Array) -> ComplexArray:
+    return np.asarray(-sigma + 1j * w, dtype=np.complex128)
 
 
 def _phase_along(loop: Function, sigma: float, top: float, rates: _Rates) -> float:
     """Phase change of det(I + L) from -sigma to -sigma + j top, followed with steps as small as needed."""
 
     def values(w: Array) -> tuple[ComplexArray, Array]:
-        response = loop(-sigma + 1j * w)
+        response = loop(_on_line(sigma, w))
         det = np.linalg.det(np.eye(response.shape[-1]) + response)
         return np.asarray(det, dtype=np.complex128), np.max(np.sum(np.abs(response), axis=-1), axis=-1)
 
