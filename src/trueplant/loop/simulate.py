@@ -203,7 +203,7 @@ def replay(
     """OP (N, n_u) that the declared controller writes on recorded set-points and PVs (N, n_y), step h.
 
     first: OP (n_u,) just before the record, which the controller takes over without a bump, at rest on the
-    first set-point and PV. Without it the controller starts with empty memory and its integrals at `bias`
+    first set-point and PV. Without it all its memory is zero at the start and its integrals are at `bias`
     (n_u,). hold: how the recorded signals run between samples, "zoh" or "linear"; it matters for continuous
     controllers only, which are exact under "zoh" and of second order under "linear".
     """
@@ -225,7 +225,7 @@ def replay(
             own_r, own_y = np.asarray(transform(own_r)), np.asarray(transform(own_y))
             if not (np.all(np.isfinite(own_r)) and np.all(np.isfinite(own_y))):
                 raise LoopError(f"pv_transform has no finite value for some set-point or PV of output {law.j[e] + 1}")
-        own_r = filtered_setpoint(entry, own_r, h, own_r[0])
+        own_r = filtered_setpoint(entry, own_r, h, 0.0 if first is None else own_r[0])
         for given, mean, end in ((own_r, r_mean, r_end), (own_y, y_mean, y_end)):
             end[e] = mean[e] = given
             if entry.sample_time is None:
