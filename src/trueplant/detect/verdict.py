@@ -38,7 +38,7 @@ class ParameterVerdict:
 
 @dataclass(frozen=True)
 class Verdict:
-    """"unchanged", "changed" or "not identifiable", with familywise p-values."""
+    """ "unchanged", "changed" or "not identifiable", with familywise p-values."""
 
     verdict: str
     p_adjusted: float | None
@@ -68,7 +68,9 @@ def _joint_p(evidence: Evidence, tested: Sequence[int]) -> float:
     return float(chi2.sf(np.sum(rotated**2 / values[use]), int(use.sum())))
 
 
-def judge(elements: Sequence[Evidence], confidence: float = 0.95, tolerance_percent: float = 0.0) -> tuple[Verdict, ...]:
+def judge(
+    elements: Sequence[Evidence], confidence: float = 0.95, tolerance_percent: float = 0.0
+) -> tuple[Verdict, ...]:
     """A verdict for each element, familywise over all of them.
 
     A change counts as one when it is significant and larger than `tolerance_percent` of the model's value.
@@ -82,8 +84,7 @@ def judge(elements: Sequence[Evidence], confidence: float = 0.95, tolerance_perc
     adjusted = iter(holm(known))
     familywise = [None if p is None else float(next(adjusted)) for p in raw]
     return tuple(
-        _verdict(e, t, p, level, tolerance_percent / 100)
-        for e, t, p in zip(elements, tested, familywise, strict=True)
+        _verdict(e, t, p, level, tolerance_percent / 100) for e, t, p in zip(elements, tested, familywise, strict=True)
     )
 
 

@@ -2,7 +2,7 @@
 
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit, fit_row
-from trueplant.identify.output import OutputEstimate, identify_output, unanswered
+from trueplant.identify.output import OutputEstimate, choose_stride, identify_output, unanswered
 from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.validate import fit_percent, simulate_piece
 
@@ -13,6 +13,7 @@ __all__ = [
     "Row",
     "RowFit",
     "Spec",
+    "choose_stride",
     "estimate_row",
     "fit_percent",
     "fit_row",

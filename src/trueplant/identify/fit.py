@@ -146,7 +146,10 @@ def fit_row(
     for round_ in range(iterations):
         diagonal = np.maximum(np.diag(point.information), 1e-300)
         pinned = np.concatenate(
-            [((theta <= low) & (point.slope[:n] > 0)) | ((theta >= high) & (point.slope[:n] < 0)), np.zeros(ar.size, bool)]
+            [
+                ((theta <= low) & (point.slope[:n] > 0)) | ((theta >= high) & (point.slope[:n] < 0)),
+                np.zeros(ar.size, bool),
+            ]
         )
         active = moving & ~pinned & (np.diag(point.information) > 0)
         if not active.any():
@@ -158,9 +161,9 @@ def fit_row(
         accepted = False
         for _ in range(12):
             step = np.zeros(n + ar.size)
-            step[active] = -np.linalg.solve(
-                normal + damping * np.eye(active.sum()), point.slope[active] / scale
-            ) / scale
+            step[active] = (
+                -np.linalg.solve(normal + damping * np.eye(active.sum()), point.slope[active] / scale) / scale
+            )
             trial = np.clip(_limited(theta, step[:n], low), low, high)
             trial_ar = ar + step[n:]
             candidate = _evaluate(row, trial, trial_ar, weights, derivatives=False)

@@ -32,9 +32,7 @@ def profile_interval(fit: RowFit, index: int, confidence: float, rounds: int = 6
     )
 
 
-def _end(
-    fit: RowFit, index: int, side: int, z: float, sigma: float, low: float, high: float, rounds: int
-) -> float:
+def _end(fit: RowFit, index: int, side: int, z: float, sigma: float, low: float, high: float, rounds: int) -> float:
     centre = float(fit.theta[index])
     bound = low if side < 0 else high
     furthest = min(8 * sigma, abs(bound - centre)) if np.isfinite(bound) else 8 * sigma

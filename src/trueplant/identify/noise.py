@@ -32,7 +32,9 @@ def lagged(v: Array, order: int) -> Array:
     return np.column_stack([v[order - k : len(v) - k] for k in range(1, order + 1)]) if order else np.zeros((len(v), 0))
 
 
-def fit_ar(signals: Sequence[Array], valid: Sequence[BoolArray], order: int, skip: int | None = None) -> tuple[Array, float, int]:
+def fit_ar(
+    signals: Sequence[Array], valid: Sequence[BoolArray], order: int, skip: int | None = None
+) -> tuple[Array, float, int]:
     """Least-squares AR coefficients, residual variance and number of residuals.
 
     `skip` (default: the order) samples are left out at each start, so that orders can be compared on equal data.

@@ -120,7 +120,7 @@ def _profiled(fit: RowFit) -> list[int]:
     names = [name for spec in fit.row.specs for name in spec.structure.names]
     for index, name in enumerate(names):
         relative = sigma[index] / max(abs(fit.theta[index]), 1e-300)
-        if (name.startswith("dead") or WEAK < relative) and relative < 1e3 and not name.startswith(("gain", "slope")):
+        if (name.startswith("dead") or relative > WEAK) and relative < 1e3 and not name.startswith(("gain", "slope")):
             chosen.append(index)
     return chosen
 
@@ -190,7 +190,9 @@ def unanswered(estimate: OutputEstimate) -> dict[int, str]:
             elif k in gains:
                 model = abs(spec.start[k]) if spec.start is not None else 0.0
                 if not np.isfinite(s[k]) or (model > 0 and s[k] > 0.5 * max(abs(p[k]), model)):
-                    reasons[index] = "its standard error is more than half of its size: the data say too little about it"
+                    reasons[index] = (
+                        "its standard error is more than half of its size: the data say too little about it"
+                    )
             elif no_gain:
                 reasons[index] = "the gain of this element cannot be told from zero, so it has no dynamics to measure"
             elif fast and not name.startswith("lead"):

@@ -78,7 +78,9 @@ def _columns(row: Row, theta: Array, skip: int | None = None) -> list[Array]:
     for piece in row.pieces:
         columns = [
             sampled_response(
-                spec.structure.transfer(_unit(row, theta, m)), piece.inputs[spec.column], piece.h,
+                spec.structure.transfer(_unit(row, theta, m)),
+                piece.inputs[spec.column],
+                piece.h,
                 piece.hold[spec.column],
             )[:: row.stride]
             for m, spec in enumerate(row.specs)

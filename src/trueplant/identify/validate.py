@@ -29,9 +29,7 @@ def fit_percent(y: Array, simulated: Array) -> float:
     return float(100 * (1 - np.linalg.norm(y[ok] - simulated[ok]) / spread))
 
 
-def simulate_piece(
-    piece: Piece, systems: Sequence[tuple[int, TransferFunction]], lags: Sequence[float]
-) -> Array:
+def simulate_piece(piece: Piece, systems: Sequence[tuple[int, TransferFunction]], lags: Sequence[float]) -> Array:
     """Simulated output (N,) of a piece, with offset and free response of the given lags fitted to its data."""
     total = np.zeros(piece.y.size)
     for column, system in systems:

@@ -1,7 +1,7 @@
 """Named structures of a plant element: which parameters it has, and how it depends on them.
 
-    G(s) = (g1 e^(-theta1 s) + g2 e^(-theta2 s) + ...) prod (lead s + 1)
-           / (s^m prod (tau s + 1) prod (s^2/omega0^2 + 2 zeta s/omega0 + 1))
+G(s) = (g1 e^(-theta1 s) + g2 e^(-theta2 s) + ...) prod (lead s + 1)
+       / (s^m prod (tau s + 1) prod (s^2/omega0^2 + 2 zeta s/omega0 + 1))
 """
 
 from __future__ import annotations
@@ -201,8 +201,10 @@ class Structure:
     @property
     def time_scales(self) -> Array:
         """Exponent (n_p,) with which each parameter scales when time is stretched by a factor; dead time 0."""
-        return np.array([0 if re.match("gain|zeta|dead", n) else -1 if re.match("omega|slope", n) else 1
-                         for n in self.names], dtype=float)
+        return np.array(
+            [0 if re.match("gain|zeta|dead", n) else -1 if re.match("omega|slope", n) else 1 for n in self.names],
+            dtype=float,
+        )
 
 
 def structure_of(system: TransferFunction) -> tuple[Structure, Array]:
@@ -212,7 +214,7 @@ def structure_of(system: TransferFunction) -> tuple[Structure, Array]:
     pairs, poles in the right half-plane): such an element can be used, but not estimated.
     """
     if system.is_zero:
-        raise FormulaError("a zero element has no structure: name one, for instance structure = \"fopdt\"")
+        raise FormulaError('a zero element has no structure: name one, for instance structure = "fopdt"')
     terms = system.terms
     if len({t.den for t in terms}) > 1:
         if len({t.dead_time for t in terms}) > 1:

@@ -1,0 +1,341 @@
+"""From estimates to the result: elements with verdicts, fits, notes, provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant import detect
+from trueplant.identify import OutputEstimate, Spec, unanswered
+from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
+from trueplant.study.curves import curves_of, model_frequencies
+from trueplant.study.datatables import data_tables, fit_rows, provenance
+from trueplant.study.informative import setpoint_rank_note
+from trueplant.study.result import Element, Importance, Parameter, Reason, Result
+
+if TYPE_CHECKING:
+    from trueplant.study.pipeline import Study
+
+Array = NDArray[np.float64]
+KEPT = "kept at its declared value (estimate = false)"
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """One estimated element, cut out of the estimate of its output."""
+
+    spec: Spec
+    theta: Array
+    covariance: Array
+    intervals: Array
+    reasons: Mapping[int, str]
+    model: tuple[float | None, ...]
+
+
+def elements_found(study: Study, estimates: Mapping[int, OutputEstimate]) -> dict[tuple[int, int], Found]:
+    """Each estimated element by its place in the matrix, parameters with tau1 >= tau2 >= ..."""
+    found = {}
+    for i, estimate in estimates.items():
+        reasons = unanswered(estimate)
+        for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
+            order = spec.structure.sorted(estimate.theta[part])
+            index = part.start + order
+            found[i, spec.column] = Found(
+                spec,
+                estimate.theta[index],
+                estimate.covariance[np.ix_(index, index)],
+                estimate.intervals[index],
+                {k: reasons[int(place)] for k, place in enumerate(index) if int(place) in reasons},
+                _model_values(study, i, spec),
+            )
+    return found
+
+
+def _model_values(study: Study, i: int, spec: Spec) -> tuple[float | None, ...]:
+    """What the model says of each parameter; an element that it lacks has no gain and no dynamics."""
+    from trueplant.lti.structure import structure_of
+
+    names = spec.structure.names
+    system = study.model[i, spec.column]
+    if system.is_zero:
+        return tuple(0.0 if name.startswith(("gain", "slope")) else None for name in names)
+    own, values = structure_of(system)
+    known = dict(zip(own.names, values, strict=True))
+    return tuple(float(known[name]) if name in known else None for name in names)
+
+
+def assemble(
+    study: Study,
+    estimates: Mapping[int, OutputEstimate],
+    others: Mapping[str, Any],
+    consistency: Sequence[Mapping[str, Any]],
+    reasons: Sequence[Reason],
+) -> Result:
+    """The result of an analysis that answered at least in part; refused if no parameter is answered."""
+    from trueplant.study.pipeline import plant_matrix
+
+    found = elements_found(study, estimates)
+    plant = plant_matrix(study, estimates)
+    elements = _elements(study, estimates, found, plant)
+    answered = any(p.plant is not None for e in elements for p in e.parameters)
+    notes = [*study.notes, *_notes(study, estimates, consistency, found)]
+    if not answered:
+        reasons = [*reasons, Reason("not-identifiable", "no parameter of any element can be told from these data")]
+        reasons += [
+            Reason("not-identifiable", f"{p.name}: {p.reason}", f"{e.input} -> {e.output}")
+            for e in elements
+            for p in e.parameters
+            if p.reason
+        ]
+    direct = [{"output": e.output, "input": e.input, "parameters": [_short(p) for p in e.parameters]} for e in elements]
+    methods = {"direct": direct, **others, "controller_consistency": list(consistency)}
+    updated = {(i, j): plant[i, j] for i, j in found}
+    return Result(
+        status="ok" if answered else "refused",
+        reasons=tuple(reasons),
+        provenance=provenance(study),
+        data=data_tables(study),
+        elements=elements,
+        fit=fit_rows(study, estimates, plant),
+        methods=methods,
+        notes=tuple(notes),
+        curves=curves_of(study, estimates, found, plant),
+        plant_toml=study.project.with_model(updated).to_toml(),
+    )
+
+
+def refused(study: Study, reasons: Sequence[Reason], consistency: Sequence[Mapping[str, Any]]) -> Result:
+    """The result where nothing can be answered."""
+    elements = tuple(
+        Element(
+            output=study.project.output_names[i],
+            input=study.columns[j],
+            structure=str(spec.structure),
+            tf_model=to_formula(study.model[i, j]),
+            tf_plant=None,
+            tf_mismatch=None,
+            parameters=(),
+            verdict="not identifiable",
+            reason=reasons[0].message if reasons else "",
+            p_adjusted=None,
+            importance=Importance(None, "open loop"),
+            grade="D",
+        )
+        for (i, j), spec in sorted(study.specs.items())
+    )
+    return Result(
+        status="refused",
+        reasons=tuple(reasons) or (Reason("no-data", "no usable data are left after screening"),),
+        provenance=provenance(study),
+        data=data_tables(study),
+        elements=elements,
+        methods={"controller_consistency": list(consistency)} if consistency else {},
+        notes=(*study.notes, *_controller_notes(consistency)),
+        plant_toml=study.project.to_toml(),
+    )
+
+
+def _short(p: Parameter) -> dict[str, Any]:
+    return {"name": p.name, "plant": p.plant, "std_error": p.std_error, "ci": p.ci}
+
+
+def _elements(
+    study: Study,
+    estimates: Mapping[int, OutputEstimate],
+    found: Mapping[tuple[int, int], Found],
+    plant: TransferMatrix,
+) -> tuple[Element, ...]:
+    settings = study.project.analysis
+    places = sorted(found)
+    verdicts = detect.judge(
+        [
+            detect.Evidence(
+                found[p].model,
+                found[p].theta,
+                found[p].covariance,
+                tuple(k not in found[p].reasons for k in range(len(found[p].theta))),
+            )
+            for p in places
+        ],
+        settings.confidence,
+        settings.tolerance_percent,
+    )
+    importance = _importance(study, plant)
+    elements = []
+    for i in range(study.model.shape[0]):
+        for j in range(study.model.shape[1]):
+            if (i, j) in found:
+                verdict = verdicts[places.index((i, j))]
+                elements.append(_element(study, estimates[i], found[i, j], verdict, plant[i, j], i, j, importance))
+            elif not study.model[i, j].is_zero:
+                elements.append(_held_element(study, i, j))
+    return tuple(elements)
+
+
+def _held_element(study: Study, i: int, j: int) -> Element:
+    formula = to_formula(study.model[i, j])
+    return Element(
+        study.project.output_names[i],
+        study.columns[j],
+        "",
+        formula,
+        formula,
+        "0",
+        (),
+        "not identifiable",
+        KEPT,
+        None,
+        Importance(0.0, "open loop"),
+        "D",
+    )
+
+
+def _element(
+    study: Study,
+    estimate: OutputEstimate,
+    found: Found,
+    verdict: detect.Verdict,
+    system: TransferFunction,
+    i: int,
+    j: int,
+    importance: tuple[Array, str],
+) -> Element:
+    units = found.spec.structure.units(study.project.outputs[i].unit, _input_unit(study, j), study.project.time_unit)
+    parameters = []
+    for k, name in enumerate(found.spec.structure.names):
+        told = k not in found.reasons
+        value, model = float(found.theta[k]), found.model[k]
+        low, high = (float(x) for x in found.intervals[k])
+        judged = verdict.parameters[k]
+        parameters.append(
+            Parameter(
+                name=name,
+                unit=units[k],
+                model=model,
+                plant=value if told else None,
+                std_error=float(np.sqrt(found.covariance[k, k])) if told else None,
+                ci=(low, high) if np.isfinite([low, high]).any() else None,
+                change_percent=100 * (value - model) / abs(model) if told and model else None,
+                p_value=judged.p_value,
+                p_adjusted=judged.p_adjusted,
+                changed=judged.changed,
+                reason=found.reasons.get(k, ""),
+            )
+        )
+    answered = [p.plant is not None for p in parameters]
+    peak, basis = importance
+    mismatch = simplified(system - study.model[i, j])
+    sound = bool(estimate.tests.whiteness_p > 1e-3 and np.min(estimate.tests.cross_p) > 1e-3)
+    return Element(
+        output=study.project.output_names[i],
+        input=study.columns[j],
+        structure=str(found.spec.structure),
+        tf_model=to_formula(study.model[i, j]),
+        tf_plant=to_formula(system) if any(answered) else None,
+        tf_mismatch=to_formula(mismatch) if any(answered) else None,
+        parameters=tuple(parameters),
+        verdict=verdict.verdict,
+        reason=_reason(found, answered),
+        p_adjusted=verdict.p_adjusted,
+        importance=Importance(float(peak[i, j]) if any(answered) else None, basis),
+        grade=detect.grade(_half_widths(found), answered, sound),
+    )
+
+
+def _input_unit(study: Study, j: int) -> str:
+    inputs = study.project.inputs
+    return inputs[j].unit if j < len(inputs) else study.project.disturbances[j - len(inputs)].unit
+
+
+def _reason(found: Found, answered: Sequence[bool]) -> str:
+    if all(answered):
+        return ""
+    names = found.spec.structure.names
+    grouped: dict[str, list[str]] = {}
+    for k, why in found.reasons.items():
+        grouped.setdefault(why, []).append(names[k].replace("_", " "))
+    return "; ".join(f"{', '.join(which)}: {why}" for why, which in grouped.items())
+
+
+def _half_widths(found: Found) -> list[float]:
+    """Half of each interval relative to the parameter, of a dead time to dead time plus lag."""
+    names = found.spec.structure.names
+    lag = sum(v for name, v in zip(names, found.theta, strict=True) if name.startswith("tau"))
+    sizes = [abs(v) + (lag if n.startswith("dead") else 0.0) for n, v in zip(names, found.theta, strict=True)]
+    half = (found.intervals[:, 1] - found.intervals[:, 0]) / 2
+    return [float(h / s) if s > 0 else np.inf for h, s in zip(half, sizes, strict=True)]
+
+
+def _importance(study: Study, plant: TransferMatrix) -> tuple[Array, str]:
+    """Of every element, and on which basis: in the loop with a declared controller, else open loop."""
+    s = 1j * model_frequencies(study, plant)
+    model = study.model(s)
+    delta = plant(s) - model
+    controller = study.project.controller(0) if study.project.experiments[0].closed else None
+    n_u = len(study.project.inputs)
+    if controller is None:
+        return detect.importance_open_loop(delta, model), "open loop"
+    law = controller.linearised(np.nanmean(study.screened[0].record.y, axis=0))(s)
+    sensitivity = np.linalg.inv(np.eye(model.shape[1]) + model[:, :, :n_u] @ law)
+    loop = detect.importance_in_loop(delta[:, :, :n_u], law @ sensitivity)
+    rest = detect.importance_open_loop(delta, model)[:, n_u:]
+    return np.hstack([loop, rest]), "loop"
+
+
+def _controller_notes(consistency: Sequence[Mapping[str, Any]]) -> list[Reason]:
+    return [
+        Reason("controller", str(entry["message"]), f"{entry['experiment']}, {entry['input']}")
+        for entry in consistency
+        if entry["confirmed"] is False
+    ]
+
+
+def _notes(
+    study: Study,
+    estimates: Mapping[int, OutputEstimate],
+    consistency: Sequence[Mapping[str, Any]],
+    found: Mapping[tuple[int, int], Found],
+) -> list[Reason]:
+    """What the reader should know although an answer was possible."""
+    notes = [*setpoint_rank_note(study), *_controller_notes(consistency)]
+    names = study.project.output_names
+    experiments = {segment.experiment for segment in study.segments}
+    for i, estimate in estimates.items():
+        runs = estimate.runs
+        if runs is not None and not runs.agree:
+            notes.append(
+                Reason(
+                    "runs-disagree",
+                    "the experiments disagree by more than their residuals justify: the variance between runs was "
+                    "estimated and added, and the intervals speak of their mean",
+                    names[i],
+                )
+            )
+        follows = [study.columns[j] for j, p in enumerate(estimate.tests.cross_p) if p < 1e-3]
+        if follows:
+            absent = [name for j, name in enumerate(study.columns) if name in follows and _absent(study, i, j)]
+            advice = (
+                f'ask for the missing element from {", ".join(absent)} (tf = "0" with a structure)'
+                if absent
+                else "the structure is simpler than the plant; the intervals were widened by what other noise models make of it"
+            )
+            notes.append(
+                Reason("undermodelled", f"the prediction errors still follow {', '.join(follows)}: {advice}", names[i])
+            )
+    if len(experiments) == 1:
+        notes.append(
+            Reason(
+                "one-experiment",
+                "the intervals rest on one experiment: how far another run of the same plant would differ is not in "
+                "them; give several experiments together to have that added",
+            )
+        )
+    return notes
+
+
+def _absent(study: Study, i: int, j: int) -> bool:
+    return (i, j) not in study.specs and study.model[i, j].is_zero

@@ -1,0 +1,229 @@
+"""One analysis as one straight line: records, screening, estimates, verdicts, what it means, the result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import ProjectError
+from trueplant.identify import Held, OutputEstimate, Spec, choose_stride, identify_output
+from trueplant.identify.search import lag_of
+from trueplant.lti import TransferFunction, TransferMatrix
+from trueplant.lti.structure import Structure, structure_of
+from trueplant.record import Record, Screened, Segment, read_record, screen
+from trueplant.record.times import unit_seconds
+from trueplant.study.result import Reason, Result
+
+if TYPE_CHECKING:
+    from trueplant.study.project import Project
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+
+def _quiet(_: str) -> None:
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What the analysis works on: the project, its records after screening, and what is asked of them."""
+
+    project: Project
+    screened: tuple[Screened, ...]
+    model: TransferMatrix
+    """(n_y, n_u + n_d): the inputs, then the measured disturbances."""
+    specs: dict[tuple[int, int], Spec]
+    """The elements to estimate."""
+    notes: tuple[Reason, ...] = ()
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        return tuple(segment for s in self.screened if s.refusal is None for segment in s.segments)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return (*self.project.input_names, *self.project.disturbance_names)
+
+
+def analyse(project: Project, progress: Progress | None = None) -> Result:
+    """The main job: from a project to its result. Refusals are results; unusable input raises.
+
+    `progress` is told what is being done, in a few words, as each step begins.
+    """
+    from trueplant.study.assemble import assemble, refused
+    from trueplant.study.informative import why_not_informative
+    from trueplant.study.methods import compare_methods
+    from trueplant.study.replayed import check_controllers
+
+    say = progress or _quiet
+    say("reading the data")
+    study = prepare(project, say)
+    say("checking the declared controllers")
+    consistency = check_controllers(study)
+    reasons = [
+        Reason("record", s.refusal, project.experiments[k].name) for k, s in enumerate(study.screened) if s.refusal
+    ]
+    reasons += why_not_informative(study)
+    if not study.segments or any(reason.code == "no-excitation" for reason in reasons):
+        return refused(study, reasons, consistency)
+    estimates = estimate(study, say)
+    if not estimates:
+        reasons.append(Reason("nothing-to-estimate", "no output has both an element to estimate and usable data"))
+        return refused(study, reasons, consistency)
+    say("comparing methods")
+    others = compare_methods(study, estimates)
+    say("putting the result together")
+    return assemble(study, estimates, others, consistency, reasons)
+
+
+def prepare(project: Project, say: Progress = _quiet) -> Study:
+    """Read and screen every record, and lay down what is to be estimated."""
+    if not project.experiments:
+        raise ProjectError(f"{project.source}: names no data: set data.files or add [[experiment]]")
+    layout = project.layout()
+    screened = []
+    for k, plan in enumerate(project.experiments):
+        record = read_record(plan.path, layout, name=plan.name, closed=plan.closed)
+        limits = {name: lim for name, lim in zip(project.input_names, plan.limits, strict=True) if lim is not None}
+        spans = [(_moment(e.start, record, project), _moment(e.end, record, project)) for e in plan.exclude]
+        say(f"screening {plan.name}")
+        screened.append(screen(record, layout, experiment=k, exclude=spans, limits=limits))
+    model = _full_model(project)
+    specs = {
+        (i, j): _spec(project, model[i, j], i, j)
+        for i in range(model.shape[0])
+        for j in range(model.shape[1])
+        if project.estimate(i, j)
+    }
+    if not specs:
+        raise ProjectError(f"{project.source}: no [[model]] element is to be estimated: declare at least one")
+    notes = _check_loop(project, model, screened)
+    return Study(project, tuple(screened), model, specs, notes)
+
+
+def _check_loop(project: Project, model: TransferMatrix, screened: Sequence[Screened]) -> tuple[Reason, ...]:
+    """A controller whose action fights the model's gain is a mistake in the project, and raises SignConflict.
+
+    A loop that only the model says is unstable is remarkable, but the plant may well have drifted that far.
+    """
+    from trueplant.errors import UnstableLoop
+    from trueplant.loop import check_loop
+
+    notes = []
+    plant = TransferMatrix(tuple(row[: len(project.inputs)] for row in model.elements), model.time_unit)
+    for k, plan in enumerate(project.experiments):
+        controller = project.controller(k) if plan.closed else None
+        if controller is None:
+            continue
+        try:
+            check_loop(plant, controller.linearised(np.nanmean(screened[k].record.y, axis=0)))
+        except UnstableLoop as error:
+            notes.append(Reason("unstable-model", str(error), plan.name))
+    return tuple(notes[:1])
+
+
+def _full_model(project: Project) -> TransferMatrix:
+    model, disturbances = project.model_matrix(), project.disturbance_matrix()
+    if disturbances is None:
+        return model
+    rows = zip(model.elements, disturbances.elements, strict=True)
+    return TransferMatrix(tuple((*a, *b) for a, b in rows), model.time_unit)
+
+
+def _moment(moment: float | datetime, record: Record, project: Project) -> float:
+    """A point of time of an excluded stretch in the record's own time."""
+    unit = unit_seconds(project.time_unit)
+    if not isinstance(moment, datetime):
+        return moment * unit_seconds(project.data.time_unit or project.time_unit) / unit
+    if record.start is None:
+        raise ProjectError(
+            f"{project.source}: data.exclude names a timestamp, but {record.name} has numbers for its time"
+        )
+    start = record.start
+    if start.tzinfo is None or moment.tzinfo is None:
+        start, moment = start.replace(tzinfo=None), moment.replace(tzinfo=None)
+    return (moment - start).total_seconds() / unit
+
+
+def _spec(project: Project, system: TransferFunction, i: int, j: int) -> Spec:
+    """What the plant's element may be, and where its parameters start: the model's own as far as they go."""
+    declared = project.structure(i, j)
+    own, values = (None, np.zeros(0)) if system.is_zero else structure_of(system)
+    structure = own if declared is None else Structure.parse(declared)
+    assert structure is not None  # the project has checked that a zero element names a structure
+    if own is None:
+        return Spec(j, structure, None)
+    return Spec(j, structure, translated(own, values, structure))
+
+
+def translated(own: Structure, values: Array, wanted: Structure) -> tuple[float, ...]:
+    """Parameters of one structure as a start for another: shared names keep their values, new lags are short."""
+    known = dict(zip(own.names, values, strict=True))
+    first = {"gain": known.get("gain", known.get("gain1", known.get("slope", 1.0)))}
+    lag = lag_of(own.names, values) or known.get("dead_time", 1.0) or 1.0
+    start = []
+    for name in wanted.names:
+        if name in known:
+            start.append(float(known[name]))
+        elif name.startswith(("gain", "slope")):
+            start.append(float(first["gain"]) if name in ("gain", "gain1", "slope") else 0.0)
+        elif name.startswith("tau"):
+            start.append(lag / (1 if own.lags == 0 and name == "tau1" else 10 * int(name[3:])))
+        elif name.startswith("lead"):
+            start.append(lag / 10)
+        elif name.startswith("omega0"):
+            start.append(1 / lag)
+        elif name.startswith("zeta"):
+            start.append(0.7)
+        else:
+            start.append(float(known.get("dead_time", known.get("dead_time1", 0.0))))
+    return tuple(start)
+
+
+def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
+    """The estimate of each output that has elements to estimate and data to do it from."""
+    usable = [s for s in study.screened if s.refusal is None]
+    updates = [float(np.max(s.update_interval)) for s in usable if s.update_interval.size]
+    stride = choose_stride(study.segments, list(study.specs.values()), max(updates, default=0.0))
+    known = [lag_of(s.structure.names, np.array(s.start)) for s in study.specs.values() if s.start is not None]
+    scales = [lag for lag in known if lag > 0]
+    estimates = {}
+    for i, name in enumerate(study.project.output_names):
+        specs = [spec for (row, _), spec in sorted(study.specs.items()) if row == i]
+        held = [
+            Held(j, study.model[i, j])
+            for j in range(study.model.shape[1])
+            if (i, j) not in study.specs and not study.model[i, j].is_zero
+        ]
+        say(f"estimating {name}")
+        found = identify_output(
+            study.segments,
+            i,
+            specs,
+            held,
+            confidence=study.project.analysis.confidence,
+            stride=stride,
+            time_scale=float(np.median(scales)) if scales else None,
+        )
+        if found is not None:
+            estimates[i] = found
+    return estimates
+
+
+def plant_matrix(study: Study, estimates: dict[int, OutputEstimate]) -> TransferMatrix:
+    """The estimated plant: the fitted elements, the held ones as declared."""
+    rows: list[Sequence[TransferFunction]] = []
+    for i in range(study.model.shape[0]):
+        row = [study.model[i, j] for j in range(study.model.shape[1])]
+        if i in estimates:
+            found = estimates[i]
+            for spec, part in zip(found.row.specs, found.row.slices, strict=True):
+                row[spec.column] = spec.structure.transfer(found.theta[part])
+        rows.append(row)
+    return TransferMatrix(tuple(tuple(row) for row in rows), study.model.time_unit)

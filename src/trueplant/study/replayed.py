@@ -1,0 +1,116 @@
+"""Does the declared controller reproduce the recorded OP? If not: by how much, and from where on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import LoopError
+from trueplant.loop import Controller, replay
+from trueplant.record import Segment
+
+if TYPE_CHECKING:
+    from trueplant.study.pipeline import Study
+
+Array = NDArray[np.float64]
+
+CLOSE = 0.02
+"""A controller is confirmed if the OP it writes differs by less than this share of OP's own movement (rms)."""
+
+
+def check_controllers(study: Study) -> list[dict[str, Any]]:
+    """One entry for each closed experiment and input with a declared controller, as in result.json."""
+    entries = []
+    for k, plan in enumerate(study.project.experiments):
+        controller = study.project.controller(k) if plan.closed else None
+        if controller is None:
+            continue
+        segments = study.screened[k].segments
+        written = {i for i, _ in controller.entries}
+        for i in sorted(written):
+            entries.append(_entry(study, k, plan.name, controller, segments, i))
+    return entries
+
+
+def _entry(
+    study: Study, k: int, name: str, controller: Controller, segments: tuple[Segment, ...], i: int
+) -> dict[str, Any]:
+    unit = study.project.inputs[i].unit
+    entry: dict[str, Any] = {"experiment": name, "input": study.project.input_names[i], "unit": unit}
+    errors, times, moved = [], [], []
+    for segment in segments:
+        try:
+            error = _replay_error(controller, segment, study, k, i)
+        except LoopError as problem:
+            return entry | {"confirmed": None, "rms": None, "message": f"cannot be replayed: {problem}"}
+        if error is not None:
+            errors.append(error)
+            times.append(segment.t)
+            moved.append(segment.u[:, i])
+    if not errors:
+        return entry | {"confirmed": None, "rms": None, "message": "set-point or PV is missing: it cannot be replayed"}
+    e, t, u = np.concatenate(errors), np.concatenate(times), np.concatenate(moved)
+    rms = float(np.sqrt(np.mean(e**2)))
+    scale = float(np.std(u)) or 1.0
+    confirmed = rms <= CLOSE * scale
+    entry |= {"confirmed": confirmed, "rms": rms, "relative": rms / scale, "from": None}
+    if confirmed:
+        return entry | {"message": f"the declared controller reproduces OP to {rms:.3g} {unit} rms".rstrip()}
+    since = _since(e, t, CLOSE * scale)
+    entry["from"] = since
+    where = "throughout" if since is None else f"from t = {since:g} on"
+    return entry | {
+        "message": f"the declared controller does not reproduce OP: {rms:.3g} {unit} rms, {100 * rms / scale:.0f} % of "
+        f"OP's own movement, {where}. Its tuning, action, scan or mode is not what was declared"
+    }
+
+
+def _replay_error(controller: Controller, segment: Segment, study: Study, k: int, i: int) -> Array | None:
+    """Recorded minus replayed OP, the integral's start fitted; PV spikes act on the law as they did in the plant."""
+    record = study.screened[k].record
+    r, y = segment.r, _recorded_pv(record.t, record.y, segment)
+    needed = sorted({j for (row, j) in controller.entries if row == i})
+    if not np.isfinite(r[:, needed]).all() or not np.isfinite(y[:, needed]).all():
+        return None
+    limits = controller.limits
+    fixed = np.where(np.isfinite(r), r, 0.0), np.where(np.isfinite(y), y, 0.0)
+    plain = replay(controller, *fixed, segment.h, bias=0.0, limits=limits)[:, i]
+    u = segment.u[:, i]
+    free = segment.free[:, i]
+    best = u - plain
+    # An unknown start of the integral shifts OP by a constant until a limit is met.
+    for offset in {
+        float(np.median(best[: max(20, len(best) // 50)])),
+        float(np.median(best[free])) if free.any() else 0.0,
+    }:
+        bias = np.zeros(controller.n_u)
+        bias[i] = offset
+        error = u - replay(controller, *fixed, segment.h, bias=bias, limits=limits)[:, i]
+        if np.mean(error**2) < np.mean(best**2):
+            best = error
+    return best
+
+
+def _recorded_pv(t: Array, y: Array, segment: Segment) -> Array:
+    """PV as recorded, spikes included, on the grid of the segment; held over what is missing."""
+    index = np.clip(np.searchsorted(t, segment.t + 0.25 * segment.h, side="right") - 1, 0, t.size - 1)
+    on_grid = y[index].copy()
+    for j in range(on_grid.shape[1]):
+        good = np.isfinite(on_grid[:, j])
+        if good.any() and not good.all() and good.mean() > 0.5:
+            last = np.maximum.accumulate(np.where(good, np.arange(good.size), np.argmax(good)))
+            on_grid[:, j] = on_grid[last, j]
+    return on_grid
+
+
+def _since(error: Array, t: Array, allowed: float) -> float | None:
+    """From when on the error stays large, if it was small before; None if it is large from the beginning."""
+    window = max(10, error.size // 50)
+    power = np.cumsum(np.concatenate([[0.0], error**2]))
+    rms = np.sqrt((power[window:] - power[:-window]) / window)
+    large = rms > allowed
+    if large[: max(1, large.size // 20)].any() or not large.any():
+        return None
+    return float(t[int(np.argmax(large))])
