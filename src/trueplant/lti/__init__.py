@@ -1,15 +1,26 @@
 """Transfer functions and matrices with exact dead time, and their formulas."""
 
+from trueplant.lti.bridge import from_control, to_control
 from trueplant.lti.formula import Transform, parse_pv, require_proper, tf, to_formula
+from trueplant.lti.reduce import simplified, simplified_matrix
+from trueplant.lti.sampled import sampled_response
+from trueplant.lti.structure import Structure, structure_of
 from trueplant.lti.transfer import Term, TransferFunction, TransferMatrix
 
 __all__ = [
+    "Structure",
     "Term",
     "TransferFunction",
     "TransferMatrix",
     "Transform",
+    "from_control",
     "parse_pv",
     "require_proper",
+    "sampled_response",
+    "simplified",
+    "simplified_matrix",
+    "structure_of",
     "tf",
+    "to_control",
     "to_formula",
 ]

@@ -1,0 +1,82 @@
+"""Structures: parameters in, transfer function out, and back; gradients against central differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trueplant.errors import FormulaError
+from trueplant.lti import tf
+from trueplant.lti.structure import Structure, structure_of
+
+NAMES = ["gain", "fopdt", "sopdt", "sopdt+lead", "integrator", "integrator+lag", "pair+lead", "sopdt+delayed", "pair+lag"]
+S = 1j * np.logspace(-2, 1, 7)
+
+
+def parameters(structure: Structure, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    p = rng.uniform(0.3, 3.0, len(structure.names))
+    p[[name == "zeta" for name in structure.names]] = rng.uniform(0.2, 0.9)
+    return p[structure.sorted(p)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_name_round_trip(name):
+    assert Structure.parse(str(Structure.parse(name))) == Structure.parse(name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_parameters_survive_the_transfer_function(name, seed):
+    structure = Structure.parse(name)
+    p = parameters(structure, seed)
+    own, q = structure_of(structure.transfer(p))
+    assert own == structure
+    assert np.allclose(own.transfer(q)(S), structure.transfer(p)(S), rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_gradient_against_central_differences(name):
+    structure = Structure.parse(name)
+    p = parameters(structure, 5)
+    gradient = structure.gradient(p, S)
+    for k in range(len(p)):
+        step = 1e-6 * np.eye(len(p))[k]
+        difference = (structure.transfer(p + step)(S) - structure.transfer(p - step)(S)) / 2e-6
+        assert np.allclose(gradient[:, k], difference, rtol=1e-6, atol=1e-7)
+
+
+def test_the_mill_element_shares_its_denominator():
+    structure, p = structure_of(tf("4 (1 - 0.9938 exp(-0.47 s)) exp(-0.2 s)/((2 s + 1)(6 s + 1))"))
+    assert structure == Structure.parse("sopdt+delayed")
+    assert np.allclose(p, [4, -4 * 0.9938, 6, 2, 0.2, 0.67], rtol=1e-12)
+
+
+def test_multiple_poles_stay_real():
+    structure, p = structure_of(tf("1/(s + 1)^4"))
+    assert structure.lags == 4
+    assert np.allclose(p, [1, 1, 1, 1, 1, 0], atol=1e-9)
+
+
+def test_complex_pair_by_frequency_and_damping():
+    structure, p = structure_of(tf("(-4 s + 0.5) exp(-8 s)/(s^2 + s + 4)"))
+    assert structure.names == ("gain", "omega0", "zeta", "lead1", "dead_time")
+    assert np.allclose(p, [0.125, 2, 0.25, -8, 8])
+
+
+@pytest.mark.parametrize(
+    "formula",
+    ["0", "1/(1 - 5 s)", "exp(-s)/(s + 1) + exp(-2 s)/(3 s + 1)", "(s^2 + 0.1 s + 1)/(s + 1)^3", "s/(s + 1)^2"],
+)
+def test_elements_that_cannot_be_estimated_say_so(formula):
+    with pytest.raises(FormulaError):
+        structure_of(tf(formula))
+
+
+@pytest.mark.parametrize("name", ["fopd", "gain+lead", "fopdt+tail"])
+def test_unknown_structures_are_refused(name):
+    with pytest.raises(FormulaError):
+        Structure.parse(name)
