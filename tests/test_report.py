@@ -258,6 +258,24 @@ def test_missing_set_points_are_said_and_not_drawn():
     assert "SP" not in names
 
 
+def test_curves_that_hold_nothing_are_rendered(result):
+    arrays = {f.name: getattr(result.curves, f.name) for f in dataclasses.fields(result.curves)}
+    empty = {name: value[:0] for name, value in arrays.items() if isinstance(value, np.ndarray)}
+    trend = Trend("nothing", np.zeros(0), *[np.zeros((0, 2))] * 5, ())
+    found = result.curves.residuals[0]
+    none = {name: getattr(found, name)[:0] for name in ("t", "e", "lags", "acf", "ccf_lags")}
+    silent = dataclasses.replace(found, **none, ccf={"reflux": np.zeros(0)})
+    curves = dataclasses.replace(result.curves, **empty, trends=(trend,), residuals=(silent,))
+    parameter = dataclasses.replace(
+        result.elements[0].parameters[0], model=None, ci=None, std_error=None, change_percent=None, p_adjusted=None
+    )
+    element = dataclasses.replace(result.elements[0], parameters=(parameter,), tf_model="", grade="")
+    page = Page(without_plotly(render(dataclasses.replace(result, curves=curves, elements=(element,)))))
+    assert "grade" not in "".join(text for _, text in page.all("tr"))
+    assert any("No samples." in text for _, text in page.all("figcaption"))
+    assert any("No response in model or plant: reflux, steam." in text for _, text in page.all("p"))
+
+
 def test_long_records_stay_small(result):
     t = np.arange(1_000_000.0)
     rng = np.random.default_rng(1)

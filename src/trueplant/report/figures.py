@@ -13,17 +13,17 @@ from plotly.subplots import make_subplots
 
 from trueplant.report.decimate import compact, merged, min_max
 from trueplant.report.numbers import number, per
-from trueplant.report.style import BOTTOM, LIGHT, TOP, area, framed, inert, line, shortened, with_unit
+from trueplant.report.style import BOTTOM, LIGHT, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
 from trueplant.study.result import Curves, Residuals, Trend
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-PANEL, GAP = 132, 34
+PANEL, GAP = 120, 34
 
 
-def has_response(curves: Curves, i: int, j: int) -> bool:
-    """Whether element (i, j) is anything but zero, in the model or in the plant."""
-    values = np.concatenate([np.abs(curves.bode_model[:, i, j]), np.abs(curves.bode_plant[:, i, j])])
+def has_response(model: NDArray[np.inexact], plant: NDArray[np.inexact]) -> bool:
+    """Whether one of two curves is anything but zero or unknown."""
+    values = np.abs(np.concatenate([model, plant]))
     return bool(np.any(values[np.isfinite(values)] > 0))
 
 
@@ -224,9 +224,9 @@ def trends(curves: Curves, trend: Trend, panels: Sequence[tuple[str, int]], limi
         if kind == "y":
             signals = [
                 ("measured", "PV", trend.y[:, k], "linear"),
+                ("setpoint", "SP", trend.r[:, k], "hv"),
                 ("plant", "plant", trend.plant[:, k], "linear"),
                 ("model", "model", trend.model[:, k], "linear"),
-                ("setpoint", "SP", trend.r[:, k], "hv"),
             ]
             known = np.concatenate([trend.y[:, k], trend.r[:, k]])
             limits = axis_range(known, np.concatenate([trend.model[:, k], trend.plant[:, k]]))
@@ -246,7 +246,7 @@ def trends(curves: Curves, trend: Trend, panels: Sequence[tuple[str, int]], limi
     figure.update_xaxes(title_text=with_unit("Time", inert(curves.time_unit)), row=len(panels), col=1)
     if trend.t.size:
         figure.update_xaxes(range=[float(trend.t[0]), float(trend.t[-1])])
-    return framed(figure, height)
+    return whole_ticks(framed(figure, height), trend.t)
 
 
 def _excluded(trend: Trend, signal: str, signals: tuple[str, ...], limits: list[float]) -> list[go.Scatter]:
@@ -278,7 +278,7 @@ def residuals_over_time(found: Residuals, unit: str, time_unit: str, limit: int)
     label = with_unit("Time", inert(time_unit)) if in_order else "Sample (all experiments, one after the other)"
     figure.update_xaxes(title_text=label)
     figure.update_yaxes(title_text=inert(shortened(unit or "Error", 16)), nticks=5)
-    return framed(figure, 210)
+    return whole_ticks(framed(figure, 210), t)
 
 
 def correlation(lags: Array, value: Array, bound: float) -> go.Figure:
@@ -286,7 +286,7 @@ def correlation(lags: Array, value: Array, bound: float) -> go.Figure:
     figure = go.Figure()
     stems = np.repeat(lags, 3).astype(float)
     heights = np.column_stack([np.zeros_like(value), value, np.full_like(value, np.nan)]).ravel()
-    figure.add_trace(line("plant", "correlation", x=stems, y=heights, hoverinfo="skip"))
+    figure.add_trace(line("stem", "correlation", x=stems, y=heights, hoverinfo="skip"))
     marker = {"color": LIGHT["plant"], "size": 5}
     meta = {"role": "plant"}
     dots = go.Scatter(x=lags, y=value, mode="markers", marker=marker, name="correlation", meta=meta)

@@ -171,19 +171,29 @@ def _figures(curves: Curves, book: _Book, z: float) -> dict[str, Any]:
     limit = _points(curves)
     pairs = [[(i, j) for j in range(len(curves.inputs))] for i in range(len(curves.outputs))]
 
-    def matrix(draw: Any, say: Any) -> list[tuple[str, list[Drawn], list[str]]]:
+    def matrix(model: Any, plant: Any, draw: Any, say: Any) -> list[tuple[str, list[Drawn], list[str]]]:
         rows = []
         for i, row in enumerate(pairs):
-            active = [(i, j) for _, j in row if figures.has_response(curves, i, j)]
+            active = [(i, j) for _, j in row if figures.has_response(model[:, i, j], plant[:, i, j])]
             drawn = [
                 book.add(draw(i, j), f"{curves.inputs[j]} → {curves.outputs[i]}", say(curves, i, j)) for i, j in active
             ]
             rows.append((curves.outputs[i], drawn, [curves.inputs[j] for _, j in row if (i, j) not in active]))
         return rows
 
-    steps = matrix(lambda i, j: figures.step_response(curves, i, j), captions.step_response)
+    steps = matrix(
+        curves.step_model,
+        curves.step_plant,
+        lambda i, j: figures.step_response(curves, i, j),
+        captions.step_response,
+    )
     shown = [(t, _trend_figures(curves, t, book, limit)) for t in curves.trends]
-    bodes = matrix(lambda i, j: figures.bode(curves, i, j, z), captions.bode)
+    bodes = matrix(
+        curves.bode_model,
+        curves.bode_plant,
+        lambda i, j: figures.bode(curves, i, j, z),
+        captions.bode,
+    )
     residuals = []
     for found in curves.residuals:
         unit = dict(zip(curves.outputs, curves.output_units, strict=True)).get(found.output, "")

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import html
 
+import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 
 LIGHT = {
     "ink": "#1b1f24",
@@ -20,6 +22,7 @@ LIGHT = {
     "setpoint": "#00805c",
     "model": "#c24a00",
     "plant": "#0072b2",
+    "stem": "#0072b2",
     "plant_band": "rgba(0,114,178,0.20)",
     "points": "#a8487d",
     "excluded": "rgba(230,159,0,0.30)",
@@ -35,6 +38,7 @@ DARK = {
     "setpoint": "#2fc79a",
     "model": "#f0a020",
     "plant": "#56b4e9",
+    "stem": "#56b4e9",
     "plant_band": "rgba(86,180,233,0.25)",
     "points": "#dd9abf",
     "excluded": "rgba(230,159,0,0.34)",
@@ -42,7 +46,7 @@ DARK = {
     "bound": "#f0a020",
 }
 DASH = {"model": "dash", "setpoint": "dashdot", "bound": "dot"}
-WIDTH = {"measured": 1.2, "setpoint": 1.6, "model": 2, "plant": 2, "bound": 1.4}
+WIDTH = {"measured": 1.2, "setpoint": 1.6, "model": 2, "plant": 2, "stem": 1.2, "bound": 1.4}
 LEFT, RIGHT, TOP, BOTTOM = 64, 14, 26, 48
 """Margins in pixels, equal in all figures so that their axes line up."""
 
@@ -67,9 +71,8 @@ def with_unit(label: str, unit: str) -> str:
 
 def line(role: str, name: str, **extra: object) -> go.Scatter:
     """A line in the colour, pattern and width of its role."""
-    pen = {"color": LIGHT[role], "dash": DASH.get(role, "solid"), "width": WIDTH.get(role, 1.5)}
-    settings = {"mode": "lines", "name": inert(name), "meta": {"role": role}, "line": pen} | extra
-    return go.Scatter(**settings)
+    pen = {"color": LIGHT[role], "dash": DASH.get(role, "solid"), "width": WIDTH[role]}
+    return go.Scatter(mode="lines", name=inert(name), meta={"role": role}, line=pen, **extra)
 
 
 def area(role: str, name: str, **extra: object) -> go.Scatter:
@@ -115,4 +118,12 @@ def framed(figure: go.Figure, height: int) -> go.Figure:
     }
     figure.update_xaxes(**axis)
     figure.update_yaxes(automargin=True, **axis)
+    return figure
+
+
+def whole_ticks(figure: go.Figure, t: NDArray[np.float64]) -> go.Figure:
+    """`figure` with times written in full where they have at most nine digits before the point."""
+    largest = float(np.abs(t).max(initial=0.0))
+    if 1 <= largest < 1e9:
+        figure.update_xaxes(exponentformat="none", separatethousands=True)
     return figure
