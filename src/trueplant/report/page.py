@@ -99,7 +99,7 @@ def render(result: Result) -> str:
     scale = tables.percent_scale(result.elements)
     page = environment.get_template("report.html.j2").render(
         result=result,
-        headline=result.headline,
+        headline=result.headline.replace("->", "→"),  # a line must not break inside the arrow
         confidence=_confidence(result),
         most_rows=MOST_ROWS,
         provenance=plain(result.provenance),
