@@ -1,0 +1,61 @@
+"""How a project declares the signals of its data files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One output, input or measured disturbance.
+
+    `column` is the PV of an output, the OP of an input, or the disturbance itself; `sp` the set-point of an output;
+    `mode`, `slave_sp` and `slave_pv` belong to inputs. `hold` ("zoh" or "linear") says how OP runs between samples.
+    """
+
+    name: str
+    column: str
+    sp: str | None = None
+    unit: str = ""
+    limits: tuple[float, float] | None = None
+    mode: str | None = None
+    automatic_values: tuple[object, ...] = (1, "1", "AUTO", "Auto", "A", True)
+    hold: str = "zoh"
+    slave_sp: str | None = None
+    slave_pv: str | None = None
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which columns to read, and how time is written. Tags stand for columns in long exports."""
+
+    outputs: tuple[Channel, ...]
+    inputs: tuple[Channel, ...]
+    disturbances: tuple[Channel, ...] = ()
+    time: str | None = None
+    """None: a column with a usual name, else the first of increasing numbers or time stamps."""
+    time_unit: str = "s"
+    """Of numeric time in the file: ms, s, min, h or d."""
+    project_time_unit: str = "min"
+    """Of `Record.t`."""
+    time_zone: str | None = None
+    """Of time stamps that bear no offset; None leaves them as they are."""
+    separator: str | None = None
+    sheet: str | None = None
+    tag: str = "tag"
+    value: str = "value"
+    quality: str = "quality"
+
+    @property
+    def continuous(self) -> tuple[str, ...]:
+        """Columns that run on between samples (PV, disturbances)."""
+        slaves = [c.slave_pv for c in self.inputs if c.slave_pv]
+        return tuple(dict.fromkeys([*(c.column for c in (*self.outputs, *self.disturbances)), *slaves]))
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Columns that keep their value until the next one (OP, SP, mode)."""
+        named = [c.column for c in self.inputs]
+        named += [x for c in self.outputs for x in (c.sp,) if x]
+        named += [x for c in self.inputs for x in (c.mode, c.slave_sp) if x]
+        return tuple(dict.fromkeys(named))

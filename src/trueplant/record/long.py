@@ -1,0 +1,165 @@
+"""Long historian exports (tag, time, value, quality): one column for each tag on common time stamps."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import DataError
+from trueplant.record.table import Table
+from trueplant.record.times import find_time, parse_times
+from trueplant.record.types import Array, BoolArray, Finding
+
+_SYNONYMS = {
+    "tag": ("tag", "tagname", "point", "pointname", "name", "signal", "variable", "item", "itemid", "messstelle"),
+    "value": ("value", "val", "wert", "reading", "measurement", "pointvalue"),
+    "quality": ("quality", "status", "qualitycode", "opcquality", "confidence", "qualitaet"),
+}
+_GOOD = ("good", "ok", "valid", "g", "true", "normal")
+
+
+def _find(table: Table, named: str, role: str) -> str | None:
+    bare = {n.casefold().replace(" ", "").replace("_", ""): n for n in reversed(table.names)}
+    wanted = (named.casefold().replace(" ", "").replace("_", ""), *_SYNONYMS[role])
+    return next((bare[w] for w in wanted if w in bare), None)
+
+
+def is_long(table: Table, columns: Sequence[str], tag: str = "tag", value: str = "value") -> bool:
+    """True if the table lists tags and none of the wanted columns stands in its header."""
+    return (
+        not set(columns) & set(table.names)
+        and _find(table, tag, "tag") is not None
+        and _find(table, value, "value") is not None
+    )
+
+
+def bad_quality(table: Table, name: str) -> BoolArray:
+    """Where the quality says that a value is not to be trusted: OPC codes (192 and above are good), PI status
+    (0 is good), per cent (100 is good), or words."""
+    import polars as pl
+
+    codes, words = table.numbers(name)
+    if np.mean(words) > 0.5:
+        text = table.frame[name].cast(pl.String).str.strip_chars().str.to_lowercase()
+        good = text.str.contains(rf"^({'|'.join(_GOOD)})\b").fill_null(True)
+        return ~np.asarray(good.to_numpy(), dtype=bool)
+    known = codes[np.isfinite(codes)]
+    if np.any(known >= 192):
+        good_codes = codes >= 192
+    elif known.size and np.mean(known == 100) > 0.5:
+        good_codes = codes == 100
+    elif known.size and np.mean(known == 1) > 0.5 and not np.any(known > 1):
+        good_codes = codes == 1
+    else:
+        good_codes = codes == 0
+    return ~(good_codes | np.isnan(codes)) | words
+
+
+def to_wide(
+    table: Table,
+    continuous: Sequence[str],
+    held: Sequence[str],
+    *,
+    time: str | None,
+    time_unit: str,
+    time_zone: str | None,
+    tag: str,
+    value: str,
+    quality: str,
+) -> tuple[Table, datetime | None]:
+    """A table with the column "time" in seconds and one for each wanted tag, and the moment at time 0.
+
+    Tags that share their stamps are set side by side. Otherwise the stamps of the most often recorded tag are
+    kept; `held` tags (OP, SP, mode) take their last value, and each value of a `continuous` tag (PV) goes to
+    the nearest stamp within half an interval, NaN elsewhere.
+    """
+    import polars as pl
+
+    tag_name, value_name = _find(table, tag, "tag"), _find(table, value, "value")
+    assert tag_name is not None
+    assert value_name is not None
+    tags = table.frame[tag_name].cast(pl.String).str.strip_chars()
+    wanted = list(dict.fromkeys([*continuous, *held]))
+    present = tags.unique().drop_nulls().to_list()
+    for name in wanted:
+        if name not in present:
+            shown = ", ".join(sorted(present)[:20])
+            raise DataError(f"{table.source} has no rows for tag {name!r} in column {tag_name!r}; it has: {shown}")
+    code = np.full(len(table), -1, dtype=np.int64)
+    for k, name in enumerate(wanted):
+        code[np.asarray((tags == name).fill_null(False).to_numpy(), dtype=bool)] = k
+    time_name = time if time is not None else find_time(table, frozenset({tag_name, value_name}))
+    times = parse_times(table, time_name, time_unit, time_zone, code)
+    notes = list(table.notes + times.notes)
+    values = table.frame[value_name]
+    quality_name = _find(table, quality, "quality")
+    if quality_name is not None:
+        bad = bad_quality(table, quality_name)
+        for k, name in enumerate(wanted):
+            count = int(np.sum(bad & (code == k)))
+            if count:
+                message = f"{name}: {count} values bear a bad quality code and were left out."
+                notes.append(Finding("bad-quality", name, message, samples=count, excludes=True))
+        values = pl.select(pl.when(pl.Series(bad)).then(None).otherwise(values)).to_series()
+    stamps: list[Array] = []
+    rows: list[NDArray[np.int64]] = []
+    for k, name in enumerate(wanted):
+        at = np.flatnonzero((code == k) & np.isfinite(times.seconds))
+        if not at.size:
+            raise DataError(f"{table.source}: no row of tag {name!r} bears a time; export it again")
+        at = at[np.argsort(times.seconds[at], kind="stable")]
+        at = at[np.diff(times.seconds[at], prepend=-np.inf) > 0]
+        stamps.append(times.seconds[at])
+        rows.append(at)
+    base = max(range(len(wanted)), key=lambda k: (stamps[k].size, k < len(continuous)))
+    grid = stamps[base]
+    apart = [k for k in range(len(wanted)) if not np.array_equal(stamps[k], grid)]
+    frame = {"time": pl.Series(grid)}
+    for k, name in enumerate(wanted):
+        source_row = rows[k] if k not in apart else _place(stamps[k], rows[k], grid, name in held)
+        picked = values.gather(np.maximum(source_row, 0))
+        frame[name] = picked.zip_with(pl.Series(source_row >= 0), picked.clear(grid.size))
+    if apart:
+        shift = max((float(np.max(_distance(stamps[k], grid))) for k in apart if wanted[k] not in held), default=0.0)
+        message = (
+            f"The tags bear stamps of their own. Those of {wanted[base]} were kept; set-points, OP and mode hold their "
+            f"last value, each PV went to the nearest stamp (moved by {shift:.3g} s at most)."
+        )
+        notes.append(Finding("aligned", table.source, message, value=shift))
+    wide = dataclasses.replace(
+        table,
+        names=tuple(frame),
+        frame=pl.DataFrame([s.alias(n) for n, s in frame.items()]),
+        lines=None,
+        notes=tuple(notes),
+    )
+    return wide, times.start
+
+
+def _distance(stamps: Array, grid: Array) -> Array:
+    """How far each stamp is moved to its place on the grid (0 where it finds none)."""
+    at = np.clip(np.searchsorted(grid, stamps), 1, grid.size - 1)
+    distance = np.minimum(np.abs(stamps - grid[at - 1]), np.abs(grid[at] - stamps))
+    return np.where(distance <= 0.5 * np.median(np.diff(grid)), distance, 0.0)
+
+
+def _place(stamps: Array, rows: NDArray[np.int64], grid: Array, hold: bool) -> NDArray[np.int64]:
+    """The row that each grid stamp takes its value from, -1 for none."""
+    if hold:
+        last = np.searchsorted(stamps, grid, side="right") - 1
+        return np.where(last >= 0, rows[np.maximum(last, 0)], -1)
+    if grid.size < 2:
+        return np.full(grid.size, -1)
+    at = np.clip(np.searchsorted(grid, stamps), 1, grid.size - 1)
+    at = np.where(stamps - grid[at - 1] <= grid[at] - stamps, at - 1, at)
+    distance = np.abs(stamps - grid[at])
+    near = distance <= 0.5 * np.median(np.diff(grid))
+    placed = np.full(grid.size, -1, dtype=np.int64)
+    # the closest one is written last where several fall on one stamp
+    order = np.argsort(-distance[near], kind="stable")
+    placed[at[near][order]] = rows[near][order]
+    return placed

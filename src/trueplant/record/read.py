@@ -1,0 +1,202 @@
+"""Read one experiment: a file or frame, and the layout that says what its columns are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import DataError
+from trueplant.record.layout import Channel, Layout
+from trueplant.record.long import is_long, to_wide
+from trueplant.record.table import Table, as_table, read_table
+from trueplant.record.times import find_time, parse_times, put_in_order, unit_seconds
+from trueplant.record.types import Array, BoolArray, Finding, Record
+
+FEWEST_ROWS = 10
+_HUGE = 1e300
+Rows = NDArray[np.int64]
+
+
+def read_record(path_or_frame: Any, layout: Layout, *, name: str | None = None, closed: bool = True) -> Record:
+    """Read CSV, TXT, Parquet or XLSX, a polars or pandas frame, or a dict of arrays, as one experiment.
+
+    Nothing is filled in or altered: cells without a number become NaN and are noted. Raises DataError with file,
+    line, column and remedy for everything that cannot be used as it is.
+    """
+    if isinstance(path_or_frame, (str, Path)):
+        table = read_table(path_or_frame, separator=layout.separator, sheet=layout.sheet)
+        name = name or Path(path_or_frame).stem
+    else:
+        name = name or "frame"
+        table = as_table(path_or_frame, name)
+    if not layout.outputs or not layout.inputs:
+        raise DataError(f"{table.source}: declare at least one output and one input")
+    per_unit = unit_seconds(layout.project_time_unit)
+    columns = [*layout.continuous, *layout.held]
+    start: datetime | None
+    if is_long(table, columns, layout.tag, layout.value):
+        table, start = to_wide(
+            table,
+            layout.continuous,
+            layout.held,
+            time=layout.time,
+            time_unit=layout.time_unit,
+            time_zone=layout.time_zone,
+            tag=layout.tag,
+            value=layout.value,
+            quality=layout.quality,
+        )
+        rows, t = np.arange(len(table)), table.numbers("time")[0]
+        notes = list(table.notes)
+    else:
+        for role, column in _roles(layout):
+            table.column(column, role)
+        time = layout.time if layout.time is not None else find_time(table, frozenset(columns))
+        times = parse_times(table, time, layout.time_unit, layout.time_zone)
+        rows, ordered = put_in_order(table, times)
+        t, start = times.seconds[rows], times.start
+        notes = [*table.notes, *times.notes, *ordered]
+    _enough(table, rows)
+    matrix = _Columns(table, rows, t / per_unit, notes)
+    y = matrix.numbers("pv", layout.outputs, [c.column for c in layout.outputs])
+    u = matrix.numbers("op", layout.inputs, [c.column for c in layout.inputs])
+    r = matrix.numbers("sp", layout.outputs, [c.sp for c in layout.outputs])
+    d = matrix.numbers("column", layout.disturbances, [c.column for c in layout.disturbances])
+    slave_sp = matrix.numbers("slave_sp", layout.inputs, [c.slave_sp for c in layout.inputs])
+    slave_pv = matrix.numbers("slave_pv", layout.inputs, [c.slave_pv for c in layout.inputs])
+    automatic = np.ones(u.shape, dtype=bool)
+    for j, channel in enumerate(layout.inputs):
+        if channel.mode is not None:
+            automatic[:, j] = matrix.automatic(channel)
+    usable = int(np.sum(np.isfinite(u).all(axis=1) & np.isfinite(y).any(axis=1)))
+    if usable < FEWEST_ROWS:
+        raise DataError(
+            f"{table.source}: only {usable} rows hold OP and a PV at the same time; at least {FEWEST_ROWS} are needed: "
+            "export a longer record"
+        )
+    return Record(
+        name=name,
+        t=matrix.t,
+        r=r,
+        u=u,
+        y=y,
+        d=d,
+        automatic=automatic,
+        outputs=tuple(c.name for c in layout.outputs),
+        inputs=tuple(c.name for c in layout.inputs),
+        disturbances=tuple(c.name for c in layout.disturbances),
+        time_unit=layout.project_time_unit,
+        hold=tuple(c.hold for c in layout.inputs),
+        closed=closed,
+        slave_sp=slave_sp if any(c.slave_sp for c in layout.inputs) else None,
+        slave_pv=slave_pv if any(c.slave_pv for c in layout.inputs) else None,
+        start=start,
+        source=str(path_or_frame) if isinstance(path_or_frame, (str, Path)) else "",
+        sha256=table.sha256,
+        notes=tuple(notes),
+    )
+
+
+def _roles(layout: Layout) -> list[tuple[str, str]]:
+    """Every declared column with the words for what it should be."""
+    named = [(f"the PV of {c.name}", c.column) for c in layout.outputs]
+    named += [(f"the set-point of {c.name}", c.sp) for c in layout.outputs if c.sp]
+    named += [(f"the OP of {c.name}", c.column) for c in layout.inputs]
+    named += [(f"the mode of {c.name}", c.mode) for c in layout.inputs if c.mode]
+    named += [(f"the slave of {c.name}", x) for c in layout.inputs for x in (c.slave_sp, c.slave_pv) if x]
+    named += [(f"disturbance {c.name}", c.column) for c in layout.disturbances]
+    return named
+
+
+def _enough(table: Table, rows: Rows) -> None:
+    if rows.size < FEWEST_ROWS:
+        count = {0: "no rows", 1: "one row", 2: "two rows", 3: "three rows"}.get(rows.size, f"{rows.size} rows")
+        raise DataError(f"{table.source} has only {count}; at least {FEWEST_ROWS} are needed: export a longer record")
+
+
+class _Columns:
+    """Columns of one table on its ordered rows; collects what there is to say about them."""
+
+    def __init__(self, table: Table, rows: Rows, t: Array, notes: list[Finding]) -> None:
+        self.table, self.rows, self.t, self.notes = table, rows, t, notes
+
+    def numbers(self, key: str, channels: Sequence[Channel], columns: Sequence[str | None]) -> Array:
+        """(N, n) values, all NaN where no column is declared."""
+        out = np.full((self.rows.size, len(channels)), np.nan)
+        for k, column in enumerate(columns):
+            if column is not None:
+                out[:, k] = self._one(column, f"{key} of {channels[k].name}" if key != "column" else channels[k].name)
+        return out
+
+    def _one(self, column: str, role: str) -> Array:
+        table, rows = self.table, self.rows
+        values, words = table.numbers(column)
+        values, words = values[rows], words[rows]
+        with np.errstate(invalid="ignore"):
+            wild = np.isinf(values) | (np.abs(values) > _HUGE)
+        if wild.any():
+            row = int(rows[np.argmax(wild)])
+            raise DataError(
+                f"{table.source}, {table.where(row)}, column {column!r}: {table.frame[column][row]} is not a "
+                "measurement; correct or empty that cell"
+            )
+        if not np.isfinite(values).any():
+            example = f" (for instance {self._word(column, words)!r})" if words.any() else ""
+            what = "holds only text" if words.any() else "is empty"
+            raise DataError(
+                f"{table.source}: column {column!r} ({role}) {what}{example}; name another column or leave it out"
+            )
+        if words.any():
+            count = int(words.sum())
+            first = table.where(int(rows[np.argmax(words)]))
+            shown = f"{self._word(column, words)!r} ({first})"
+            message = f"{column}: text instead of a number in {count} rows, first {shown}; they count as missing."
+            self.notes.append(Finding("text", column, message, spans_of(self.t, words), count, excludes=True))
+        finite = values[np.isfinite(values)]
+        if finite.size > 1 and finite.min() == finite.max():
+            message = f"{column} ({role}) is constant at {finite[0]:g} throughout the record."
+            self.notes.append(Finding("constant", column, message, samples=int(finite.size), value=float(finite[0])))
+        return values
+
+    def _word(self, column: str, words: BoolArray) -> str:
+        return str(self.table.frame[column][int(self.rows[np.argmax(words)])]).strip()[:40]
+
+    def automatic(self, channel: Channel) -> BoolArray:
+        """(N,) True where the mode column says automatic; a missing mode keeps the last one."""
+        assert channel.mode is not None
+        series = self.table.column(channel.mode)
+        cells = [
+            None if v is None or str(v).strip() == "" else str(v).strip() for v in series.gather(self.rows).to_list()
+        ]
+        words = {str(v).strip().casefold() for v in channel.automatic_values}
+        numbers = {float(str(v)) for v in channel.automatic_values if _is_number(v)}
+        distinct = {
+            c: c.casefold() in words or (_is_number(c) and float(c.replace(",", ".")) in numbers)
+            for c in set(cells)
+            if c is not None
+        }
+        if not distinct:
+            raise DataError(f"{self.table.source}: mode column {channel.mode!r} is empty; leave it out")
+        state = np.array([-1 if c is None else int(distinct[c]) for c in cells])
+        known = np.maximum.accumulate(np.where(state >= 0, np.arange(state.size), -1))
+        return np.asarray(np.where(known >= 0, state[np.maximum(known, 0)] == 1, True), dtype=bool)
+
+
+def _is_number(value: object) -> bool:
+    try:
+        float(str(value).replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def spans_of(t: Array, mask: BoolArray) -> tuple[tuple[float, float], ...]:
+    """(from, to) of each run of True, in the time of t."""
+    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    begin, end = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return tuple((float(t[a]), float(t[b])) for a, b in zip(begin, end, strict=True))

@@ -1,0 +1,285 @@
+"""Time columns: finding them, numbers with a unit, time stamps in many notations, clock changes, order."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import DataError
+from trueplant.record.table import Table
+from trueplant.record.types import Array, Finding
+
+if TYPE_CHECKING:
+    import polars as pl
+
+SECONDS = {"ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0, "hr": 3600.0, "d": 86400.0}
+"""Length of each time unit."""
+TIME_NAMES = ("t", "time", "timestamp", "datetime", "date", "zeit", "zeitstempel", "datum", "clock")
+_DATE = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}|\d{1,2}[- ][A-Za-z]{3}[- ]\d{2,4}"
+_ZONE = r"(:\d{2}(?:\.\d+)?(?: ?[AP]M)?) ?(Z|UTC|GMT|[+-]\d{2}:?\d{2}|[+-]\d{2})$"
+
+
+@dataclass(frozen=True, eq=False)
+class Times:
+    """Seconds of each row (NaN where the cell is empty), and when that count starts."""
+
+    seconds: Array
+    start: datetime | None = None
+    """The moment at seconds = 0; None for numeric time."""
+    notes: tuple[Finding, ...] = ()
+
+
+def unit_seconds(unit: str) -> float:
+    """Seconds in a time unit. Raises DataError for an unknown one."""
+    if unit not in SECONDS:
+        raise DataError(f"unknown time unit {unit!r}; use one of: ms, s, min, h, d")
+    return SECONDS[unit]
+
+
+def _bare(name: str) -> str:
+    """A column name without its bracketed unit and decoration."""
+    return re.sub(r"[\[(].*?[\])]", "", name).strip(" _").casefold().replace(" ", "").replace("_", "")
+
+
+def find_time(table: Table, used: frozenset[str] = frozenset()) -> str:
+    """The time column: one with a usual name, else the first of increasing numbers or time stamps."""
+    import polars as pl
+
+    bare = {_bare(n): n for n in reversed(table.names) if n not in used}
+    for usual in TIME_NAMES:
+        if usual in bare:
+            return bare[usual]
+    for name in table.names:
+        if name in used:
+            continue
+        series = table.frame[name].head(1000)
+        if series.dtype.is_temporal():
+            return name
+        values, _ = table.numbers(name)
+        if np.all(np.isfinite(values)) and values.size > 1 and np.all(np.diff(values) > 0):
+            return name
+        if series.dtype == pl.String and bool(series.drop_nulls().str.contains(rf"^\s*({_DATE})").all()):
+            return name
+    raise DataError(
+        f"{table.source} has no column that looks like time; name it as `time`. It has: {', '.join(table.names[:30])}"
+    )
+
+
+def parse_times(table: Table, name: str, unit: str, zone: str | None, groups: NDArray[np.int64] | None = None) -> Times:
+    """Read a time column. `groups` tells rows of different tags apart, whose clocks run separately.
+
+    Raises DataError (line and value) for stamps that cannot be read and for an unknown time zone.
+    """
+    import polars as pl
+
+    series = table.column(name, "time")
+    values, words = table.numbers(name)
+    if not series.dtype.is_temporal() and not words.any():
+        if np.isnan(values).all():
+            raise DataError(f"{table.source}: the time column {name!r} is empty; name another one as `time`")
+        if np.isinf(values).any():
+            raise DataError(
+                f"{table.source}, {table.where(int(np.argmax(np.isinf(values))))}: time is infinite; correct it"
+            )
+        return Times(values * unit_seconds(unit))
+    if series.dtype == pl.Time or series.dtype == pl.Duration:
+        raise DataError(f"{table.source}: {name!r} holds times without a date; give full time stamps or numbers")
+    if series.dtype.is_temporal():
+        stamps = series.cast(pl.Datetime("us", getattr(series.dtype, "time_zone", None)))
+        if stamps.dtype.time_zone is not None:  # type: ignore[attr-defined]
+            return _since_start(stamps.dt.convert_time_zone("UTC").dt.replace_time_zone(None), True, ())
+        notes: tuple[Finding, ...] = ()
+    else:
+        if bool((np.isfinite(values) & ~words).mean() > 0.5):
+            _refuse(table, name, int(np.argmax(words)))
+        stamps, offsets, notes = _from_text(table, name)
+        if offsets is not None:
+            return _since_start(stamps - offsets, True, notes)
+    if zone is None:
+        return _since_start(stamps, False, notes)
+    return _since_start(_to_utc(table, stamps, zone, groups), True, notes)
+
+
+def _since_start(stamps: pl.Series, utc: bool, notes: tuple[Finding, ...]) -> Times:
+    micro = stamps.dt.epoch("us")
+    first = micro.min()
+    seconds = ((micro - first).cast(float) * 1e-6).fill_null(float("nan")).to_numpy()
+    assert isinstance(first, int)
+    start = datetime.fromtimestamp(first // 10**6, UTC).replace(microsecond=first % 10**6)
+    return Times(np.array(seconds), start if utc else start.replace(tzinfo=None), notes)
+
+
+def _refuse(table: Table, name: str, row: int) -> None:
+    raise DataError(
+        f"{table.source}, {table.where(row)}, column {name!r}: {str(table.frame[name][row])[:40]!r} is not a time; "
+        "correct it, or name another column as `time`"
+    )
+
+
+def _from_text(table: Table, name: str) -> tuple[pl.Series, pl.Series | None, tuple[Finding, ...]]:
+    """Naive stamps, their offsets from UTC if they bear any, and notes."""
+    import polars as pl
+
+    text = table.frame[name].str.strip_chars().str.to_uppercase()
+    text = pl.select(pl.when(text == "").then(None).otherwise(text)).to_series()
+    text = text.str.replace(r"^(\d{4}-?\d{2}-?\d{2})T", "$1 ").str.replace(r"^(\d{4})(\d{2})(\d{2})( |$)", "$1-$2-$3$4")
+    text = text.str.replace(r"(:\d{2}),(\d+)", "$1.$2").str.replace_all(r" {2,}", " ")
+    zone = text.str.extract(_ZONE, 2)
+    offsets = None
+    if zone.null_count() < len(zone):
+        if bool((zone.is_null() & text.is_not_null()).any()):
+            row = int((zone.is_null() & text.is_not_null()).arg_max() or 0)
+            raise DataError(
+                f"{table.source}, {table.where(row)}, column {name!r}: {text[row]!r} bears no offset from UTC "
+                "while other rows do; export all stamps in one way"
+            )
+        signed = zone.str.replace(r"^(Z|UTC|GMT)$", "+00:00").str.replace(r"^([+-]\d{2})$", "$1:00")
+        minutes = signed.str.slice(1, 2).cast(pl.Int64) * 60 + signed.str.slice(-2, 2).cast(pl.Int64)
+        minutes = minutes * pl.select(pl.when(signed.str.starts_with("-")).then(-1).otherwise(1)).to_series()
+        offsets = (minutes * 60_000_000).cast(pl.Duration("us"))
+        text = text.str.replace(_ZONE, "$1")
+    text = text.str.replace(rf"^({_DATE})$", "$1 00:00:00").str.replace(r"( \d{1,2}:\d{2})( ?[AP]M)?$", "$1:00$2")
+    stamps, notes = _date_order(text, table.source)
+    unread = stamps.is_null() & text.is_not_null()
+    if bool(unread.any()):
+        _refuse(table, name, int(unread.arg_max() or 0))
+    if stamps.null_count() == len(stamps):
+        raise DataError(f"{table.source}: the time column {name!r} is empty; name another one as `time`")
+    return stamps, offsets, notes
+
+
+def _date_order(text: pl.Series, source: str) -> tuple[pl.Series, tuple[Finding, ...]]:
+    """Parse by the notation that fits; where day and month could be swapped, take the smoother one and say so."""
+    text = text.str.replace(r"^(\d{1,4})[/.](\d{1,2}|[A-Z]{3})[/.](\d{1,4}) ", "$1-$2-$3 ")
+    text = text.str.replace(r"^(\d{1,2})[ -]([A-Z]{3})[ -]", "$1-$2-")
+    american = bool(text.str.contains(r"[AP]M$").any())
+    clock = "%I:%M:%S%.f %p" if american else "%H:%M:%S%.f"
+    if american:
+        text = text.str.replace(r" ?([AP]M)$", " $1")
+    dates = [d.replace("%Y", y) for d in ("%d-%m-%Y", "%m-%d-%Y", "%d-%b-%Y") for y in ("%Y", "%y")]
+    year_first = bool(text.str.contains(r"^\d{4}-").any())
+    short = bool(text.str.contains(r"^\d{1,2}-[0-9A-Z]+-\d{2} ").any())
+    formats = ["%Y-%m-%d"] if year_first else [d for d in dates if d.endswith("%y") == short]
+    read = {f: text.str.to_datetime(f"{f} {clock}", strict=False, time_unit="us", exact=True) for f in formats}
+    fitting = {f: s for f, s in read.items() if s.null_count() == text.null_count()}
+    if len(fitting) < 2:
+        best = min(read.values(), key=lambda s: s.null_count())
+        return (next(iter(fitting.values())) if fitting else best), ()
+
+    def roughness(stamps: pl.Series) -> float:
+        steps = np.diff(stamps.drop_nulls().dt.epoch("us").to_numpy().astype(float))
+        return float(np.sum(np.abs(steps)))
+
+    ranked = sorted(fitting, key=lambda f: roughness(fitting[f]))
+    same = np.isclose(roughness(fitting[ranked[0]]), roughness(fitting[ranked[1]]), rtol=1e-9)
+    # with nothing else to go by, dots are written day first, and a 12-hour clock goes with month first
+    chosen = ranked[0] if not same else next(f for f in fitting if f.startswith("%m" if american else "%d"))
+    message = (
+        f"{source}: dates such as {text.drop_nulls()[0]} were read as {'month' if chosen[1] == 'm' else 'day'} first."
+    )
+    return fitting[chosen], (Finding("date-order", source, message),) if same else ()
+
+
+def _to_utc(table: Table, stamps: pl.Series, zone: str, groups: NDArray[np.int64] | None) -> pl.Series:
+    """Local clock to UTC. The repeated hour in autumn is split where the clock steps back."""
+    import zoneinfo
+
+    import polars as pl
+
+    try:
+        zoneinfo.ZoneInfo(zone)
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
+        near = difflib.get_close_matches(zone, zoneinfo.available_timezones(), n=3, cutoff=0.5)
+        hint = f"did you mean {' or '.join(near)}?" if near else "use a name such as Europe/Berlin or UTC"
+        raise DataError(f"unknown time zone {zone!r}; {hint}") from None
+
+    def utc(which: str) -> pl.Series:
+        local = stamps.dt.replace_time_zone(zone, ambiguous=which, non_existent="null")  # type: ignore[arg-type]
+        return local.dt.convert_time_zone("UTC").dt.replace_time_zone(None)
+
+    first, second = utc("earliest"), utc("latest")
+    skipped = first.is_null() & stamps.is_not_null()
+    if bool(skipped.any()):
+        row = int(skipped.arg_max() or 0)
+        raise DataError(
+            f"{table.source}, {table.where(row)}: {stamps[row]} does not exist in {zone} (the clock skips that hour); "
+            "give the zone that the logger really uses, for instance UTC"
+        )
+    folded = np.asarray((first != second).fill_null(False).to_numpy(), dtype=bool)
+    if not folded.any():
+        return first
+    order = np.arange(folded.size) if groups is None else np.argsort(groups, kind="stable")
+    local = stamps.dt.epoch("us").fill_null(0).to_numpy()[order]
+    fold = folded[order]
+    change = (
+        np.zeros(order.size, dtype=bool) if groups is None else np.diff(groups[order], prepend=groups[order[0]]) != 0
+    )
+    begins = fold & (~np.roll(fold, 1) | change)
+    begins[0] = fold[0]
+    stretch = np.cumsum(begins)
+    back = np.cumsum((np.diff(local, prepend=local[0]) < 0) & fold & ~begins)
+    at_begin = np.zeros(int(stretch.max()) + 1, dtype=np.int64)
+    at_begin[stretch[begins]] = back[begins]
+    later = np.zeros(order.size, dtype=bool)
+    later[order] = fold & (back > at_begin[stretch])
+    return second.zip_with(pl.Series(later), first)
+
+
+def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[Finding, ...]]:
+    """Rows in increasing time, without empty or repeated stamps.
+
+    Raises DataError where time runs backwards for more than single rows.
+    """
+    t = times.seconds
+    rows = np.flatnonzero(np.isfinite(t))
+    notes: list[Finding] = []
+    if rows.size < t.size:
+        lost = np.flatnonzero(~np.isfinite(t))
+        if lost.size > max(1, 0.01 * t.size):
+            raise DataError(
+                f"{table.source}, {table.where(int(lost[0]))}: {lost.size} rows bear no time; complete or delete them"
+            )
+        message = f"{lost.size} rows without a time were left out (first: {table.where(int(lost[0]))})."
+        notes.append(Finding("missing", "time", message, samples=int(lost.size), excludes=True))
+    steps = np.diff(t[rows])
+    if steps.size and np.mean(steps < 0) > 0.5 and np.all(steps <= 0):
+        rows = rows[::-1]
+        notes.append(
+            Finding("backwards", "time", "The file runs from the latest to the earliest time; it was reversed.")
+        )
+    late = np.flatnonzero(t[rows] < np.maximum.accumulate(t[rows]))
+    if late.size > max(1, 0.01 * rows.size):
+        k = int(late[0])
+        shown = f"{_shown(times, t[rows[k - 1]])} to {_shown(times, t[rows[k]])}"
+        hint = ""
+        step = t[rows[k]] - t[rows[k - 1]]
+        if times.start is not None and times.start.tzinfo is None and -3700 < step <= -1800:
+            hint = " if this is the autumn change of the clock, give `time_zone`;"
+        raise DataError(
+            f"{table.source}, {table.where(int(rows[k]))}: time runs backwards ({shown});{hint} "
+            "sort the file, or split it into one file for each run"
+        )
+    if late.size:
+        rows = rows[np.argsort(t[rows], kind="stable")]
+        message = f"{late.size} rows stood out of order and were sorted in (first: {table.where(int(late[0]))})."
+        notes.append(Finding("backwards", "time", message, samples=int(late.size)))
+    keep = np.diff(t[rows], prepend=-np.inf) > 0
+    if not keep.all():
+        first = int(rows[np.argmin(keep)])
+        count = int(np.sum(~keep))
+        message = f"{count} rows repeat the time of the row before and were left out (first: {table.where(first)})."
+        notes.append(Finding("duplicate", "time", message, samples=count, excludes=True))
+        rows = rows[keep]
+    return rows, tuple(notes)
+
+
+def _shown(times: Times, seconds: float) -> str:
+    if times.start is None:
+        return f"{seconds:g} s"
+    return str(np.datetime64(times.start.replace(tzinfo=None), "ms") + np.timedelta64(round(seconds * 1e3), "ms"))
