@@ -53,9 +53,9 @@ class RowFit:
 
     @property
     def covariance(self) -> Array:
-        """(size, size) of theta; infinite variance where the data say nothing."""
+        """(size, size) of theta; a variance beyond all measure where the data say nothing."""
         n = self.theta.size
-        scale = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
+        scale = np.sqrt(np.maximum(np.diag(self.information), 1e-80))
         normal = self.information / np.outer(scale, scale)
         values, vectors = np.linalg.eigh(normal)
         values = np.maximum(values, 1e-14)
