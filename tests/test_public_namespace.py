@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 import trueplant
 
 PUBLIC = [
@@ -43,12 +45,8 @@ def test_every_public_name_can_be_had():
 
 
 def test_unknown_name_is_an_attribute_error():
-    try:
+    with pytest.raises(AttributeError, match="no_such_name"):
         trueplant.no_such_name  # noqa: B018
-    except AttributeError as error:
-        assert "no_such_name" in str(error)
-    else:
-        raise AssertionError("an unknown name was answered")
 
 
 def test_import_loads_nothing_heavy():

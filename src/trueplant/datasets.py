@@ -148,8 +148,8 @@ def path(name: str) -> Path:
     dataset = REGISTRY[name]
     if dataset.upstream is None or dataset.convert is None:
         raise SourceError(
-            f"{name} was not published as text ({dataset.source.repository} on GitHub has it as a MATLAB or Python file): "
-            f"put it into a folder as {name} and set {VARIABLE} to that folder"
+            f"{name} was published in {dataset.source.repository} on GitHub in a MATLAB or Python format: put it as "
+            f"text into a folder, as {name}, and set {VARIABLE} to that folder"
         )
     import pooch
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from trueplant.study.result import Result
 
 REFUSED, MISMATCH = 3, 1
-Progress = Callable[[str, float], None]
+Say = Callable[[str], None]
 
 
 def run(path: Path, out: Path | None, json: bool, fail_on_mismatch: bool) -> int:
@@ -55,9 +55,9 @@ def _analyse(project: Project, folder: Path, json: bool) -> Result:
     from trueplant.report import render
     from trueplant.study.pipeline import analyse
 
-    with _progress() as step:
-        result = analyse(project, progress=step)
-        step("writing the report", 0.95)
+    with saying() as say:
+        result = analyse(project, progress=say)
+        say("writing the report")
         written = write_results(result, folder, render(result))
     if json:
         sys.stdout.write(to_json(result))
@@ -69,15 +69,15 @@ def _analyse(project: Project, folder: Path, json: bool) -> Result:
 
 
 @contextmanager
-def _progress() -> Iterator[Progress]:
-    """A function of the step's name and the share done; it draws on a terminal and is quiet elsewhere."""
+def saying() -> Iterator[Say]:
+    """A function that shows what is being done; it draws on a terminal and is quiet elsewhere."""
     if not sys.stderr.isatty():
-        yield lambda step, share: None
+        yield lambda what: None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("reading", total=1.0)
-        yield lambda step, share: bar.update(task, description=step, completed=share)
+        task = bar.add_task("starting", total=None)
+        yield lambda what: bar.update(task, description=what)

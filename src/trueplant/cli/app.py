@@ -23,7 +23,7 @@ ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT.toml", help="The p
 OutFolder = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
 OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="File to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Print result.json, and nothing else.")]
-FailOnMismatch = Annotated[bool, typer.Option("--fail-on-mismatch", help="Exit with status 1 if the plant has changed.")]
+FailOnMismatch = Annotated[bool, typer.Option("--fail-on-mismatch", help="Exit with 1 if the plant has changed.")]
 
 
 def _version(wanted: bool) -> None:
@@ -39,7 +39,7 @@ def trueplant(
     """Find what changed in a plant from its closed-loop data, and how surely."""
 
 
-@app.command()
+@app.command(short_help="Find what changed in the plant; write the results.")
 def run(
     project: ProjectFile, out: OutFolder = None, json: Json = False, fail_on_mismatch: FailOnMismatch = False
 ) -> int:
@@ -49,7 +49,7 @@ def run(
     return run(project, out, json, fail_on_mismatch)
 
 
-@app.command()
+@app.command(short_help="Screen the data only: what can be used, and why not.")
 def check(project: ProjectFile) -> int:
     """Read and screen the data only: what is usable, what is not and why."""
     from trueplant.cli.data import check
@@ -57,7 +57,7 @@ def check(project: ProjectFile) -> int:
     return check(project)
 
 
-@app.command()
+@app.command(short_help="Write a first project file for a data file.")
 def init(
     data: Annotated[Path, typer.Argument(metavar="DATA", help="A CSV, Parquet or XLSX file.")],
     out: OutFile = None,
@@ -69,7 +69,7 @@ def init(
     return init(data, out, force)
 
 
-@app.command()
+@app.command(short_help="Write a simulated record of the declared loop.")
 def simulate(project: ProjectFile, out: OutFile = None) -> int:
     """Simulate the declared loop (table [simulate]) and write the record as CSV or Parquet."""
     from trueplant.cli.data import simulate
@@ -77,7 +77,7 @@ def simulate(project: ProjectFile, out: OutFile = None) -> int:
     return simulate(project, out)
 
 
-@app.command()
+@app.command(short_help="Run a built-in case end to end, no file needed.")
 def demo(
     name: Annotated[str, typer.Argument(metavar="[NAME]", help="splitter, mill or wood-berry.")] = "splitter",
     out: OutFolder = None,
@@ -97,7 +97,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = typer.main.get_command(app)
     try:
         given = None if arguments is None else list(arguments)
-        return int(command.main(args=given, prog_name="trueplant", standalone_mode=False) or 0)
+        status = int(command.main(args=given, prog_name="trueplant", standalone_mode=False) or 0)
+        # some versions of typer turn Ctrl-C into a status, others into Abort
+        if status != INTERRUPTED:
+            return status
+        raise KeyboardInterrupt
     except TrueplantError as error:
         _say(str(error))
         return error.exit_status

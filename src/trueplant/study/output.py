@@ -7,6 +7,7 @@ import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import NoReturn
 
 from trueplant.errors import OutputError
 from trueplant.study.result import Result
@@ -64,8 +65,8 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> dict[str, 
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
-            handle, beside = tempfile.mkstemp(prefix=f".{name}.", suffix=".part", dir=folder)
-            waiting[Path(beside)] = folder / name
+            handle, temporary = tempfile.mkstemp(prefix=f".{name}.", suffix=".part", dir=folder)
+            waiting[Path(temporary)] = folder / name
             with os.fdopen(handle, "wb") as file:
                 file.write(content.encode("utf-8") if isinstance(content, str) else content)
                 os.fchmod(file.fileno(), 0o644)
@@ -79,9 +80,10 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> dict[str, 
     return {place.name: place for place in waiting.values()}
 
 
-def _raise(folder: Path, error: OSError) -> None:
+def _raise(folder: Path, error: OSError) -> NoReturn:
     blocking = next((p for p in (folder, *folder.parents) if p.exists() and not p.is_dir()), None)
     if blocking is not None:
-        raise OutputError(f"{folder} cannot be the output folder: {blocking} is a file; name another with --out") from None
+        text = f"{folder} cannot be the output folder: {blocking} is a file; name another with --out"
+        raise OutputError(text) from None
     reason = error.strerror or str(error)
     raise OutputError(f"cannot write to {folder} ({reason}): name another folder with --out") from None

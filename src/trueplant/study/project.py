@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from trueplant.errors import ProjectError
+from trueplant.study.project_checks import check_controllers, check_project
 from trueplant.study.project_errors import message
 from trueplant.study.project_parts import (
     Analysis,
@@ -37,7 +38,7 @@ from trueplant.study.project_parts import (
 if TYPE_CHECKING:
     from trueplant import loop
     from trueplant.lti import TransferFunction, TransferMatrix
-    from trueplant.record import Layout
+    from trueplant.record.layout import Layout
 
 
 @dataclass(frozen=True)
@@ -135,97 +136,10 @@ class Project(Table):
 
     @model_validator(mode="after")
     def _holds_together(self) -> Self:
-        self._check_names()
-        self._check_references()
-        self._check_experiments()
-        self._check_controllers(self.controllers, ())
-        self._check_simulation()
+        check_project(self)
         return self
 
-    def _check_names(self) -> None:
-        seen: set[str] = set()
-        for table, names in (
-            ("output", self.output_names),
-            ("input", self.input_names),
-            ("disturbance", self.disturbance_names),
-        ):
-            for k, name in enumerate(names):
-                if name in seen:
-                    raise problem(f'"{name}" is there twice: every signal has a name of its own', table, k, "name")
-                seen.add(name)
-        columns = [("output", k, "pv", entry.pv) for k, entry in enumerate(self.outputs)]
-        columns += [("input", k, "op", entry.op) for k, entry in enumerate(self.inputs)]
-        used: set[str] = set()
-        for table, k, key, column in columns:
-            if column in used:
-                raise problem(
-                    f'column "{column}" is the PV or OP of another signal already', table, k, key
-                )
-            used.add(column)
-
-    def _check_references(self) -> None:
-        outputs, sources = self.output_names, (*self.input_names, *self.disturbance_names)
-        seen: dict[tuple[str, str], int] = {}
-        for k, element in enumerate(self.model):
-            _known(element.output, outputs, "[[output]]", "model", k, "output")
-            _known(element.input, sources, "[[input]] or [[disturbance]]", "model", k, "input")
-            pair = (element.output, element.input)
-            if pair in seen:
-                text = f"{pair[1]} -> {pair[0]} is declared already as model[{seen[pair] + 1}]: keep one of them"
-                raise problem(text, "model", k)
-            seen[pair] = k
-            self._check_element(element, ("model", k))
-        for k, entry in enumerate(self.unmeasured):
-            _known(entry.output, outputs, "[[output]]", "unmeasured", k, "output")
-
-    def _check_element(self, element: ModelElement, where: tuple[str | int, ...]) -> None:
-        """An element that is to be estimated has a structure with parameters."""
-        from trueplant.errors import FormulaError
-        from trueplant.lti import tf
-        from trueplant.lti.structure import structure_of
-
-        system = tf(element.tf)
-        if not element.estimate or element.structure is not None or system.is_zero:
-            return
-        try:
-            structure_of(system)
-        except FormulaError as error:
-            text = f"{error}; name the structure of the plant's element (structure = ...) or set estimate = false"
-            raise problem(text, *where, "tf") from error
-
-    def _check_experiments(self) -> None:
-        if self.data.files and self.declared_experiments:
-            raise problem("files and [[experiment]] say the same in two ways: keep one of them", "data", "files")
-        files = self.data.files or [entry.file for entry in self.declared_experiments]
-        for k, exclude in enumerate(self.data.exclude):
-            if exclude.file is not None:
-                _known(exclude.file, files, "data.files or [[experiment]]", "data", "exclude", k, "file")
-        for k, experiment in enumerate(self.declared_experiments):
-            for name in experiment.limits:
-                _known(name, self.input_names, "[[input]]", "experiment", k, "limits", name)
-            self._overridden(experiment.controllers, ("experiment", k, "controllers"))
-
-    def _check_controllers(self, controllers: Iterable[Controller], where: tuple[str | int, ...]) -> None:
-        outputs = {entry.name: entry for entry in self.outputs}
-        inputs = {entry.name: entry for entry in self.inputs}
-        seen: set[tuple[str, str]] = set()
-        for k, law in enumerate(controllers):
-            place = where or ("controller", k)
-            _known(law.input, inputs, "[[input]]", *place, "input")
-            _known(law.output, outputs, "[[output]]", *place, "output")
-            if (law.input, law.output) in seen:
-                raise problem(f"a controller from {law.output} to {law.input} is declared already", *place)
-            seen.add((law.input, law.output))
-            if "anti_windup" in law.model_fields_set and law.anti_windup != "none" and inputs[law.input].limits is None:
-                text = f'needs the limits of OP: add limits to the input "{law.input}"'
-                raise problem(text, *place, "anti_windup")
-            if law.gain_unit == "percent of span":
-                for entry, table in ((outputs[law.output], "output"), (inputs[law.input], "input")):
-                    if entry.limits is None:
-                        text = f'"percent of span" needs the span: add limits to the {table} "{entry.name}"'
-                        raise problem(text, *place, "gain_unit")
-
-    def _overridden(self, changes: list[dict[str, Any]], where: tuple[str | int, ...]) -> tuple[Controller, ...]:
+    def overridden(self, changes: list[dict[str, Any]], where: tuple[str | int, ...]) -> tuple[Controller, ...]:
         """The controllers with the changes of one experiment put in."""
         laws = [law.model_dump(by_alias=True, exclude_unset=True) for law in self.controllers]
         for k, change in enumerate(changes):
@@ -241,27 +155,8 @@ class Project(Table):
         except ValidationError as error:
             # the declared controllers are sound, so the mistake is in what this experiment changes
             raise problem(message(error, Controller, "the controller with this change"), *where) from None
-        self._check_controllers(merged, where)
+        check_controllers(self, merged, where)
         return merged
-
-    def _check_simulation(self) -> None:
-        if self.simulate is None:
-            return
-        outputs = self.output_names
-        for k, move in enumerate(self.simulate.setpoints):
-            _known(move.output, outputs, "[[output]]", "simulate", "setpoints", k, "output")
-            if move.time > self.simulate.duration:
-                raise problem("comes after the end (simulate.duration)", "simulate", "setpoints", k, "time")
-        for name in self.simulate.start:
-            _known(name, (*outputs, *self.input_names), "[[output]] or [[input]]", "simulate", "start", name)
-        for key in ("noise", "quantisation"):
-            table = getattr(self.simulate, key)
-            for name in table if isinstance(table, dict) else ():
-                _known(name, outputs, "[[output]]", "simulate", key, name)
-        if isinstance(self.simulate.plant, list):
-            for k, element in enumerate(self.simulate.plant):
-                _known(element.output, outputs, "[[output]]", "simulate", "plant", k, "output")
-                _known(element.input, self.input_names, "[[input]]", "simulate", "plant", k, "input")
 
     # -- what other rooms ask for -----------------------------------------------------------------------
 
@@ -302,7 +197,7 @@ class Project(Table):
                 closed=entry.loop == "closed",
                 exclude=tuple(e for e in self.data.exclude if e.file in (None, entry.file)),
                 limits=tuple(entry.limits.get(i.name, i.limits) for i in self.inputs),
-                controllers=self._overridden(entry.controllers, ()) if entry.controllers else tuple(self.controllers),
+                controllers=self.overridden(entry.controllers, ()) if entry.controllers else tuple(self.controllers),
                 folder=self._folder,
             )
             for entry in entries
@@ -394,9 +289,3 @@ class Project(Table):
         if name.startswith("dataset:") or os.path.isabs(name):
             return name
         return Path(os.path.relpath(self._folder / name, folder)).as_posix()
-
-
-def _known(name: str, names: Iterable[str], table: str, *where: str | int) -> None:
-    if name not in (known := list(names)):
-        listed = ", ".join(known) if known else "none"
-        raise problem(f'"{name}" is not declared in {table}, which has: {listed}', *where)

@@ -56,11 +56,10 @@ def line_numbers(text: str) -> dict[Where, int]:
     table: Where = ()
     in_string = False
     for number, line in enumerate(text.splitlines(), 1):
-        if in_string or line.count('"""') % 2 or line.count("'''") % 2:
-            if line.count('"""') % 2 or line.count("'''") % 2:
-                in_string = not in_string
-            if in_string and not _KEY.match(line):
-                continue
+        quotes = line.count('"""') + line.count("'''")
+        inside, in_string = in_string, in_string != bool(quotes % 2)
+        if inside:
+            continue
         header = _HEADER.match(line)
         if header:
             names: Where = ()

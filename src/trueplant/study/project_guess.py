@@ -90,7 +90,7 @@ def guess_project(file: str, columns: Sequence[str], units: Mapping[str, str] | 
         "#     trueplant check THIS_FILE     what of the data can be used",
         "#     trueplant run THIS_FILE       what changed in the plant, and how surely",
         "",
-        'time_unit = "s"      # CHECK: of every time constant and dead time: "ms", "s", "min", "h" or "day"',
+        'time_unit = "s"      # CHECK: of every time constant and dead time: "ms", "s", "min", "h" or "d"',
         "",
         "[data]",
         f"files = [{_text(file)}]",
@@ -110,7 +110,10 @@ def guess_project(file: str, columns: Sequence[str], units: Mapping[str, str] | 
         lines.append(_unit(known.get(loop.op)))
         lines.append("# limits = [0, 100]   # CHECK: where OP saturates; such samples are treated with care")
         if loop.mode:
-            lines += [f"mode = {_text(loop.mode)}", 'automatic_values = [1, "AUTO"]   # CHECK']
+            lines += [
+                f"mode = {_text(loop.mode)}",
+                '# automatic_values = [1, "AUTO"]   # what the mode says in automatic',
+            ]
     lines += ["", "# The model: put yours in place of the 0. With 0 the element is found from the data alone."]
     for i, row in enumerate(loops, 1):
         for j, column in enumerate(loops, 1):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from trueplant import loop
 from trueplant.errors import LoopError, ProjectError
 from trueplant.lti import parse_pv, tf
+from trueplant.record.layout import Channel, Layout
 from trueplant.study.project_parts import Controller, Limits
 
 if TYPE_CHECKING:
@@ -33,7 +34,8 @@ def controller_of(
 
 
 def _entry(project: Project, law: Controller, j: int, i: int, limits: Limits | None) -> loop.PID | loop.Linear:
-    spans = [None if span is None else span[1] - span[0] for span in (project.inputs[i].limits, project.outputs[j].limits)]
+    ranges = (project.inputs[i].limits, project.outputs[j].limits)
+    spans = [None if limit is None else limit[1] - limit[0] for limit in ranges]
     if law.tf is not None:
         factor = -1.0 if law.action == "direct" else 1.0
         if law.gain_unit == "percent of span":
@@ -56,4 +58,36 @@ def _entry(project: Project, law: Controller, j: int, i: int, limits: Limits | N
         anti_windup="none" if limits is None else law.anti_windup,
         limits=limits,
         pv_transform=None if law.pv_transform is None else parse_pv(law.pv_transform),
+    )
+
+
+def layout_of(project: Project) -> Layout:
+    """Which column is what, and how time is written."""
+    data = project.data
+    return Layout(
+        outputs=tuple(Channel(e.name, e.pv, sp=e.sp, unit=e.unit, limits=e.limits) for e in project.outputs),
+        inputs=tuple(
+            Channel(
+                e.name,
+                e.op,
+                unit=e.unit,
+                limits=e.limits,
+                mode=e.mode,
+                hold=e.hold,
+                slave_sp=e.slave_sp,
+                slave_pv=e.slave_pv,
+                automatic_values=tuple(e.automatic_values) or Channel.automatic_values,
+            )
+            for e in project.inputs
+        ),
+        disturbances=tuple(Channel(e.name, e.column, unit=e.unit) for e in project.disturbances),
+        time=data.time,
+        time_unit=data.time_unit or project.time_unit,
+        project_time_unit=project.time_unit,
+        time_zone=data.time_zone,
+        separator=data.separator,
+        sheet=data.sheet,
+        tag=data.tag,
+        value=data.value,
+        quality=data.quality,
     )

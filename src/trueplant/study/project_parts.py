@@ -14,7 +14,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1)]
-TimeUnit = Literal["ms", "s", "min", "h", "day"]
+TimeUnit = Literal["ms", "s", "min", "h", "d"]
 Moment = Finite | datetime
 """A point of a record's time axis: a number in data.time_unit, or a timestamp."""
 
@@ -102,13 +102,17 @@ class Exclude(Table):
 
 
 class Data(Table):
-    """The files and how to read them."""
+    """The files and how to read them; tag, value and quality name the columns of long exports."""
 
     files: list[Name] = Field(default_factory=list)
     time: Name | None = None
     time_unit: TimeUnit | None = None
     time_zone: Name | None = None
-    separator: Annotated[str, Field(min_length=1)] | None = None
+    separator: Name | None = None
+    sheet: Name | None = None
+    tag: Name = "tag"
+    value: Name = "value"
+    quality: Name = "quality"
     exclude: list[Exclude] = Field(default_factory=list)
 
 

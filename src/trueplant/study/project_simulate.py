@@ -26,7 +26,7 @@ _FINEST = 1000
 def simulate_record(project: Project) -> pl.DataFrame:
     """Columns: time, then set-points, OPs and PVs under the project's own column names.
 
-    Raises ProjectError without a [simulate] table or a controller, LoopError for a loop that cannot run.
+    Raises ProjectError without a [simulate] table or a controller, LoopError for a loop that is unstable or cannot run.
     """
     import polars as pl
 
@@ -36,11 +36,13 @@ def simulate_record(project: Project) -> pl.DataFrame:
     controller = project.controller()
     if controller is None:
         raise ProjectError(f"{project.source}: has no [[controller]]: simulate runs the closed loop, so declare one")
-    every = _steps_per_sample(project, plan)
+    plant = _plant(project, plan)
+    loop.check_loop(plant, controller)
+    every = _steps_per_sample(project, plan, plant)
     h = plan.sample_time / every
     r, y0, u0 = _setpoints(project, plan, h)
     done = loop.simulate(
-        _plant(project, plan),
+        plant,
         controller,
         r,
         h,
@@ -61,13 +63,18 @@ def simulate_record(project: Project) -> pl.DataFrame:
     return pl.DataFrame({name: np.round(column, 9) for name, column in columns.items()})
 
 
-def as_file(frame: pl.DataFrame, path: str | Path) -> bytes:
-    """The content of ``path`` in the format that its ending asks for: .csv or .parquet."""
+def checked_format(path: str | Path) -> str:
+    """The ending of ``path``. Raises OutputError if it is not one that a record can be written with."""
     ending = Path(path).suffix.lower()
     if ending not in (".csv", ".parquet"):
-        raise OutputError(f"{path}: a record is written as .csv or .parquet, not {ending or 'without an ending'}")
+        raise OutputError(f"{path}: a record is written as .csv or .parquet, so the name must end in one of them")
+    return ending
+
+
+def as_file(frame: pl.DataFrame, path: str | Path) -> bytes:
+    """What to write to ``path``, in the format that its ending asks for."""
     buffer = io.BytesIO()
-    if ending == ".csv":
+    if checked_format(path) == ".csv":
         frame.write_csv(buffer)
     else:
         frame.write_parquet(buffer)
@@ -90,12 +97,12 @@ def _plant(project: Project, plan: Simulate) -> TransferMatrix:
     return TransferMatrix.of(rows, project.time_unit)
 
 
-def _steps_per_sample(project: Project, plan: Simulate) -> int:
+def _steps_per_sample(project: Project, plan: Simulate, plant: TransferMatrix) -> int:
     """Fine enough for continuous controllers, and such that every scan is a whole number of steps."""
     scans = [law.sample_time for law in project.controllers if law.sample_time is not None]
     wanted = 1
     if len(scans) < len(project.controllers):
-        wanted = math.ceil(plan.sample_time / _shortest_time(project, plan) * 20)
+        wanted = math.ceil(plan.sample_time / _shortest_time(project, plan, plant) * 20)
     for every in range(max(wanted, 1), _FINEST + 1):
         h = plan.sample_time / every
         if all(scan >= h * (1 - 1e-9) and abs(scan / h - round(scan / h)) < 1e-6 for scan in scans):
@@ -106,9 +113,8 @@ def _steps_per_sample(project: Project, plan: Simulate) -> int:
     )
 
 
-def _shortest_time(project: Project, plan: Simulate) -> float:
+def _shortest_time(project: Project, plan: Simulate, plant: TransferMatrix) -> float:
     """The shortest time constant of plant and controllers; the sample time if there is none."""
-    plant = _plant(project, plan)
     poles = np.concatenate([plant[i, j].poles for i in range(plant.shape[0]) for j in range(plant.shape[1])])
     times = [1 / abs(p) for p in poles if abs(p) > 0]
     for law in project.controllers:

@@ -139,11 +139,11 @@ def number(value: float | None, digits: int = 3) -> str:
     if not 1e-4 <= abs(value) < 1e6:
         return f"{value:.{digits - 1}e}"
     decimals = digits - 1 - math.floor(math.log10(abs(value)))
-    return f"{round(value, decimals):.{max(decimals, 0)}f}"
+    return f"{value:.{max(decimals, 0)}f}"
 
 
 def parameter_line(parameter: Parameter) -> str:
-    """``K = 0.917 ± 0.012 degC/% (model 0.932, -1.6 %)``; ± is half of the interval, which is written out if lopsided."""
+    """``K = 0.917 ± 0.012 degC/% (model 0.932, -1.6 %)``; ± is half of the interval."""
     base = parameter.name.rstrip("0123456789")
     symbol = _SYMBOLS.get(base, parameter.name)
     symbol += parameter.name.removeprefix(base) if base in _SYMBOLS else ""
@@ -206,7 +206,8 @@ def html_summary(result: Result) -> str:
         said = html.escape(f"{element.verdict}, grade {element.grade}" if element.grade else element.verdict)
         rows.append(f"<tr><td>{named}</td><td>{said}</td><td style='text-align:left'>{cells}</td></tr>")
     notes = "".join(f"<li>{html.escape(_sentence(r.message))}</li>" for r in (*result.reasons, *result.notes))
-    table = f"<table><tr><th>element</th><th>verdict</th><th>parameters</th></tr>{''.join(rows)}</table>" if rows else ""
+    head = "<tr><th>element</th><th>verdict</th><th>parameters</th></tr>"
+    table = f"<table>{head}{''.join(rows)}</table>" if rows else ""
     return f"<p><b>{html.escape(headline(result))}</b></p>{table}{f'<ul>{notes}</ul>' if notes else ''}"
 
 

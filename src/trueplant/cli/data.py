@@ -1,0 +1,68 @@
+"""The commands around the data: ``check``, ``init`` and ``simulate``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from trueplant.errors import OutputError
+from trueplant.study.output import write_files
+
+REFUSED = 3
+
+
+def check(path: Path) -> int:
+    """Say of each record what can be used and what cannot, and whether it moves enough to learn from."""
+    from trueplant.cli.analyse import saying
+    from trueplant.study.informative import why_not_informative
+    from trueplant.study.pipeline import prepare
+    from trueplant.study.project import Project
+
+    with saying() as say:
+        study = prepare(Project.load(path), say)
+        doubts = why_not_informative(study)
+    for screened in study.screened:
+        record = screened.record
+        span = f"{record.t[0]:g} to {record.t[-1]:g} {record.time_unit}"
+        print(f"{record.name}: {record.t.size} samples, {span}, one every {record.sample_time:g} {record.time_unit}")
+        if screened.refusal:
+            print(f"  cannot be used: {screened.refusal}")
+        for k, name in enumerate(record.outputs):
+            share = float(screened.usable_y[:, k].mean())
+            print(f"  {name}: {100 * share:.0f} % of the samples can be used")
+        for finding in (*record.notes, *screened.findings):
+            print(f"  {finding.message}")
+    for reason in doubts:
+        print(f"{reason.where}: {reason.message}" if reason.where else reason.message)
+    usable = any(screened.refusal is None for screened in study.screened)
+    blocked = any(reason.code == "no-excitation" for reason in doubts)
+    return 0 if usable and not blocked else REFUSED
+
+
+def init(data: Path, out: Path | None, force: bool) -> int:
+    """Write a project file for ``data`` next to it, or where ``out`` says."""
+    from trueplant.record.table import read_table
+    from trueplant.study.project_guess import guess_project
+
+    place = out or data.with_suffix(".toml")
+    if place.exists() and not force:
+        raise OutputError(f"{place} is there already: name another file with --out, or overwrite it with --force")
+    table = read_table(data)
+    text = guess_project(Path(os.path.relpath(data, place.parent)).as_posix(), table.names, table.units)
+    write_files(place.parent, {place.name: text})
+    print(f"{place}: check every line with the word CHECK, then run: trueplant check {place}")
+    return 0
+
+
+def simulate(path: Path, out: Path | None) -> int:
+    """Write the record that the table [simulate] of a project asks for."""
+    from trueplant.study.project import Project
+    from trueplant.study.project_simulate import as_file, checked_format, simulate_record
+
+    project = Project.load(path)
+    place = out or Path(f"{path.stem}-simulated.csv")
+    checked_format(place)
+    frame = simulate_record(project)
+    write_files(place.parent, {place.name: as_file(frame, place)})
+    print(f"{place}: {frame.height} samples of {', '.join(frame.columns)}")
+    return 0

@@ -1,0 +1,54 @@
+"""Results on disk are whole, or not there."""
+
+from __future__ import annotations
+
+import pytest
+
+import trueplant as tp
+from trueplant.study import output
+from trueplant.study.result import Result
+
+RESULT = Result("refused", (), {}, (), ())
+
+
+def test_check_of_the_folder_leaves_nothing_behind(tmp_path):
+    assert output.prepare_output(tmp_path / "a" / "b") == tmp_path / "a" / "b"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_existing_folder_is_kept(tmp_path):
+    (tmp_path / "a").mkdir()
+    output.prepare_output(tmp_path / "a")
+    assert list(tmp_path.iterdir()) == [tmp_path / "a"]
+
+
+def test_file_in_the_way_is_named(tmp_path):
+    (tmp_path / "f").write_text("x")
+    for path in (tmp_path / "f", tmp_path / "f" / "below"):
+        with pytest.raises(tp.OutputError, match=f"{tmp_path / 'f'} is a file"):
+            output.prepare_output(path)
+    assert (tmp_path / "f").read_text() == "x"
+
+
+def test_place_that_cannot_be_written_is_named():
+    with pytest.raises(tp.OutputError, match="cannot write to /proc/trueplant"):
+        output.prepare_output("/proc/trueplant/out")
+
+
+def test_results_of_an_earlier_analysis_do_not_stay(tmp_path):
+    full = Result("ok", (), {}, (), (), plant_toml="a = 1\n")
+    assert set(output.write_results(full, tmp_path, "<html>")) == {"result.json", "plant.toml", "report.html"}
+    assert set(output.write_results(RESULT, tmp_path)) == {"result.json"}
+    assert [p.name for p in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_failure_leaves_the_old_files(tmp_path, monkeypatch):
+    output.write_files(tmp_path, {"a": "old", "b": "old"})
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(output.os, "fchmod", full)
+    with pytest.raises(tp.OutputError, match="No space left"):
+        output.write_files(tmp_path, {"a": "new", "b": "new"})
+    assert sorted((p.name, p.read_text()) for p in tmp_path.iterdir()) == [("a", "old"), ("b", "old")]

@@ -1,0 +1,193 @@
+"""What a result says in words, and in JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueplant.study.output import to_json
+from trueplant.study.result import Element, Importance, Parameter, Reason, Result
+from trueplant.study.words import html_summary, number, parameter_line, plain, text_summary, value_with_interval
+
+
+def _parameter(name="tau1", unit="s", model=390.0, plant=183.0, half=4.0, changed=True, **rest) -> Parameter:
+    ci = None if plant is None else (plant - half, plant + half)
+    percent = None if plant is None or not model else 100 * (plant / model - 1)
+    return Parameter(name, unit, model, plant, half / 2, ci, percent, 0.001, 0.002, changed, **rest)
+
+
+def _element(
+    output="temperature_2", input="heater_2", verdict="changed", parameters=None, weight=1.0, **rest
+) -> Element:
+    given = {
+        "structure": "fopdt",
+        "tf_model": "0.61/(390 s + 1)",
+        "tf_plant": "0.55/(183 s + 1)",
+        "tf_mismatch": None,
+        "parameters": (_parameter(changed=verdict == "changed"),) if parameters is None else parameters,
+        "reason": "",
+        "p_adjusted": 0.002,
+        "importance": Importance(weight, "loop"),
+        "grade": "A",
+    }
+    return Element(output, input, verdict=verdict, **(given | rest))
+
+
+def _result(*elements: Element, **rest) -> Result:
+    return Result(**({"status": "ok", "reasons": (), "provenance": {}, "data": (), "elements": elements} | rest))
+
+
+def test_change_is_said_with_both_values():
+    assert _result(_element()).headline == (
+        "The plant has changed: heater 2 -> temperature 2 responds with a time constant of 183 s, not 390 s (-53 %)."
+    )
+
+
+def test_the_change_that_matters_most_comes_first():
+    small = _element("y1", "u1", weight=0.1)
+    big = _element("y2", "u2", weight=2.0)
+    said = _result(small, big, _element("y1", "u2", "unchanged")).headline
+    assert said.index("u2 -> y2") < said.index("u1 -> y1")
+    assert said.endswith("1 element as the model says.")
+
+
+def test_many_changes_are_counted():
+    said = _result(*(_element(f"y{k}", f"u{k}", weight=10.0 - k) for k in range(6))).headline
+    assert "Changed too: u1 -> y1 (tau1 -53 %), u2 -> y2 (tau1 -53 %), u3 -> y3 (tau1 -53 %) and 2 more." in said
+
+
+def test_several_parameters_of_one_element_are_listed():
+    gain = _parameter("gain", "degC/%", 0.5, 0.6, 0.01)
+    second = _parameter("tau2", "s", 10.0, 20.0, 1.0)
+    said = _result(_element(parameters=(gain, _parameter(), second))).headline
+    assert "a gain of 0.600 degC/%, not 0.500 degC/% (+20 %)" in said
+    assert "a first time constant of 183 s" in said
+    assert "; and a second time constant of 20.0 s, not 10.0 s (+100 %)." in said
+
+
+def test_response_that_the_model_lacks_is_called_that():
+    gain = _parameter("gain", "degC/%", None, 0.27, 0.02)
+    said = _result(_element("temperature_1", tf_model="0", parameters=(gain,))).headline
+    assert "heater 2 -> temperature 1 responds with a gain of 0.270 degC/%, where the model has no response" in said
+
+
+def test_joint_change_without_a_single_parameter():
+    said = _result(_element(parameters=(_parameter(changed=False),))).headline
+    assert "differs from the model as a whole" in said
+
+
+def test_unchanged_plant():
+    kept = _element(verdict="unchanged")
+    assert _result(kept).headline.startswith(
+        "The plant has not changed: no difference from the model was found in heater 2"
+    )
+    assert "all 2 elements" in _result(kept, kept).headline
+
+
+def test_what_could_not_be_judged_is_said():
+    open_one = _element("y1", "u1", "not identifiable", (_parameter(plant=None, changed=False),))
+    kept = _element(verdict="unchanged")
+    assert _result(kept, open_one).headline.endswith("1 element could not be judged (u1 -> y1).")
+    assert "all" not in _result(kept, open_one).headline
+    assert _result(open_one).headline.startswith("No verdict is possible")
+
+
+def test_refusal_gives_its_reason():
+    reasons = (Reason("no-excitation", "no set-point changes"), Reason("x", "y"))
+    assert _result(status="refused", reasons=reasons).headline == (
+        "No answer can be given: no set-point changes. (1 more reason in the result)"
+    )
+
+
+def test_parameter_line_is_the_documented_one():
+    gain = _parameter("gain", "", 0.932, 0.917, 0.012, changed=False)
+    assert parameter_line(gain) == "K = 0.917 ± 0.012 (model 0.932, -1.6 %)"
+    assert (
+        parameter_line(replace(gain, plant=None, reason="OP never moved"))
+        == "K not known: OP never moved (model 0.932)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "ci", "text"),
+    [
+        (0.917, (0.905, 0.929), "0.917 ± 0.012"),
+        (183.2, (179.0, 187.4), "183.2 ± 4.2"),
+        (1234.0, (1000.0, 1468.0), "1234 ± 234"),
+        (2.0, (1.9, 2.9), "2.00, 1.90 to 2.90"),
+        (2.0, (-math.inf, math.inf), "2.00, unknown to unknown"),
+    ],
+)
+def test_values_have_the_digits_that_they_deserve(value, ci, text):
+    assert value_with_interval(value, ci) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (1234.5, "1234"), (0.00123456, "0.00123"), (-0.5, "-0.500"), (1e9, "1.00e+09"), (math.nan, "unknown")],
+)
+def test_numbers(value, text):
+    assert number(value) == text
+
+
+def test_summaries_hold_verdicts_parameters_and_notes():
+    note = Reason("single", "between-run variance is <missing>", "run 1")
+    result = _result(_element(), notes=(note,), provenance={"settings": {"confidence": 0.95}})
+    text = text_summary(result)
+    assert text == repr(result)
+    assert text.splitlines()[0] == result.headline
+    assert "heater_2 -> temperature_2 (fopdt): changed, grade A" in text
+    assert "tau1 = 183.0 ± 4.0 s (model 390, -53.1 %)  changed" in text
+    assert "note (run 1): between-run variance is <missing>." in text
+    assert "95 % interval" in text
+    page = html_summary(result)
+    assert "&lt;missing&gt;" in page and "<missing>" not in page
+
+
+def test_plain_is_json_and_nothing_is_infinite():
+    value = {
+        "array": np.array([[1.0, np.nan], [np.inf, 2.0]]),
+        "scalar": np.float64(3.5),
+        "flag": np.bool_(True),
+        "tuple": (1, None),
+        "when": datetime(2024, 1, 2),
+        "path": Path("a/b"),
+        "complex": 1 + 2j,
+        3: {"b", "a"},
+    }
+    assert json.loads(json.dumps(plain(value), allow_nan=False)) == {
+        "array": [[1.0, None], [None, 2.0]],
+        "scalar": 3.5,
+        "flag": True,
+        "tuple": [1, None],
+        "when": "2024-01-02T00:00:00",
+        "path": "a/b",
+        "complex": {"re": 1.0, "im": 2.0},
+        "3": ["a", "b"],
+    }
+    with pytest.raises(TypeError, match="object"):
+        plain(object())
+
+
+def test_result_json_has_the_published_keys():
+    body = json.loads(to_json(_result(_element())))
+    assert body["schema"] == 1
+    assert {
+        "status",
+        "reasons",
+        "provenance",
+        "data",
+        "elements",
+        "fit",
+        "methods",
+        "robustness",
+        "controllers",
+    } <= set(body)
+    parameter = body["elements"][0]["parameters"][0]
+    assert parameter["name"] == "tau1" and parameter["ci"] == [179.0, 187.0]
