@@ -68,37 +68,25 @@ def terms_of(plant: TransferMatrix, h: float) -> Terms:
 
 
 @njit(cache=True)
-def _plant_output(terms: Terms, x: Array, du: Array, k: int, p: Array) -> None:
-    """Plant output p[k] from the states and the inputs before step k."""
-    for t in range(terms.i.size):
-        value = 0.0
-        for a in range(terms.order[t]):
-            value += terms.C[t, a] * x[t, a]
-        if terms.d[t] != 0.0:
-            back = k - max(terms.q[t] + terms.late[t], 1)
-            if back >= 0:
-                value += terms.d[t] * du[back, terms.j[t]]
-        p[k, terms.i[t]] += value
+def _term_output(
+    t: int, n: int, A: Array, b0: Array, b1: Array, C: Array, x: Array, spare: Array, now: float, before: float
+) -> float:
+    """States of term t over one step, and its output without feedthrough at the end of it."""
+    value = 0.0
+    for a in range(n):
+        state = b0[t, a] * now + b1[t, a] * before
+        for b in range(n):
+            state += A[t, a, b] * x[t, b]
+        spare[a] = state
+        value += C[t, a] * state
+    for a in range(n):
+        x[t, a] = spare[a]
+    return value
 
 
 @njit(cache=True)
-def _plant_advance(terms: Terms, x: Array, du: Array, k: int, new: Array) -> None:
-    """States from the instant k to k + 1."""
-    for t in range(terms.i.size):
-        at = k - terms.q[t]
-        now = du[at, terms.j[t]] if at >= 0 else 0.0
-        before = du[at - 1, terms.j[t]] if at >= 1 else 0.0
-        n = terms.order[t]
-        if n == 1:
-            x[t, 0] = terms.A[t, 0, 0] * x[t, 0] + terms.b0[t, 0] * now + terms.b1[t, 0] * before
-            continue
-        for a in range(n):
-            value = terms.b0[t, a] * now + terms.b1[t, a] * before
-            for b in range(n):
-                value += terms.A[t, a, b] * x[t, b]
-            new[a] = value
-        for a in range(n):
-            x[t, a] = new[a]
+def _within(value: float, limits: Array, i: int) -> float:
+    return float(min(max(value, limits[i, 0]), limits[i, 1]))
 
 
 @njit(cache=True)
@@ -107,8 +95,7 @@ def run_loop(
     law: Law,
     r_mean: Array,
     r_end: Array,
-    disturbance: Array,
-    noise: Array,
+    added: Array,
     spikes: Array,
     quantum: Array,
     input_disturbance: Array,
@@ -118,53 +105,62 @@ def run_loop(
     x_law: Array,
     integral: Array,
 ) -> tuple[Array, Array, Array]:
-    """OP (N, n_u), measured PV and true PV (N, n_y). r_mean, r_end are (n_e, N); see `simulate` for the rest.
+    """OP (N, n_u), measured PV and plant output (N, n_y). r_mean, r_end are (n_e, N), `added` is disturbance and noise.
 
     A continuous entry sees, over the step centred on k, the mean of the plant's continuous output and of
     what is added to it in steps; at the centre of the step that its output is held for, the plant's output is
     extrapolated by half a step. Both are of second order, and what is recorded is the held OP.
     """
-    steps, n_y = disturbance.shape
-    n_u, n_e = u0.size, law.i.size
-    u = np.empty((steps, n_u))
-    du = np.empty((steps, n_u))
-    y = np.empty((steps, n_y))
-    p = np.zeros((steps, n_y))
-    x = np.zeros((terms.i.size, terms.A.shape[1]))
-    new = np.empty(terms.A.shape[1])
-    out = np.zeros(n_e)
-    raw = np.empty(n_u)
-    added_before = np.zeros(n_y)
-    added = np.zeros(n_y)
+    # arrays taken out of their tuples once: within the loop that would cost more than the arithmetic, as would views
+    term_i, term_j, term_n, q, late, A, b0, b1, C, d = terms
+    law_i, law_j, every, sampled, ki, clamp, track, law_n, law_A, law_B, law_C, law_D = law
+    steps, n_y = added.shape
+    n_u, n_e, n_t = u0.size, law_i.size, term_i.size
+    pad = 2
+    for t in range(n_t):
+        pad = max(pad, q[t] + 2)
+    u, y, p = np.empty((steps, n_u)), np.empty((steps, n_y)), np.zeros((steps, n_y))
+    du = np.zeros((n_u, pad + steps))
+    x, spare = np.zeros((n_t, A.shape[1])), np.empty(max(A.shape[1], law_A.shape[1]))
+    out, raw = np.zeros(n_e), np.empty(n_u)
+    on_top, on_top_before = np.zeros(n_y), np.zeros(n_y)
     for k in range(steps):
-        _plant_output(terms, x, du, k, p)
+        for t in range(n_t):
+            j, last = term_j[t], pad + k - 1 - q[t]
+            value = _term_output(t, term_n[t], A, b0, b1, C, x, spare, du[j, last], du[j, last - 1])
+            if d[t] != 0.0:
+                value += d[t] * du[j, pad + k - max(q[t] + late[t], 1)]
+            p[k, term_i[t]] += value
         for i in range(n_y):
-            value = y0[i] + p[k, i] + disturbance[k, i] + noise[k, i]
+            value = y0[i] + p[k, i] + added[k, i]
             if quantum[i] > 0.0:
                 value = np.round(value / quantum[i]) * quantum[i]
             y[k, i] = value + spikes[k, i]
-            added_before[i] = added[i]
-            added[i] = y[k, i] - y0[i] - p[k, i]
+            on_top_before[i] = on_top[i]
+            on_top[i] = y[k, i] - y0[i] - p[k, i]
         for i in range(n_u):
             raw[i] = 0.0
         for e in range(n_e):
-            j = law.j[e]
-            if law.sampled[e]:
-                if k % law.every[e] == 0:
-                    integral[e] += law.ki[e] * (r_end[e, k] - y[k, j])
-                    _clamp(law, e, limits, integral)
-                    out[e] = entry_output(law, e, x_law, r_end[e, k], y[k, j], r_end[e, k], y[k, j])
-            else:
-                y_mean = y[k, j] + 0.5 * (added_before[j] - added[j])
-                y_end = y[k, j] + 0.5 * (p[k, j] - p[k - 1, j] if k > 0 else 0.0)
-                integral[e] += law.ki[e] * (r_mean[e, k] - y_mean)
-                _clamp(law, e, limits, integral)
-                out[e] = entry_output(law, e, x_law, r_mean[e, k], y_mean, r_end[e, k], y_end)
-            raw[law.i[e]] += integral[e] + out[e]
-        _write(law, raw, limits, integral, u, k)
+            i, j = law_i[e], law_j[e]
+            if k % every[e] == 0:
+                y_mean, y_end = y[k, j], y[k, j]
+                if not sampled[e]:
+                    y_mean += 0.5 * (on_top_before[j] - on_top[j])
+                    y_end += 0.5 * (p[k, j] - p[max(k - 1, 0), j])
+                integral[e] += ki[e] * (r_mean[e, k] - y_mean)
+                if clamp[e]:
+                    integral[e] = _within(integral[e], limits, i)
+                out[e] = entry_output(
+                    e, law_n[e], law_A, law_B, law_C, law_D, x_law, spare,
+                    r_mean[e, k], y_mean, r_end[e, k], y_end,
+                )  # fmt: skip
+            raw[i] += integral[e] + out[e]
         for i in range(n_u):
-            du[k, i] = u[k, i] - u0[i] + input_disturbance[k, i]
-        _plant_advance(terms, x, du, k, new)
+            u[k, i] = _within(raw[i], limits, i)
+            du[i, pad + k] = u[k, i] - u0[i] + input_disturbance[k, i]
+        for e in range(n_e):
+            if track[e] > 0.0 and k % every[e] == 0:
+                integral[e] += track[e] * (u[k, law_i[e]] - raw[law_i[e]])
     return u, y, p
 
 
@@ -173,36 +169,26 @@ def run_law(
     law: Law, r_mean: Array, r_end: Array, y_mean: Array, y_end: Array, limits: Array, x: Array, integral: Array
 ) -> Array:
     """OP (N, n_u) of the law alone on given set-points (n_e, N) and PVs (n_e, N)."""
+    law_i, _, every, _, ki, clamp, track, n, A, B, C, D = law
     n_e, steps = r_end.shape
     n_u = limits.shape[0]
     u = np.empty((steps, n_u))
-    out = np.zeros(n_e)
-    raw = np.empty(n_u)
+    out, raw, spare = np.zeros(n_e), np.empty(n_u), np.empty(A.shape[1])
     for k in range(steps):
         for i in range(n_u):
             raw[i] = 0.0
         for e in range(n_e):
-            if k % law.every[e] == 0:
-                integral[e] += law.ki[e] * (r_mean[e, k] - y_mean[e, k])
-                _clamp(law, e, limits, integral)
-                out[e] = entry_output(law, e, x, r_mean[e, k], y_mean[e, k], r_end[e, k], y_end[e, k])
-            raw[law.i[e]] += integral[e] + out[e]
-        _write(law, raw, limits, integral, u, k)
+            if k % every[e] == 0:
+                integral[e] += ki[e] * (r_mean[e, k] - y_mean[e, k])
+                if clamp[e]:
+                    integral[e] = _within(integral[e], limits, law_i[e])
+                out[e] = entry_output(
+                    e, n[e], A, B, C, D, x, spare, r_mean[e, k], y_mean[e, k], r_end[e, k], y_end[e, k]
+                )
+            raw[law_i[e]] += integral[e] + out[e]
+        for i in range(n_u):
+            u[k, i] = _within(raw[i], limits, i)
+        for e in range(n_e):
+            if track[e] > 0.0 and k % every[e] == 0:
+                integral[e] += track[e] * (u[k, law_i[e]] - raw[law_i[e]])
     return u
-
-
-@njit(cache=True)
-def _clamp(law: Law, e: int, limits: Array, integral: Array) -> None:
-    if law.clamp[e]:
-        i = law.i[e]
-        integral[e] = min(max(integral[e], limits[i, 0]), limits[i, 1])
-
-
-@njit(cache=True)
-def _write(law: Law, raw: Array, limits: Array, integral: Array, u: Array, k: int) -> None:
-    """OP within its limits, and back-calculation for the entries that just ran."""
-    for i in range(raw.size):
-        u[k, i] = min(max(raw[i], limits[i, 0]), limits[i, 1])
-    for e in range(law.i.size):
-        if law.track[e] > 0.0 and k % law.every[e] == 0:
-            integral[e] += law.track[e] * (u[k, law.i[e]] - raw[law.i[e]])

@@ -43,13 +43,11 @@ class Law(NamedTuple):
     """Step over the time constant of back-calculation; 0 without it."""
     order: IntArray
     A: Array
-    Br: Array
-    By: Array
+    B: Array
+    """(n_e, n, 2): Br and By."""
     C: Array
-    d1r: Array
-    d1y: Array
-    d0r: Array
-    d0y: Array
+    D: Array
+    """(n_e, 4): d1r, d1y, d0r, d0y."""
 
 
 class StateSpace(NamedTuple):
@@ -74,13 +72,9 @@ def law_of(controller: Controller, h: float) -> Law:
         track=np.zeros(n),
         order=np.array([s.b.size for s in systems], dtype=np.int64),
         A=np.zeros((n, width, width)),
-        Br=np.zeros((n, width)),
-        By=np.zeros((n, width)),
+        B=np.zeros((n, width, 2)),
         C=np.zeros((n, width)),
-        d1r=np.zeros(n),
-        d1y=np.zeros(n),
-        d0r=np.zeros(n),
-        d0y=np.zeros(n),
+        D=np.zeros((n, 4)),
     )
     for e, (entry, system) in enumerate(zip(controller.entries.values(), systems, strict=True)):
         law.every[e] = _scan_steps(entry, h)
@@ -152,12 +146,11 @@ def _fill(law: Law, e: int, entry: Entry, system: StateSpace, h: float) -> None:
         law.ki[e] = ki * step
         law.clamp[e] = entry.anti_windup == "clamp" and ki != 0
         law.track[e] = min(step / entry.tracking_time, 1.0) if entry.anti_windup == "back-calculation" else 0.0
-        law.d0r[e], law.d0y[e] = on_p * kp, kp
+        law.D[e, 2:] = on_p * kp, kp
         if kd and tf == 0:
             law.order[e] = 1
-            law.Br[e, 0], law.By[e, 0], law.C[e, 0] = on_d, 1.0, -kd / step
-            law.d0r[e] += on_d * kd / step
-            law.d0y[e] += kd / step
+            law.B[e, 0], law.C[e, 0] = (on_d, 1.0), -kd / step
+            law.D[e, 2:] += on_d * kd / step, kd / step
             return
     n = system.b.size
     if entry.sample_time is not None:
@@ -170,10 +163,8 @@ def _fill(law: Law, e: int, entry: Entry, system: StateSpace, h: float) -> None:
         a, b, d0 = exact[:n, :n], exact[:n, n], system.d
         c, d1 = system.c @ a, float(system.c @ b)
     law.A[e, :n, :n], law.C[e, :n] = a, c
-    law.Br[e, :n], law.By[e, :n] = on_d * b, b
-    law.d1r[e], law.d1y[e] = on_d * d1, d1
-    law.d0r[e] += on_d * d0
-    law.d0y[e] += d0
+    law.B[e, :n, 0], law.B[e, :n, 1] = on_d * b, b
+    law.D[e] += on_d * d1, d1, on_d * d0, d0
 
 
 def filtered_setpoint(entry: Entry, r: Array, h: float, start: float) -> Array:
@@ -200,22 +191,29 @@ def _recursion(a: Array, b: Array, c: Array, d: float, e: Array) -> Array:
 
 
 @njit(cache=True)
-def entry_output(law: Law, e: int, x: Array, r_mean: float, y_mean: float, r_end: float, y_end: float) -> float:
-    """Output without the integral of entry e at one step; advances its states x (n_e, n) in place."""
-    n = law.order[e]
-    out: float = law.d1r[e] * r_mean - law.d1y[e] * y_mean + law.d0r[e] * r_end - law.d0y[e] * y_end
+def entry_output(
+    e: int,
+    n: int,
+    A: Array,
+    B: Array,
+    C: Array,
+    D: Array,
+    x: Array,
+    spare: Array,
+    r_mean: float,
+    y_mean: float,
+    r_end: float,
+    y_end: float,
+) -> float:
+    """Output of entry e without its integral; advances its n states x[e] in place, with room to work in `spare`."""
+    out: float = D[e, 0] * r_mean - D[e, 1] * y_mean + D[e, 2] * r_end - D[e, 3] * y_end
     for p in range(n):
-        out += law.C[e, p] * x[e, p]
-    if n == 1:
-        x[e, 0] = law.A[e, 0, 0] * x[e, 0] + law.Br[e, 0] * r_mean - law.By[e, 0] * y_mean
-        return out
-    new = np.empty(n)
-    for p in range(n):
-        new[p] = law.Br[e, p] * r_mean - law.By[e, p] * y_mean
+        out += C[e, p] * x[e, p]
+        spare[p] = B[e, p, 0] * r_mean - B[e, p, 1] * y_mean
         for q in range(n):
-            new[p] += law.A[e, p, q] * x[e, q]
+            spare[p] += A[e, p, q] * x[e, q]
     for p in range(n):
-        x[e, p] = new[p]
+        x[e, p] = spare[p]
     return out
 
 
@@ -236,11 +234,11 @@ def rest(law: Law, r: Array, y: Array, u: Array, limits: Array) -> tuple[Array, 
         if carrier[i] < 0 or (law.ki[e] != 0 and law.ki[carrier[i]] == 0):
             carrier[i] = e
         n = law.order[e]
-        steady = law.Br[e, :n] * r[e] - law.By[e, :n] * y[e]
+        steady = law.B[e, :n, 0] * r[e] - law.B[e, :n, 1] * y[e]
         left = np.eye(n) - law.A[e, :n, :n]
         if np.any(steady != 0.0) and abs(np.linalg.det(left)) > 1e-14:
             x[e, :n] = np.linalg.solve(left, steady)
-        given[i] += entry_output(law, e, x.copy(), r[e], y[e], r[e], y[e])
+        given[i] += entry_output(e, n, law.A, law.B, law.C, law.D, x.copy(), np.empty(n), r[e], y[e], r[e], y[e])
     for i in range(u.size):
         if carrier[i] >= 0:
             e = carrier[i]

@@ -49,6 +49,21 @@ def _signal(value: ArrayLike | None, shape: tuple[int, int], name: str) -> Array
     return np.ascontiguousarray(np.broadcast_to(given, shape))
 
 
+def _measurement(
+    noise: ArrayLike | None, spikes: tuple[float, float] | None, shape: tuple[int, int], seed: int
+) -> tuple[Array, Array]:
+    """Measurement noise and spikes (N, n_y); each has its own stream of random numbers."""
+    streams = np.random.default_rng(seed).spawn(2)
+    noisy, outliers = _signal(noise, shape, "noise"), np.zeros(shape)
+    if noise is not None and np.ndim(noise) < 2:
+        noisy = noisy * streams[0].standard_normal(shape)
+    if spikes is not None:
+        probability, size = spikes
+        hit = streams[1].random(shape) < probability
+        outliers = np.where(hit, size * streams[1].standard_normal(shape), 0.0)
+    return noisy, outliers
+
+
 def _wide(limits: ArrayLike | None, controller: Controller | None, n_u: int) -> Array:
     if limits is None:
         return controller.limits if controller else np.tile([-np.inf, np.inf], (n_u, 1))
@@ -104,13 +119,7 @@ def simulate(
     setpoints = _signal(setpoints, (steps, n_y), "r")
     start_u = np.broadcast_to(np.asarray(u0, dtype=float), (n_u,)).copy()
     start_y = np.broadcast_to(np.asarray(y0, dtype=float), (n_y,)).copy()
-    rng = np.random.default_rng(seed)
-    white = rng.standard_normal((steps, n_y))
-    hit, size = rng.random((steps, n_y)), rng.standard_normal((steps, n_y))
-    noisy = _signal(noise, (steps, n_y), "noise")
-    if np.ndim(noise if noise is not None else 0.0) < 2:
-        noisy = noisy * white
-    outliers = np.where(hit < spikes[0], spikes[1] * size, 0.0) if spikes else np.zeros((steps, n_y))
+    noisy, outliers = _measurement(noise, spikes, (steps, n_y), seed)
     quantum = _signal(quantisation, (1, n_y), "quantisation")[0]
     added = _signal(v, (steps, n_y), "v")
     if (d is None) != (Gd is None):
@@ -131,7 +140,7 @@ def simulate(
         if u is not None:
             raise LoopError("give either a controller or the inputs u, not both")
         op, measured, plant_y = _closed(
-            plant, controller, setpoints, h, added, noisy, outliers, quantum, behind, bounds, start_u, start_y
+            plant, controller, setpoints, h, added + noisy, outliers, quantum, behind, bounds, start_u, start_y
         )
     if not (np.all(np.isfinite(measured)) and np.all(np.isfinite(op))):
         raise UnstableLoop("the simulated loop runs away to infinity: check gains, signs and action with check_loop")
@@ -152,7 +161,6 @@ def _closed(
     r: Array,
     h: float,
     added: Array,
-    noise: Array,
     spikes: Array,
     quantum: Array,
     behind: Array,
@@ -181,10 +189,10 @@ def _closed(
             r_end[e] = filtered_setpoint(entry, own[1:], h, own[0])
         else:
             r_end[e] = own[1:]
-        r_mean[e] = (own[:-1] + own[1:]) / 2
+        r_mean[e] = r_end[e] if entry.sample_time is not None else (own[:-1] + own[1:]) / 2
     x, integral = rest(law, y0[law.j], y0[law.j], u0, bounds)
     op, measured, plant_y = run_loop(
-        terms_of(plant, h), law, r_mean, r_end, added, noise, spikes, quantum, behind, bounds, u0, y0, x, integral
+        terms_of(plant, h), law, r_mean, r_end, added, spikes, quantum, behind, bounds, u0, y0, x, integral
     )
     return op, measured, plant_y
 
