@@ -161,7 +161,7 @@ CASES = {
         lambda f: None, 2, ("record.csv is a file",), ("simulate", "project.toml", "--out", "record.csv/x.csv")
     ),
     "simulate an unstable loop": Case(
-        _project("Kc = 0.8", "Kc = 80"), 2, ("runs away",), ("simulate", "project.toml", "--out", "new.csv")
+        _project("Kc = 0.8", "Kc = 80"), 2, ("unstable",), ("simulate", "project.toml", "--out", "new.csv")
     ),
     "demo below a file": Case(lambda f: None, 2, ("is a file",), ("demo", "--out", "record.csv/out")),
 }  # fmt: skip
