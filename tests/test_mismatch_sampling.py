@@ -15,8 +15,15 @@ W = np.array([0.05, 0.4, 1.3, 3.0])
 
 
 @pytest.mark.parametrize("hold", ["zoh", "linear"])
-@pytest.mark.parametrize("formula", ["2 exp(-0.73 s)/(3 s + 1)", "4 (1 - 1.1 exp(-0.47 s)) exp(-0.2 s)/((2 s + 1)(6 s + 1))",
-                                     "(s + 3) exp(-0.5 s)/(s + 1)", "(-4 s + 0.5)/(s^2 + s + 4)"])
+@pytest.mark.parametrize(
+    "formula",
+    [
+        "2 exp(-0.73 s)/(3 s + 1)",
+        "4 (1 - 1.1 exp(-0.47 s)) exp(-0.2 s)/((2 s + 1)(6 s + 1))",
+        "(s + 3) exp(-0.5 s)/(s + 1)",
+        "(-4 s + 0.5)/(s^2 + s + 4)",
+    ],
+)
 def test_sampled_response_reproduces_a_sinusoid_in_steady_state(formula, hold):
     h, n = 0.5, 400
     g = tf(formula)

@@ -8,6 +8,7 @@ solved for all points at once; no matrix is inverted that could be solved with.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from trueplant.errors import LoopError, Refused, UsageError
 
 Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
 BoolArray = NDArray[np.bool_]
 
 WORST_CONDITION = 1e8
@@ -167,7 +168,7 @@ def over_controller(X: ComplexArray, Q: ComplexArray) -> ComplexArray:
     if infinite.any():
         crossed = (Q[infinite.any(axis=(1, 2))] != 0).sum(axis=1).max() > 1
         if crossed:
-            raise LoopError("a controller with integral action across loops has no value at s = 0: use a small s instead")
+            raise LoopError("integral action across loops has no value at s = 0: use a small s instead")
         Q = np.where(infinite, 1e150, Q)
     try:
         value: ComplexArray = np.linalg.solve(Q.transpose(0, 2, 1), X.transpose(0, 2, 1)).transpose(0, 2, 1)
@@ -197,8 +198,8 @@ def _excitation(R: ComplexArray) -> tuple[Array, BoolArray]:
     usable = condition < WORST_CONDITION
     if not usable.any():
         raise Refused(
-            "the set-points move in proportion in all experiments, so that R(s) has no inverse and their effects cannot "
-            "be told apart (Appendix A of the paper): add an experiment in which one set-point moves by itself"
+            "the set-points move in proportion in all experiments, so that R(s) has no inverse and their effects "
+            "cannot be told apart (Appendix A of the paper): add an experiment in which one set-point moves by itself"
         )
     return condition, usable
 
@@ -239,7 +240,7 @@ def _adjoint(a: ComplexArray) -> ComplexArray:
 
 def _same_shape(a: ComplexArray, b: ComplexArray, name: str, other: str) -> None:
     if a.shape != b.shape:
-        raise UsageError(f"{name} has shape {a.shape} and {other} {b.shape}: they must agree (points, signals, experiments)")
+        raise UsageError(f"{name} has shape {a.shape} and {other} {b.shape}: they must agree")
 
 
 def _has_shape(a: ComplexArray, shape: tuple[int, ...], name: str) -> None:

@@ -25,7 +25,8 @@ def hold_response(w: Array, h: float, hold: str = "zoh") -> ComplexArray:
         return (sinc**2).astype(complex)
     if hold != "zoh":
         raise FormulaError(f'hold must be "zoh" or "linear", not {hold!r}')
-    return sinc * np.exp(-1j * x)
+    value: ComplexArray = sinc * np.exp(-1j * x)
+    return value
 
 
 def rows_frequency_response(
