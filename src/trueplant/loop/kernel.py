@@ -67,7 +67,7 @@ def terms_of(plant: TransferMatrix, h: float) -> Terms:
     return terms
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _term_output(
     t: int, n: int, A: Array, b0: Array, b1: Array, C: Array, x: Array, spare: Array, now: float, before: float
 ) -> float:
@@ -84,7 +84,7 @@ def _term_output(
     return value
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _within(value: float, limits: Array, i: int) -> float:
     return float(min(max(value, limits[i, 0]), limits[i, 1]))
 
@@ -142,7 +142,7 @@ def run_loop(
             raw[i] = 0.0
         for e in range(n_e):
             i, j = law_i[e], law_j[e]
-            if k % every[e] == 0:
+            if every[e] == 1 or k % every[e] == 0:
                 y_mean, y_end = y[k, j], y[k, j]
                 if not sampled[e]:
                     y_mean += 0.5 * (on_top_before[j] - on_top[j])
@@ -178,7 +178,7 @@ def run_law(
         for i in range(n_u):
             raw[i] = 0.0
         for e in range(n_e):
-            if k % every[e] == 0:
+            if every[e] == 1 or k % every[e] == 0:
                 integral[e] += ki[e] * (r_mean[e, k] - y_mean[e, k])
                 if clamp[e]:
                     integral[e] = _within(integral[e], limits, law_i[e])

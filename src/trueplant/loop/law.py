@@ -190,7 +190,7 @@ def _recursion(a: Array, b: Array, c: Array, d: float, e: Array) -> Array:
     return y
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def entry_output(
     e: int,
     n: int,
