@@ -26,6 +26,9 @@ FEWEST_SAMPLES = 2.5
 """Lag and dead time together must span this many samples to be told from each other and from none."""
 UNDERMODELLED = 1e-3
 """Significance from which prediction errors that follow an input are held against the structure."""
+UNKNOWN = 1e30
+"""A standard error beyond this says that there was no information at all."""
+WEAKLY_KNOWN = "its standard error is more than half of its size: the data say too little about it"
 WEAK = 0.2
 """Relative standard error from which an interval is taken from the profile likelihood."""
 
@@ -101,9 +104,9 @@ def identify_output(
         theta, covariance = fit.theta, fit.covariance
     tests = residual_tests(fit, confidence)
     moved, shifts = _order_dependence(fit, covariance, tests)
-    if runs is None or runs.agree:
-        # What the choice of the noise model moves is not known better than that.
-        covariance = covariance + np.diag(shifts**2)
+    # What the choice of the noise model moves is not known better than that; the spread of the runs covers part.
+    spread = 0.0 if runs is None else runs.between**2
+    covariance = covariance + np.diag(np.maximum(shifts**2 - spread, 0.0))
     intervals = normal_intervals(theta, covariance, confidence)
     low, high = fit.row.bounds()
     intervals = np.clip(intervals, np.where(np.isfinite(low), low, -np.inf)[:, None], high[:, None])
@@ -185,23 +188,20 @@ def unanswered(estimate: OutputEstimate) -> dict[int, str]:
         fast = not spec.structure.integrators and lag + dead < FEWEST_SAMPLES * h
         for k, name in enumerate(names):
             index = part.start + k
+            moved = estimate.order_dependence.get(index)
+            model = abs(spec.start[k]) if spec.start is not None and k in gains else 0.0
+            size = max(abs(p[k]), model, lag if name.startswith("dead") else 0.0)
             if silent:
                 reasons[index] = "its input does not move in these data"
-            elif k in gains:
-                model = abs(spec.start[k]) if spec.start is not None else 0.0
-                if not np.isfinite(s[k]) or (model > 0 and s[k] > 0.5 * max(abs(p[k]), model)):
-                    reasons[index] = (
-                        "its standard error is more than half of its size: the data say too little about it"
-                    )
-            elif no_gain:
-                reasons[index] = "the gain of this element cannot be told from zero, so it has no dynamics to measure"
-            elif fast and not name.startswith("lead"):
+            elif fast and k not in gains and not name.startswith("lead"):
                 reasons[index] = (
                     f"the loop answers within about {max(lag + dead, h) / h:.0f} sample(s) of {h:g}: what happens "
                     "between samples is not in the record, and time constant and dead time cannot be told apart"
                 )
-            elif s[k] > 0.5 * max(abs(p[k]), lag if name.startswith("dead") else 0.0):
-                reasons[index] = "its standard error is more than half of its size: the data say too little about it"
-            if index not in reasons and index in estimate.order_dependence and not silent:
-                reasons[index] = estimate.order_dependence[index]
+            elif moved:
+                reasons[index] = moved
+            elif k not in gains and no_gain:
+                reasons[index] = "the gain of this element cannot be told from zero, so it has no dynamics to measure"
+            elif s[k] > 0.5 * size and (k not in gains or model > 0 or s[k] > UNKNOWN):
+                reasons[index] = WEAKLY_KNOWN
     return reasons

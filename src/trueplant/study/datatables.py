@@ -20,11 +20,11 @@ Array = NDArray[np.float64]
 
 def provenance(study: Study) -> dict[str, Any]:
     """Where the result comes from, enough to make it again."""
-    from importlib.metadata import version
+    from trueplant import __version__
 
     settings = study.project.analysis
     return {
-        "version": version("trueplant"),
+        "version": __version__,
         "project": study.project.source,
         "project_sha256": study.project.sha256,
         "data_sha256": {s.record.name: s.record.sha256 for s in study.screened},
@@ -50,7 +50,7 @@ def _table(study: Study, k: int, screened: Screened) -> dict[str, Any]:
     record = screened.record
     findings = [*record.notes, *screened.findings]
     table: dict[str, Any] = {
-        "experiment": record.name,
+        "name": record.name,
         "loop": "closed" if record.closed else "open",
         "samples": int(record.t.size),
         "sample_time": record.sample_time,

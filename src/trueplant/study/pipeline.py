@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.errors import ProjectError
-from trueplant.identify import Held, OutputEstimate, Spec, choose_stride, identify_output
+from trueplant.identify import Held, OutputEstimate, Spec, choose_stride, identify_output, unanswered
 from trueplant.identify.search import lag_of
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.lti.structure import Structure, structure_of
@@ -217,13 +217,24 @@ def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
 
 
 def plant_matrix(study: Study, estimates: dict[int, OutputEstimate]) -> TransferMatrix:
-    """The estimated plant: the fitted elements, the held ones as declared."""
+    """The plant as it is now believed to be.
+
+    Parameters that the data do not answer keep the model's value where it has one; elements of which nothing
+    is answered stay as they were.
+    """
     rows: list[Sequence[TransferFunction]] = []
     for i in range(study.model.shape[0]):
         row = [study.model[i, j] for j in range(study.model.shape[1])]
         if i in estimates:
             found = estimates[i]
+            reasons = unanswered(found)
             for spec, part in zip(found.row.specs, found.row.slices, strict=True):
-                row[spec.column] = spec.structure.transfer(found.theta[part])
+                open_ones = [k - part.start for k in range(part.start, part.stop) if k in reasons]
+                if len(open_ones) == part.stop - part.start:
+                    continue
+                theta = found.theta[part].copy()
+                if spec.start is not None:
+                    theta[open_ones] = np.array(spec.start)[open_ones]
+                row[spec.column] = spec.structure.transfer(theta)
         rows.append(row)
     return TransferMatrix(tuple(tuple(row) for row in rows), study.model.time_unit)
