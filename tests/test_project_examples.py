@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -81,3 +82,11 @@ def test_demo_is_the_papers_splitter():
         str(tp.tf(g)) for g in ("-0.464/(12 s + 1)", "3.2 exp(-3 s)/(18 s + 1)", "0", "3.8 exp(-0.5 s)/(2.8 s + 1)")
     ]
     assert simulate_record(project).equals(simulate_record(project))
+
+
+def test_project_file_of_the_readme_is_one():
+    readme = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+    block = readme[readme.index("    time_unit") : readme.index("`plant.toml` is")]
+    project = tp.Project.from_toml(textwrap.dedent(block))
+    assert project.controller()([1e9j])[0, 0, 0].real < 0
+    assert project.estimate(0, 0)
