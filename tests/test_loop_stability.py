@@ -171,3 +171,30 @@ def test_unstable_loop_says_what_to_check():
         check_loop(*one("exp(-2 s)/s", PID(Kc=1.0)))
     with pytest.raises(LoopError, match="must agree"):
         check_loop(MILL, Controller.diagonal([PID(Kc=1.0)]))
+
+
+@pytest.mark.parametrize(("scale", "unstable"), [(0.85, False), (1.2, True)])
+def test_loops_with_different_scans_are_judged_by_their_frequency_functions(scale, unstable):
+    # one loop scanned at 0.05, one continuous; the limit found by simulation lies between the two scales
+    plant = TransferMatrix.of(
+        [["exp(-s)/(3 s + 1)", "0.5 exp(-s)/(2 s + 1)"], ["0.5 exp(-s)/(2 s + 1)", "exp(-s)/(3 s + 1)"]]
+    )
+    law = Controller.diagonal([PID(Kc=3.2 * scale, Ti=5.0, sample_time=0.05), PID(Kc=3.2 * scale, Ti=5.0)])
+    r = np.ones((40_000, 2))
+    r[:, 1] = -1.0
+    error = np.abs(simulate(plant, law, r, 0.01).y - r).max(axis=1)
+    assert (error[-5000:].max() > error[15_000:20_000].max()) == unstable
+    assert (unstable_poles(plant, law) > 0) == unstable
+
+
+def test_full_matrix_controller_is_counted_as_a_whole():
+    # an inverting controller turns the plant into two equal loops 1/s exp(-0.5 s) k: limit k = pi
+    plant = TransferMatrix.of([["exp(-0.5 s)", "0.5 exp(-0.5 s)"], ["0.5 exp(-0.5 s)", "exp(-0.5 s)"]])
+    inverse = np.linalg.inv([[1.0, 0.5], [0.5, 1.0]])
+
+    def count(k: float) -> int:
+        cells = {(i, j): PID(form="parallel", Kp=0.0, Ki=k * inverse[i, j]) for i in range(2) for j in range(2)}
+        return unstable_poles(plant, Controller(cells, 2, 2))
+
+    assert count(0.999 * np.pi) == 0
+    assert count(1.001 * np.pi) == 4

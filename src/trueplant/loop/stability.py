@@ -2,7 +2,7 @@
 
 det(I + G Q) is followed along Re s = -sigma, with a sigma that is tiny against all rates of the loop: no
 indentations are needed, and integrators count as poles to the right of the line. The steps along the line are halved
-until phase and magnitude change little over each. Open-loop poles are counted in G and in Q separately with the
+until I + G Q changes little over each. Open-loop poles are counted in G and in Q separately with the
 multiplicity that their realisation needs, so that a cancellation of an unstable pole does not hide it.
 (Skogestad and Postlethwaite 2005, theorem 4.9.)
 """
@@ -197,29 +197,36 @@ def _on_line(sigma: float, w: Array) -> ComplexArray:
 
 
 def _phase_along(loop: Function, sigma: float, top: float, rates: _Rates) -> float:
-    """Phase change of det(I + L) from -sigma to -sigma + j top, followed with steps as small as needed."""
+    """Phase change of det(I + L) from -sigma to -sigma + j top, followed with steps as small as needed.
 
-    def values(w: Array) -> tuple[ComplexArray, Array]:
+    A step is small enough when all eigenvalues of (I + L) relative to the point before are near 1: the
+    determinant alone can hide loops that turn together.
+    """
+
+    def difference(w: Array) -> ComplexArray:
         response = loop(_on_line(sigma, w))
-        det = np.linalg.det(np.eye(response.shape[-1]) + response)
-        return np.asarray(det, dtype=np.complex128), np.max(np.sum(np.abs(response), axis=-1), axis=-1)
+        return np.asarray(np.eye(response.shape[-1]) + response, dtype=np.complex128)
 
+    undecided = LoopError("whether the closed loop is stable cannot be decided: it is too close to its limit")
     resonances = rates.poles[np.abs(rates.poles.imag) > 0]
     near = np.abs(resonances.imag)[:, None] + np.abs(resonances.real + sigma)[:, None] * np.geomspace(1e-2, 1e2, 20)
     w = np.concatenate([[0.0], np.geomspace(1e-2 * sigma, top, 600), near.ravel(), (2 * near[:, :1] - near).ravel()])
     w = np.unique(w[(w >= 0) & (w <= top)])
-    det, size = values(w)
+    value = difference(w)
     while True:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            change = np.log(det[1:] / det[:-1])
-            turning = np.diff(w) * rates.dead_time > 1.0
-        coarse = (np.abs(change.imag) > 0.5) | ~(np.abs(change.real) < 1.0) | (turning & (size[1:] + size[:-1] > 0.5))
+        try:
+            change = np.linalg.eigvals(np.linalg.solve(value[:-1], value[1:]))
+        except np.linalg.LinAlgError as error:
+            raise undecided from error
+        size = np.max(np.abs(value - np.eye(value.shape[-1])), axis=(1, 2))
+        turning = np.diff(w) * rates.dead_time > 1.0
+        coarse = ~np.all(np.abs(change - 1) < 0.6, axis=1) | (turning & (size[1:] + size[:-1] > 0.5))
         if not np.any(coarse):
-            return float(np.sum(change.imag))
+            return float(np.sum(np.angle(change)))
         left, right = w[:-1][coarse], w[1:][coarse]
         middle = np.where((left > 0) & (right > 2 * left), np.sqrt(left * right), (left + right) / 2)
         if w.size + middle.size > _MOST_POINTS or np.any((middle <= left) | (middle >= right)):
-            raise LoopError("whether the closed loop is stable cannot be decided: it is too close to its limit")
-        new_det, new_size = values(middle)
+            raise undecided
         order = np.argsort(np.concatenate([w, middle]))
-        w, det, size = (np.concatenate(pair)[order] for pair in ((w, middle), (det, new_det), (size, new_size)))
+        value = np.concatenate([value, difference(middle)])[order]
+        w = np.concatenate([w, middle])[order]
