@@ -46,7 +46,8 @@ def _signal(value: ArrayLike | None, shape: tuple[int, int], name: str) -> Array
         raise LoopError(f"{name} must be a number, {shape[1]} numbers or an array {shape}, not of shape {given.shape}")
     if not np.all(np.isfinite(given)):
         raise LoopError(f"{name} must be finite throughout")
-    return np.ascontiguousarray(np.broadcast_to(given, shape))
+    # always a writable copy: the kernel is compiled once more for read-only arrays
+    return np.array(np.broadcast_to(given, shape), order="C")
 
 
 def _measurement(
