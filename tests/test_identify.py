@@ -126,6 +126,24 @@ def test_three_by_three_plant():
         assert np.allclose(fit.theta, want, rtol=1e-5, atol=1e-3)
 
 
+@pytest.mark.parametrize("variant", ["printed", "eq37"])
+def test_the_mill_is_recovered_with_its_delayed_numerator(variant):
+    """Paper, (33)-(36), noise-free, h = 0.037 min, 8,000 samples, both set-points switching at random at once."""
+    from trueplant import plants
+
+    case = plants.mill(variant)
+    assert case.plant is not None
+    h = 0.037
+    r = random_switching(np.random.default_rng(1), 8000, 2, 5 / h)
+    segment = segment_of(simulate(case.plant, case.controller, r, h))
+    for i in range(2):
+        started = [structure_of(case.model[i, j]) for j in range(2)]
+        want = np.concatenate([structure_of(case.plant[i, j])[1] for j in range(2)])
+        specs = tuple(Spec(j, s, tuple(p)) for j, (s, p) in enumerate(started))
+        fit = estimate_row(Row(specs, pieces_of([segment], i)), 3.0)
+        assert np.max(np.abs(fit.theta / want - 1)) < 1e-4
+
+
 def test_runs_that_differ_widen_the_interval_to_cover_them():
     segments = []
     for k, factor in enumerate([0.9, 1.1]):

@@ -60,7 +60,7 @@ def estimate_row(row: Row, time_scale: float, options: Options | None = None) ->
     limit = largest_order(row, options.largest_order)
     model = initial_theta(row, time_scale)
     start = grid_start(row, model, np.zeros(0))
-    fit = fit_row(row, start, np.zeros(0), iterations=15)
+    fit = fit_row(row, start, np.zeros(0))
     fit = _with_noise(fit, options.order, limit, iterations=25)
     # The grid again, now weighted by the noise model, and the model itself as another start.
     again = grid_start(row, fit.theta, fit.ar, rounds=1)

@@ -128,7 +128,7 @@ def fit_row(
     weights: Array | None = None,
     free: BoolArray | None = None,
     reweight: bool = True,
-    iterations: int = 60,
+    iterations: int = 100,
 ) -> RowFit:
     """Least prediction errors from the given start.
 
