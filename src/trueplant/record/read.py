@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trueplant.errors import DataError
 from trueplant.record.layout import Channel, Layout
 from trueplant.record.long import is_long, to_wide
+from trueplant.record.runs import spans_of
 from trueplant.record.table import Table, as_table, read_table
 from trueplant.record.times import find_time, parse_times, put_in_order, unit_seconds
 from trueplant.record.types import Array, BoolArray, Finding, Record
@@ -193,10 +194,3 @@ def _is_number(value: object) -> bool:
     except ValueError:
         return False
     return True
-
-
-def spans_of(t: Array, mask: BoolArray) -> tuple[tuple[float, float], ...]:
-    """(from, to) of each run of True, in the time of t."""
-    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
-    begin, end = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return tuple((float(t[a]), float(t[b])) for a, b in zip(begin, end, strict=True))

@@ -1,0 +1,50 @@
+"""Runs of equal values and of True, without loops over samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.record.types import Array, BoolArray
+
+Index = NDArray[np.int64]
+
+
+def true_runs(mask: BoolArray) -> tuple[Index, Index]:
+    """First index and length of each run of True."""
+    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    begin = np.flatnonzero(edges == 1)
+    return begin, np.flatnonzero(edges == -1) - begin
+
+
+def equal_runs(x: Array) -> tuple[Index, Index]:
+    """First index and length of each run of equal values."""
+    begin = np.concatenate([[0], np.flatnonzero(np.diff(x) != 0) + 1])
+    return begin, np.diff(np.concatenate([begin, [x.size]]))
+
+
+def spread(begin: Index, length: Index, size: int) -> BoolArray:
+    """The mask (size,) that is True on the given runs; the inverse of `true_runs`."""
+    edges = np.zeros(size + 1, dtype=np.int64)
+    np.add.at(edges, begin, 1)
+    np.add.at(edges, begin + length, -1)
+    return np.asarray(np.cumsum(edges[:-1]) > 0, dtype=bool)
+
+
+def spans_of(t: Array, mask: BoolArray) -> tuple[tuple[float, float], ...]:
+    """(from, to) of each run of True, in the time of t."""
+    begin, length = true_runs(mask)
+    return tuple((float(t[a]), float(t[b])) for a, b in zip(begin, begin + length - 1, strict=True))
+
+
+def hold_short(x: Array, longest: int) -> tuple[Array, BoolArray]:
+    """x (N, m) with NaN runs of up to `longest` samples filled by the value before; and where that was done."""
+    filled, where = x.copy(), np.zeros(x.shape, dtype=bool)
+    for j in range(x.shape[1]):
+        begin, length = true_runs(np.isnan(x[:, j]))
+        short = (length <= longest) & (begin > 0)
+        if short.any():
+            where[:, j] = spread(begin[short], length[short], x.shape[0])
+            last = np.maximum.accumulate(np.where(where[:, j], 0, np.arange(x.shape[0])))
+            filled[:, j] = x[last, j]
+    return filled, where

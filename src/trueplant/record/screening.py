@@ -1,0 +1,305 @@
+"""Look through a record as a careful engineer would: what is usable, what is not, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from trueplant.errors import DataError
+from trueplant.record import sensor
+from trueplant.record.layout import Channel, Layout
+from trueplant.record.runs import equal_runs, hold_short, spans_of, spread
+from trueplant.record.segments import SHORT_GAP, SHORTEST, Clock, clock_of, segments_of
+from trueplant.record.types import Array, BoolArray, Finding, Record, Screened
+
+FEWEST_USABLE = 20
+"""Usable samples of some PV, below which nothing can be said."""
+_MOST_NOT_FREE = 0.5
+_LIMIT_TOLERANCE = 1e-4
+
+
+def screen(
+    record: Record,
+    layout: Layout,
+    *,
+    experiment: int = 0,
+    exclude: Sequence[tuple[float, float]] = (),
+    limits: Mapping[str, tuple[float, float]] | None = None,
+) -> Screened:
+    """Find what must not be used and cut the rest into segments on a uniform grid.
+
+    exclude: (from, to) in the record's time, left out by the user. limits: by name of input or output, instead of the
+    layout's. PV samples that are missing, out of range, frozen or spikes are left out; while OP is at a limit or in
+    manual it is still the true input, so that those samples stay, marked not free.
+    """
+    log = _Log(record.t, list(record.notes))
+    clock = clock_of(record.t)
+    _report_clock(record, clock, log)
+    excluded = _excluded(record, exclude, log)
+    bounds = {c.name: c.limits for c in (*layout.outputs, *layout.inputs)} | dict(limits or {})
+    saturated = np.zeros(record.u.shape, dtype=bool)
+    for j, channel in enumerate(layout.inputs):
+        saturated[:, j] = _saturated(record, j, bounds[channel.name], channel, log)
+        _report_input(record, j, channel, log)
+    usable = np.isfinite(record.y) & ~excluded[:, None]
+    interval = np.zeros(record.y.shape[1])
+    for i, channel in enumerate(layout.outputs):
+        bad, interval[i] = _output(record, i, bounds[channel.name], channel, clock, log)
+        usable[:, i] &= ~bad
+    for k, channel in enumerate(layout.disturbances):
+        log.missing(record.d[:, k], channel.name)
+    free = ~saturated & record.automatic
+    segments = segments_of(record, usable, free, clock, experiment)
+    refusal = _refusal(record, layout, usable, saturated, excluded)
+    if refusal is None and not segments:
+        refusal = (
+            f"{record.name}: no stretch of {SHORTEST} samples with OP and a usable PV is left; "
+            "export a record with fewer gaps, or at a longer interval"
+        )
+    return Screened(
+        record=record,
+        findings=tuple(log.findings),
+        segments=() if refusal else segments,
+        usable_y=usable,
+        saturated=saturated,
+        refusal=refusal,
+        update_interval=interval,
+    )
+
+
+@dataclass
+class _Log:
+    """Collects findings."""
+
+    t: Array
+    findings: list[Finding] = field(default_factory=list)
+
+    def add(
+        self,
+        kind: str,
+        signal: str,
+        message: str,
+        mask: BoolArray | None = None,
+        excludes: bool = False,
+        value: float | None = None,
+    ) -> None:
+        spans = spans_of(self.t, mask) if mask is not None else ()
+        samples = int(np.sum(mask)) if mask is not None else 0
+        self.findings.append(Finding(kind, signal, message, spans, samples, excludes, value))
+
+    def missing(self, x: Array, name: str, excludes: bool = False) -> None:
+        lost = np.isnan(x)
+        if lost.any() and not lost.all():
+            self.add("missing", name, f"{name} is missing in {_count(lost)}.", lost, excludes, float(np.mean(lost)))
+
+
+def _count(mask: BoolArray) -> str:
+    n = int(np.sum(mask))
+    return f"{n} sample{'' if n == 1 else 's'} ({100 * n / mask.size:.3g} %)"
+
+
+def _report_clock(record: Record, clock: Clock, log: _Log) -> None:
+    steps = np.diff(record.t)
+    unit = record.time_unit
+    gaps = np.flatnonzero(steps > clock.gap)
+    if gaps.size:
+        spans = tuple((float(record.t[k]), float(record.t[k + 1])) for k in gaps)
+        longest = float(steps[gaps].max())
+        message = (
+            f"The record has {gaps.size} gap{'' if gaps.size == 1 else 's'}, the longest {longest:.4g} {unit}; "
+            "a new segment begins after each."
+        )
+        log.findings.append(Finding("gap", "time", message, spans, value=longest))
+    if clock.uniform:
+        lost = int(np.sum(np.round(steps[steps <= clock.gap] / clock.h) - 1))
+        if lost > 0:
+            message = f"{lost} single rows are missing; OP and set-points hold their last value there."
+            log.findings.append(Finding("gap", "time", message, samples=lost))
+    if clock.uniform and clock.jitter > 1e-3:
+        message = f"Stamps deviate from an even {clock.h:.4g} {unit} by {100 * clock.jitter:.2g} % rms; taken as even."
+        log.add("irregular", "time", message, value=clock.jitter)
+    if not clock.uniform:
+        message = (
+            f"Sampling is irregular ({steps.min():.3g} to {steps.max():.3g} {unit}). On a grid of {clock.h:.4g} "
+            f"{unit}, OP and set-points hold their last value and PV is interpolated between near samples."
+        )
+        log.add("irregular", "time", message, value=clock.jitter)
+
+
+def _excluded(record: Record, exclude: Sequence[tuple[float, float]], log: _Log) -> BoolArray:
+    out = np.zeros(record.t.size, dtype=bool)
+    for low, high in exclude:
+        if not low <= high:
+            raise DataError(f"exclude from {low:g} to {high:g}: the end lies before the start; swap them")
+        out |= (record.t >= low) & (record.t <= high)
+    if out.any():
+        log.add("excluded", "all", f"{_count(out)} were left out as asked.", out, True, float(np.mean(out)))
+    return out
+
+
+def _saturated(record: Record, j: int, limits: tuple[float, float] | None, channel: Channel, log: _Log) -> BoolArray:
+    u = record.u[:, j]
+    seems = limits is None
+    if limits is None:
+        at = _plateaus(record, j)
+    else:
+        tolerance = _LIMIT_TOLERANCE * (limits[1] - limits[0])
+        at = (u <= limits[0] + tolerance) | (u >= limits[1] - tolerance)
+    if at.any():
+        share = float(np.mean(at))
+        verb = "seems to have been" if seems else "was"
+        message = f"OP of {channel.name} {verb} at a limit for {100 * share:.3g} % of the record."
+        if seems:
+            message += " Declare its limits to be sure."
+        log.add("saturated", channel.name, message, at, value=share)
+    return at
+
+
+def _plateaus(record: Record, j: int) -> BoolArray:
+    """Where OP repeats its recorded extreme for long while the control error moves: most likely a limit."""
+    u = record.u[:, j]
+    out = np.zeros(u.size, dtype=bool)
+    finite = np.isfinite(u)
+    if not record.closed or np.unique(u[finite]).size < 20:
+        return out
+    begin, length = equal_runs(u)
+    value = u[begin]
+    usual = float(np.median(length))
+    error = record.r - record.y
+    for extreme in (np.nanmin(u), np.nanmax(u)):
+        run = (value == extreme) & (length >= max(5.0, 5 * usual))
+        plateau = spread(begin[run], length[run], u.size)
+        if np.sum(plateau) < max(5.0, 0.01 * u.size):
+            continue
+        with np.errstate(invalid="ignore"):
+            moved = [_std(e[plateau]) > 0.02 * _std(e) for e in error.T]
+        if any(moved):
+            out |= plateau
+    return out
+
+
+def _std(x: Array) -> float:
+    x = x[np.isfinite(x)]
+    return float(np.std(x)) if x.size else 0.0
+
+
+def _report_input(record: Record, j: int, channel: Channel, log: _Log) -> None:
+    manual = ~record.automatic[:, j]
+    if manual.any():
+        message = f"{channel.name} was in manual for {100 * np.mean(manual):.3g} % of the record."
+        log.add("manual", channel.name, message, manual, value=float(np.mean(manual)))
+    u = record.u[:, j : j + 1]
+    if np.isnan(u).any():
+        _, short = hold_short(u, SHORT_GAP)
+        message = f"OP of {channel.name} is missing in {_count(np.isnan(u))}"
+        if short.any():
+            message += f"; over {_count(short)} in short gaps its last value was held"
+        log.add("missing", channel.name, message + ".", np.isnan(u[:, 0]), bool(np.isnan(u[~short]).any()))
+
+
+def _output(
+    record: Record, i: int, limits: tuple[float, float] | None, channel: Channel, clock: Clock, log: _Log
+) -> tuple[BoolArray, float]:
+    """What must not be used of one PV, and its update interval."""
+    name, y = channel.name, record.y[:, i]
+    log.missing(y, name, True)
+    log.missing(record.r[:, i], f"set-point of {name}")
+    bad = np.zeros(y.size, dtype=bool)
+    if limits is not None:
+        tolerance = 1e-6 * (limits[1] - limits[0])
+        with np.errstate(invalid="ignore"):
+            bad = (y <= limits[0] + tolerance) | (y >= limits[1] - tolerance)
+        if bad.any():
+            message = f"{name} was at or beyond its range {limits[0]:g} to {limits[1]:g} in {_count(bad)}; left out."
+            log.add("out-of-range", name, message, bad, True, float(np.mean(bad)))
+    at = np.flatnonzero(np.isfinite(y) & ~bad)
+    if at.size < FEWEST_USABLE:
+        return bad, clock.h
+    v = y[at]
+    if np.ptp(v) == 0:
+        if np.any(np.nanmax(record.u, axis=0) > np.nanmin(record.u, axis=0)):
+            stuck = np.isfinite(y)
+            log.add("frozen", name, f"{name} never changes although OP moves; left out.", stuck, True, 1.0)
+            return bad | stuck, clock.h
+        return bad, clock.h
+    every, q = sensor.update_every(v), sensor.quantum(v)
+    _report_sensor(record, at, v, every, q, name, clock, log)
+    stuck, spike = np.zeros(y.size, dtype=bool), np.zeros(y.size, dtype=bool)
+    stuck[at] = sensor.frozen(v, np.nan_to_num(record.u[at]))
+    if stuck.any():
+        message = f"{name} stood still for {_count(stuck)} while OP moved: frozen; left out."
+        log.add("frozen", name, message, stuck, True, float(np.mean(stuck)))
+    spike[at] = sensor.spikes(v, every, q)
+    if spike.any():
+        number = len(spans_of(record.t, spike))
+        message = f"{name} has {number} short spike{'' if number == 1 else 's'}, {_count(spike)}; left out."
+        log.add("spike", name, message, spike, True, float(np.mean(spike)))
+    _report_outliers(y, bad | stuck | spike, name, log)
+    return bad | stuck | spike, every * clock.h
+
+
+def _report_sensor(
+    record: Record, at: np.ndarray, v: Array, every: float, q: float, name: str, clock: Clock, log: _Log
+) -> None:
+    unit = record.time_unit
+    if every > 1:
+        message = f"{name} is updated every {every * clock.h:.3g} {unit} ({every:.3g} samples) and held in between."
+        log.add("held", name, message, value=every * clock.h)
+    if q > 0:
+        log.add("quantised", name, f"{name} moves in steps of {q:.4g} (quantisation).", value=q)
+    share = sensor.interpolated(record.t[at], v)
+    if share > 0.5:
+        message = (
+            f"{name} was compressed by its historian: {100 * share:.3g} % of its samples lie on straight lines "
+            f"between the others, so that only {100 * (1 - share):.3g} % carry information."
+        )
+        log.add("compressed", name, message, value=1 - share)
+
+
+def _report_outliers(y: Array, known: BoolArray, name: str, log: _Log) -> None:
+    v = y[np.isfinite(y) & ~known]
+    if v.size < FEWEST_USABLE:
+        return
+    low, high = np.quantile(v, [0.05, 0.95])
+    with np.errstate(invalid="ignore"):
+        far = ((y < low - 5 * (high - low)) | (y > high + 5 * (high - low))) & ~known
+    if high > low and 0 < np.sum(far) < 0.02 * y.size:
+        message = f"{name} lies far from all its other values in {_count(far)}; declare its limits to leave them out."
+        log.add("outlier", name, message, far, value=float(np.mean(far)))
+
+
+def _refusal(
+    record: Record, layout: Layout, usable: BoolArray, saturated: BoolArray, excluded: BoolArray
+) -> str | None:
+    kept = ~excluded
+    if not kept.any():
+        return f"{record.name}: all of the record is excluded; shorten `exclude`"
+    u = record.u[kept]
+    moves = np.nanmax(u, axis=0) - np.nanmin(u, axis=0) if np.isfinite(u).any(axis=0).all() else np.zeros(1)
+    if not np.any(moves > 0):
+        return f"{record.name}: OP never moves, so the record says nothing about the plant; use one in which it does"
+    if np.max(np.sum(usable, axis=0)) < FEWEST_USABLE:
+        still = [c.name for i, c in enumerate(layout.outputs) if np.nanmax(record.y[:, i]) == np.nanmin(record.y[:, i])]
+        if len(still) == len(layout.outputs):
+            return f"{record.name}: PV of {', '.join(still)} is frozen all the time; check the sensor or the tag"
+        return (
+            f"{record.name}: fewer than {FEWEST_USABLE} usable PV samples are left after screening; "
+            "see the findings, and export a longer or cleaner record"
+        )
+    if not record.closed:
+        return None
+    manual = ~record.automatic
+    stuck = (saturated | manual)[kept]
+    if np.mean(stuck.any(axis=1)) <= _MOST_NOT_FREE:
+        return None
+    j = int(np.argmax(np.mean(stuck, axis=0)))
+    how = "in manual" if np.mean(manual[kept, j]) > np.mean(saturated[kept, j]) else "at its limit"
+    verb = "was" if how == "in manual" else "sat"
+    some = f", one OP or another for {100 * np.mean(stuck.any(axis=1)):.3g} %" if record.u.shape[1] > 1 else ""
+    return (
+        f"{record.name}: OP of {layout.inputs[j].name} {verb} {how} for {100 * np.mean(stuck[:, j]):.3g} % of "
+        f"the record{some}: the loop was open for most of the time. Use `exclude` to keep the stretches "
+        "in which OP was free, or a record in which it was"
+    )

@@ -1,0 +1,137 @@
+"""From a screened record to stretches on a uniform grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from trueplant.record.runs import Index, hold_short, true_runs
+from trueplant.record.types import Array, BoolArray, Record, Segment
+
+SHORT_GAP = 3
+"""OP and set-point hold their last value over so many missing samples; after more a new segment begins."""
+SHORTEST = 10
+"""Shorter segments are left out."""
+_JITTER = 0.05
+_NEAR = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """How a record is sampled."""
+
+    h: float
+    uniform: bool
+    """False if the samples have to be interpolated onto a grid."""
+    jitter: float
+    """Root mean square of the deviations of the steps from whole multiples of h, in h."""
+    gap: float
+    """Steps longer than this begin a new segment."""
+
+
+def clock_of(t: Array) -> Clock:
+    """The sample time of a record, and whether its stamps are on a grid (or only rounded, or jittering a little)."""
+    steps = np.diff(t)
+    middle = float(np.median(steps))
+    h = float(np.mean(steps[(steps <= 1.5 * middle) & (steps >= 0.5 * middle)]))
+    count = np.round(steps / h)
+    inner = (count >= 1) & (count <= SHORT_GAP)
+    if inner.any():
+        h = float(np.sum(steps[inner]) / np.sum(count[inner]))
+        count = np.round(steps / h)
+    near = steps <= (SHORT_GAP + 0.5) * h
+    jitter = float(np.sqrt(np.mean((steps[near] / h - np.maximum(count[near], 1)) ** 2))) if near.any() else 0.0
+    uniform = jitter < _JITTER or _rounded(t, steps, h, near)
+    if uniform:
+        return Clock(float(h), True, jitter, (SHORT_GAP + 0.5) * h)
+    return Clock(middle, False, jitter, (SHORT_GAP + 0.5) * max(middle, float(np.quantile(steps, 0.9))))
+
+
+def _rounded(t: Array, steps: Array, h: float, near: BoolArray) -> bool:
+    """True if the stamps of an even sampling were merely rounded, say to full seconds."""
+    kinds = np.unique(np.round(steps[near] / h, 6)) * h
+    if kinds.size < 2 or kinds.size > 12:
+        return False
+    q = float(np.min(np.diff(kinds)))
+    whole = np.all(np.abs(kinds / q - np.round(kinds / q)) < 1e-3)
+    drift = np.where(near, steps - h * np.maximum(np.round(steps / h), 1), 0.0)
+    return bool(whole and np.ptp(np.cumsum(drift)) <= 2.01 * q and q < 0.9 * h)
+
+
+def segments_of(
+    record: Record, usable: BoolArray, free: BoolArray, clock: Clock, experiment: int
+) -> tuple[Segment, ...]:
+    """Cut at gaps and where OP is missing for long, put each piece on a grid, and drop what is too short.
+
+    u and d are held, y is NaN where it is not usable, each segment begins and ends with a usable PV.
+    """
+    u, _ = hold_short(record.u, SHORT_GAP)
+    d, _ = hold_short(record.d, SHORT_GAP)
+    r, _ = hold_short(record.r, SHORT_GAP)
+    y = np.where(usable, record.y, np.nan)
+    known = np.asarray(np.isfinite(np.hstack([u, d])).all(axis=1), dtype=bool)
+    cut = np.concatenate([[False], np.diff(record.t) > clock.gap])
+    out: list[Segment] = []
+    for begin, length in zip(*true_runs(known), strict=True):
+        inside = np.flatnonzero(cut[begin + 1 : begin + length]) + begin + 1
+        edges = [int(begin), *map(int, inside), int(begin + length)]
+        for a, b in pairwise(edges):
+            some = np.flatnonzero(np.isfinite(y[a:b]).any(axis=1))
+            if some.size < SHORTEST:
+                continue
+            piece = slice(a + int(some[0]), a + int(some[-1]) + 1)
+            segment = _on_grid(record, piece, r, u, y, d, free, clock, experiment)
+            if len(segment) >= SHORTEST:
+                out.append(segment)
+    return tuple(out)
+
+
+def _on_grid(
+    record: Record,
+    piece: slice,
+    r: Array,
+    u: Array,
+    y: Array,
+    d: Array,
+    free: BoolArray,
+    clock: Clock,
+    experiment: int,
+) -> Segment:
+    t = record.t[piece]
+    if clock.uniform:
+        # cumulated rounding of single steps follows a clock that drifts against its own mean step
+        place = np.concatenate([[0], np.cumsum(np.maximum(np.round(np.diff(t) / clock.h), 1))]).astype(np.int64)
+        grid = t[0] + clock.h * np.arange(place[-1] + 1)
+        latest = np.searchsorted(place, np.arange(place[-1] + 1), side="right") - 1
+        placed = np.full((grid.size, y.shape[1]), np.nan)
+        placed[place] = y[piece]
+    else:
+        grid = t[0] + clock.h * np.arange(int(np.floor((t[-1] - t[0]) / clock.h + 1e-9)) + 1)
+        latest = np.searchsorted(t, grid + 1e-9 * clock.h, side="right") - 1
+        placed = np.column_stack([_between(grid, t, column, _NEAR * clock.h) for column in y[piece].T])
+    return Segment(
+        experiment=experiment,
+        h=clock.h,
+        t=grid,
+        r=r[piece][latest],
+        u=u[piece][latest],
+        y=placed,
+        d=d[piece][latest],
+        free=free[piece][latest],
+        hold=record.hold,
+        closed=record.closed,
+    )
+
+
+def _between(grid: Array, t: Array, y: Array, farthest: float) -> Array:
+    """Linear interpolation between usable samples that are near each other, NaN elsewhere."""
+    good: Index = np.flatnonzero(np.isfinite(y))
+    if good.size < 2:
+        return np.full(grid.size, np.nan)
+    x, v = t[good], y[good]
+    value = np.interp(grid, x, v, left=np.nan, right=np.nan)
+    right = np.clip(np.searchsorted(x, grid), 1, x.size - 1)
+    on_sample = np.minimum(np.abs(grid - x[right]), np.abs(grid - x[right - 1])) <= 1e-6 * farthest
+    return np.where((x[right] - x[right - 1] <= farthest) | on_sample, value, np.nan)
