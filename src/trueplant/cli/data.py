@@ -30,7 +30,7 @@ def check(path: Path) -> int:
         for k, name in enumerate(record.outputs):
             share = float(screened.usable_y[:, k].mean())
             print(f"  {name}: {100 * share:.0f} % of the samples can be used")
-        for finding in (*record.notes, *screened.findings):
+        for finding in screened.findings:
             print(f"  {finding.message}")
     for reason in doubts:
         print(f"{reason.where}: {reason.message}" if reason.where else reason.message)
