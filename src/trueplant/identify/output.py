@@ -104,9 +104,9 @@ def identify_output(
         theta, covariance = fit.theta, fit.covariance
     tests = residual_tests(fit, confidence)
     moved, shifts = _order_dependence(fit, covariance, tests)
-    # What the choice of the noise model moves is not known better than that; the spread of the runs covers part.
-    spread = 0.0 if runs is None else runs.between**2
-    covariance = covariance + np.diag(np.maximum(shifts**2 - spread, 0.0))
+    # What the choice of the noise model moves is not known better than that, unless the runs have shown their spread.
+    shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
+    covariance = covariance + np.diag(np.where(shown, 0.0, shifts**2))
     intervals = normal_intervals(theta, covariance, confidence)
     low, high = fit.row.bounds()
     intervals = np.clip(intervals, np.where(np.isfinite(low), low, -np.inf)[:, None], high[:, None])

@@ -45,8 +45,6 @@ def data_tables(study: Study) -> tuple[dict[str, Any], ...]:
 
 
 def _table(study: Study, k: int, screened: Screened) -> dict[str, Any]:
-    from trueplant.record import excitation
-
     record = screened.record
     findings = [*record.notes, *screened.findings]
     table: dict[str, Any] = {
@@ -84,9 +82,28 @@ def _table(study: Study, k: int, screened: Screened) -> dict[str, Any]:
         "refused": screened.refusal,
     }
     if screened.segments:
-        which = "r" if record.closed and np.isfinite(screened.segments[0].r).any() else "u"
-        table["excitation"] = excitation(screened.segments, which).to_dict()
+        table["excitation"] = _excitation(study, screened)
     return table
+
+
+def _excitation(study: Study, screened: Screened) -> dict[str, Any]:
+    """How the set-points move (OP in open loop), a row a signal, and what is not enough."""
+    from trueplant.record import excitation
+
+    setpoints = screened.record.closed and bool(np.isfinite(screened.segments[0].r).any())
+    names = study.project.output_names if setpoints else study.project.input_names
+    found = excitation(screened.segments, "r" if setpoints else "u", names)
+    rows = zip(found.names, found.changes, found.std, found.bands, strict=True)
+    return {
+        "of": "set-points" if setpoints else "inputs",
+        "rank": found.rank,
+        "signals": [
+            {"signal": name, "changes": int(changes), "std": float(std), "band": band}
+            for name, changes, std, band in rows
+        ],
+        "worst_condition": float(np.max(found.condition)) if found.condition.size else None,
+        "sentences": list(found.sentences),
+    }
 
 
 def fit_rows(
