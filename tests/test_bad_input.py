@@ -262,7 +262,8 @@ def test_interrupted_run_leaves_nothing(moment, folder):
     if process.returncode == 0:
         assert "out/result.json" in _files(folder)
         return
-    assert process.returncode == 130, out + err
+    # a signal that arrives while a library runs code of its own makes Python end by the signal, which shells call 130 too
+    assert process.returncode in (130, -signal.SIGINT), out + err
     assert err == "trueplant: interrupted; no result was written\n"
     assert out == ""
     assert _files(folder) == before

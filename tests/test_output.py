@@ -8,6 +8,21 @@ import trueplant as tp
 from trueplant.study import output
 from trueplant.study.result import Result
 
+PLANT = """\
+time_unit = "s"
+[data]
+files = ["record.csv"]
+[[output]]
+name = "y"
+pv = "pv"
+[[input]]
+name = "u"
+op = "op"
+[simulate]
+plant = "other.toml"
+duration = 10
+sample_time = 1
+"""
 RESULT = Result("refused", (), {}, (), ())
 
 
@@ -36,10 +51,24 @@ def test_place_that_cannot_be_written_is_named():
 
 
 def test_results_of_an_earlier_analysis_do_not_stay(tmp_path):
-    full = Result("ok", (), {}, (), (), plant_toml="a = 1\n")
+    full = Result("ok", (), {}, (), (), plant_toml=PLANT)
     assert set(output.write_results(full, tmp_path, "<html>")) == {"result.json", "plant.toml", "report.html"}
     assert set(output.write_results(RESULT, tmp_path)) == {"result.json"}
     assert [p.name for p in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_paths_of_the_plant_hold_where_it_lies(tmp_path):
+    full = Result("ok", (), {}, (), (), plant_toml=PLANT)
+    written = output.write_results(full, tmp_path / "a" / "b", None, tmp_path / "project")
+    plant = tp.Project.load(written["plant.toml"])
+    assert plant.experiments[0].path.resolve() == (tmp_path / "project" / "record.csv").resolve()
+    assert plant.simulate is not None
+    assert plant.simulate.plant == "../../project/other.toml"
+
+
+def test_refusal_has_no_plant(tmp_path):
+    refused = Result("refused", (), {}, (), (), plant_toml=PLANT)
+    assert set(output.write_results(refused, tmp_path)) == {"result.json"}
 
 
 def test_failure_leaves_the_old_files(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from trueplant.errors import OutputError
+from trueplant.study.project import Project
 from trueplant.study.result import Result
 
 RESULT, REPORT, PLANT = "result.json", "report.html", "plant.toml"
@@ -35,18 +36,21 @@ def prepare_output(path: str | os.PathLike[str]) -> Path:
     return folder
 
 
-def write_results(result: Result, path: str | os.PathLike[str], report: str | None = None) -> dict[str, Path]:
+def write_results(
+    result: Result, path: str | os.PathLike[str], report: str | None = None, origin: str | os.PathLike[str] = "."
+) -> dict[str, Path]:
     """Write result.json, plant.toml and, given its text, report.html; what of them is not there now is removed.
 
-    Files of an earlier analysis that this one has no successor for would be taken for this one's. Returns the paths by
+    ``origin`` is the folder at which relative paths of ``result.plant_toml`` start: in the file they start at ``path``.
+    A refusal has no plant.toml. Files of an earlier analysis that this one has no successor for would be taken for this one's. Returns the paths by
     file name. Raises OutputError.
     """
     texts = {RESULT: to_json(result)}
-    if result.plant_toml:
-        texts[PLANT] = result.plant_toml
+    folder = Path(path)
+    if result.plant_toml and result.status != "refused":
+        texts[PLANT] = Project.from_toml(result.plant_toml, origin).to_toml(folder)
     if report is not None:
         texts[REPORT] = report
-    folder = Path(path)
     written = write_files(folder, texts)
     for name in (RESULT, REPORT, PLANT):
         if name not in texts:

@@ -270,7 +270,7 @@ class Project(Table):
         return project
 
     def to_toml(self, folder: str | os.PathLike[str] | None = None) -> str:
-        """The project as TOML text; with ``folder``, paths of data are written so that they hold from there."""
+        """The project as TOML text; with ``folder``, relative paths are written so that they hold from there."""
         from trueplant.study.project_toml import to_toml
 
         tables = self.model_dump(by_alias=True, exclude_unset=True)
@@ -283,6 +283,9 @@ class Project(Table):
             for exclude in tables.get("data", {}).get("exclude", []):
                 if exclude.get("file"):
                     exclude["file"] = self._moved(exclude["file"], folder)
+            plant = tables.get("simulate", {}).get("plant", "model")
+            if isinstance(plant, str) and plant != "model":
+                tables["simulate"]["plant"] = self._moved(plant, folder)
         return to_toml(tables)
 
     def _moved(self, name: str, folder: str | os.PathLike[str]) -> str:
