@@ -262,7 +262,7 @@ def test_interrupted_run_leaves_nothing(moment, folder):
     if process.returncode == 0:
         assert "out/result.json" in _files(folder)
         return
-    # a signal that arrives while a library runs code of its own makes Python end by the signal, which shells call 130 too
+    # where the signal meets a library that runs code of its own, Python ends by the signal: shells call that 130 too
     assert process.returncode in (130, -signal.SIGINT), out + err
     assert err == "trueplant: interrupted; no result was written\n"
     assert out == ""

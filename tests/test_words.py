@@ -121,7 +121,8 @@ def test_parameter_line_is_the_documented_one():
         (183.2, (179.0, 187.4), "183.2 ± 4.2"),
         (1234.0, (1000.0, 1468.0), "1234 ± 234"),
         (2.0, (1.9, 2.9), "2.00, 1.90 to 2.90"),
-        (2.0, (-math.inf, math.inf), "2.00, unknown to unknown"),
+        (2.0, (-math.inf, math.inf), "2.00, no limit known"),
+        (0.445, (math.nan, 0.531), "0.445, at most 0.531"),
     ],
 )
 def test_values_have_the_digits_that_they_deserve(value, ci, text):

@@ -42,8 +42,8 @@ def write_results(
     """Write result.json, plant.toml and, given its text, report.html; what of them is not there now is removed.
 
     ``origin`` is the folder at which relative paths of ``result.plant_toml`` start: in the file they start at ``path``.
-    A refusal has no plant.toml. Files of an earlier analysis that this one has no successor for would be taken for this one's. Returns the paths by
-    file name. Raises OutputError.
+    A refusal has no plant.toml. Files of an earlier analysis that this one has no successor for would be taken for this
+    one's. Returns the paths by file name. Raises OutputError.
     """
     texts = {RESULT: to_json(result)}
     folder = Path(path)
