@@ -28,6 +28,7 @@ HIGHEST_ORDER = 60
 MOST_TERMS = 100
 
 Polynomial = tuple[float, ...]
+_ONE: Polynomial = (1.0,)
 
 
 def tf(value: TransferFunction | str | float) -> TransferFunction:
@@ -38,14 +39,16 @@ def tf(value: TransferFunction | str | float) -> TransferFunction:
     """
     if isinstance(value, TransferFunction):
         return value
-    if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
+    if isinstance(value, bool):
+        raise FormulaError(f"a transfer function cannot be {value}; give a formula or a number")
+    if isinstance(value, (int, float, np.integer, np.floating)):
         if not math.isfinite(value):
             raise FormulaError(f"a transfer function cannot be {value}; give a finite number")
         return TransferFunction.rational([float(value)])
     tree = parse(value, "s", ("exp",))
     return TransferFunction(
         tuple(
-            Term(fraction.num, reduce(_product, fraction.den, (1.0,)), dead_time)
+            Term(fraction.num, reduce(_product, fraction.den, _ONE), dead_time)
             for dead_time, fractions in _Reader(value).read(tree).items()
             for fraction in fractions
         )
@@ -83,6 +86,14 @@ class _Fraction:
 _Value = dict[float, list[_Fraction]]
 
 
+def _polynomial(value: _Value) -> Polynomial | None:
+    """The coefficients if the value is a polynomial in s."""
+    if not value:
+        return (0.0,)
+    first = next(iter(value.values()))
+    return first[0].num if list(value) == [0.0] and len(first) == 1 and not first[0].den else None
+
+
 class _Reader:
     """Walks a syntax tree; keeps the text for messages."""
 
@@ -109,25 +120,20 @@ class _Reader:
         return self._collected([(t, f) for value in (left, right) for t, fs in value.items() for f in fs], node.at)
 
     def _dead_time(self, node: Call) -> float:
-        argument = self.read(node.argument)
-        slope = 0.0
-        if argument:
-            fraction = argument[0.0][0] if list(argument) == [0.0] else _Fraction((1.0,))
-            if len(argument.get(0.0, ())) != 1 or fraction.den or len(fraction.num) != 2 or fraction.num[1] != 0:
-                fail(self.text, node.at, "the argument of exp must be -theta s, as in exp(-0.5 s) or e^(-0.5 s)")
-            slope = fraction.num[0]
-        if slope > 0:
-            fail(self.text, node.at, f"exp({slope:g} s) looks into the future; a dead time is exp(-{slope:g} s)")
-        return abs(slope)
+        argument = _polynomial(self.read(node.argument))
+        if argument is None or len(argument) > 2 or argument[-1] != 0:
+            fail(self.text, node.at, "the argument of exp must be -theta s, as in exp(-0.5 s) or e^(-0.5 s)")
+        if argument[0] > 0:
+            fail(
+                self.text, node.at, "this exp looks into the future; a dead time is exp(-theta s) with a positive theta"
+            )
+        return -argument[0] or 0.0
 
     def _power(self, base: _Value, node: Operation) -> _Value:
-        exponent = self.read(node.right)
-        fraction = exponent.get(0.0, [_Fraction((0.0,))])[0]
-        power = fraction.num[0]
-        if len(exponent) > 1 or fraction.den or len(fraction.num) != 1 or not float(power).is_integer():
-            fail(
-                self.text, node.at, "a power of s must be a whole number; fractional orders are not transfer functions"
-            )
+        exponent = _polynomial(self.read(node.right))
+        if exponent is None or len(exponent) != 1 or not exponent[0].is_integer():
+            fail(self.text, node.at, "a power must be a whole number; fractional orders are not transfer functions")
+        power = exponent[0]
         if abs(power) > HIGHEST_POWER:
             fail(self.text, node.at, f"power {power:g} is too high; at most {HIGHEST_POWER} is read")
         if power < 0:
@@ -148,17 +154,21 @@ class _Reader:
                 else ("dividing by a sum with different dead times gives no finite sum of delayed rational functions")
             )
             fail(self.text, node.at, f"{what}; only rational functions of s may stand below /")
-        common: Counter[Polynomial] = reduce(lambda a, b: a | b, (Counter(f.den) for f in value[0.0]))
-        num = reduce(lambda a, b: tuple(np.polyadd(a, b)), (f.over(common) for f in value[0.0]))
-        num = tuple(float(c) for c in np.trim_zeros(num, "f"))
-        if not num:
+        common = Counter[Polynomial]()
+        for fraction in value[0.0]:
+            common |= Counter(fraction.den)
+        total = np.zeros(1)
+        for fraction in value[0.0]:
+            total = np.asarray(np.polyadd(total, fraction.over(common)), dtype=float)
+        below = np.trim_zeros(total)
+        if not below.size:
             fail(self.text, node.at, "division by zero; what follows / is 0")
-        powers_of_s = len(num) - len(np.trim_zeros(num, "b"))
-        num = num[: len(num) - powers_of_s]
-        top = reduce(_product, common.elements(), (1.0,))
-        if len(num) == 1:
-            top, num = tuple(c / num[0] for c in top), ()
-        return {0.0: [_Fraction(top, ((1.0, 0.0),) * powers_of_s + ((num,) if num else ()))]}
+        powers_of_s = len(np.trim_zeros(total, "f")) - len(below)
+        den = ((1.0, 0.0),) * powers_of_s
+        num = reduce(_product, common.elements(), _ONE)
+        if below.size == 1:
+            return {0.0: [_Fraction(tuple(c / float(below[0]) for c in num), den)]}
+        return {0.0: [_Fraction(num, (*den, tuple(map(float, below))))]}
 
     def _multiplied(self, left: _Value, right: _Value, at: int) -> _Value:
         size = sum(map(len, left.values())) * sum(map(len, right.values()))

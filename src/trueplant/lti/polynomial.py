@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 ComplexArray = NDArray[np.complex128]
 
@@ -14,9 +14,10 @@ _SCATTER = (1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 0.0)
 _ROUNDING = 1e-13
 
 
-def natural_scale(coefficients: Sequence[float], roots: ComplexArray) -> NDArray[np.float64]:
+def natural_scale(coefficients: ArrayLike, roots: ComplexArray) -> NDArray[np.float64]:
     """Size that each coefficient would have without cancellation among the roots, descending powers."""
-    return np.abs(coefficients[0]) * np.abs(np.poly(-np.abs(roots))) if len(roots) else np.abs(coefficients[:1])
+    lead = np.abs(np.asarray(coefficients, dtype=float)[:1])
+    return np.asarray(lead * np.abs(np.poly(-np.abs(roots))) if len(roots) else lead, dtype=float)
 
 
 def distinct_roots(coefficients: Sequence[float]) -> list[tuple[complex, int]] | None:

@@ -52,7 +52,7 @@ class Term:
     def __call__(self, s: ArrayLike) -> ComplexArray:
         z = np.asarray(s, dtype=complex)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.polyval(self.num, z) / np.polyval(self.den, z) * np.exp(-self.dead_time * z)
+            return np.asarray(np.polyval(self.num, z) / np.polyval(self.den, z) * np.exp(-self.dead_time * z), complex)
 
     @property
     def is_proper(self) -> bool:
@@ -123,15 +123,20 @@ class TransferFunction:
 
     @property
     def dc_gain(self) -> float:
-        """Value at s = 0 (infinite with an integrator)."""
-        if self.is_zero:
-            return 0.0
-        scale = 1e-6 * min((abs(p) for t in self.terms for p in np.roots(t.den) if abs(p) > 0), default=1.0)
-        if any(t.den[-1] == 0 for t in self.terms):
-            value = self(scale)
-            near = self(2 * scale)
-            return float(value.real) if abs(value) < 1.5 * abs(near) else float(np.copysign(np.inf, value.real))
-        return float(self(0.0).real)
+        """Limit for s -> 0 from above; infinite with an integrator that no other term cancels.
+
+        Read off the Laurent series of the sum about 0, so (1 - exp(-s))/s has the gain 1.
+        """
+        order = max((_integrators(term.den) for term in self.terms), default=0)
+        series, size = np.zeros(order + 1), np.zeros(order + 1)
+        for term in self.terms:
+            first = order - _integrators(term.den)
+            coefficients, scale = _taylor(term, order + 1 - first)
+            series[first:] += coefficients
+            size[first:] += scale
+        series[np.abs(series) <= 1e-12 * size] = 0.0
+        integrating = np.flatnonzero(series[:-1])
+        return float(np.copysign(np.inf, series[integrating[0]]) if integrating.size else series[-1])
 
     @property
     def poles(self) -> ComplexArray:
@@ -143,6 +148,25 @@ class TransferFunction:
         from trueplant.lti.formula import to_formula
 
         return to_formula(self)
+
+
+def _integrators(den: tuple[float, ...]) -> int:
+    return len(den) - len(np.trim_zeros(den, "b"))
+
+
+def _taylor(term: Term, count: int) -> tuple[Array, Array]:
+    """The first coefficients of s^k term(s) about 0, k its integrators, and their sizes without cancellation."""
+    num, den = np.array(term.num[::-1]), np.trim_zeros(np.array(term.den[::-1]), "f")
+    powers = np.arange(1, count)
+    delay = np.cumprod(np.concatenate([[1.0], -term.dead_time / powers]))
+    inverse = np.zeros(count)
+    inverse[0] = 1 / den[0]
+    for k in powers:
+        past = den[1 : k + 1]
+        inverse[k] = -past @ inverse[k - len(past) : k][::-1] / den[0]
+    exact = np.convolve(np.convolve(num, delay), inverse)
+    size = np.convolve(np.convolve(np.abs(num), np.abs(delay)), np.abs(inverse))
+    return exact[:count], size[:count]
 
 
 def _as_transfer_function(value: TransferFunction | float) -> TransferFunction:

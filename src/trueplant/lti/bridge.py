@@ -1,0 +1,104 @@
+"""To and from the systems of python-control, the field's common tongue."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trueplant.errors import FormulaError
+from trueplant.lti.reduce import simplified
+from trueplant.lti.transfer import Term, TransferFunction, TransferMatrix
+
+if TYPE_CHECKING:
+    import control
+
+Array = NDArray[np.float64]
+
+
+def from_control(system: Any, dead_times: ArrayLike | None = None) -> TransferMatrix:
+    """Matrix from a continuous ``control.TransferFunction`` or ``control.StateSpace``, SISO or MIMO.
+
+    ``dead_times`` (n_y, n_u), in the time unit of the system, delays the elements; python-control
+    itself knows none. A state-space system gives elements of up to its own order, common roots
+    cancelled where they agree to rounding. Raises FormulaError for other systems and discrete ones.
+    """
+    import control
+
+    if not isinstance(system, (control.TransferFunction, control.StateSpace)):
+        raise FormulaError(
+            f"a {type(system).__name__} cannot be converted; give a control.TransferFunction or control.StateSpace"
+        )
+    if system.dt not in (0, None):
+        raise FormulaError(
+            f"the system is discrete (dt = {system.dt}); give a continuous one, such as the model it was sampled from"
+        )
+    shape = (system.noutputs, system.ninputs)
+    if 0 in shape:
+        raise FormulaError("the system has no inputs or no outputs; give one that has both")
+    delays = np.zeros(shape) if dead_times is None else np.asarray(dead_times, dtype=float)
+    if delays.shape != shape:
+        raise FormulaError(f"dead_times has shape {delays.shape}; the system needs {shape}, outputs by inputs")
+    if isinstance(system, control.TransferFunction):
+        elements = [
+            [TransferFunction.rational(system.num[i][j], system.den[i][j], delays[i, j]) for j in range(shape[1])]
+            for i in range(shape[0])
+        ]
+    else:
+        elements = [[_from_states(system, i, j, delays[i, j]) for j in range(shape[1])] for i in range(shape[0])]
+    return TransferMatrix(tuple(map(tuple, elements)))
+
+
+def _from_states(system: Any, i: int, j: int, dead_time: float) -> TransferFunction:
+    """C (sI - A)^-1 B + D = (det(sI - A + k b c) - det(sI - A))/(k det(sI - A)) + d for any k.
+
+    k makes k b c as large as A, so that the difference keeps its digits.
+    """
+    a = np.asarray(system.A, dtype=float)
+    product = np.outer(system.B[:, j], system.C[i, :])
+    direct = TransferFunction.rational([system.D[i, j]], 1.0, dead_time)
+    if not product.any():
+        return direct
+    k = (np.linalg.norm(a) or 1.0) / np.linalg.norm(product)
+    den, moved = np.poly(a).real, np.poly(a - k * product).real
+    num = np.where(np.abs(moved - den) <= 1e-13 * (np.abs(moved) + np.abs(den)), 0.0, moved - den) / k
+    return simplified(direct + TransferFunction.rational(num, den, dead_time))
+
+
+def to_control(g: TransferMatrix | TransferFunction, pade_order: int | None = None) -> control.TransferFunction:
+    """The same system for python-control; dead time becomes a Pade approximation of ``pade_order``.
+
+    Without dead time the conversion is exact. Raises FormulaError where there is dead time and no order.
+    """
+    import control
+
+    matrix = g if isinstance(g, TransferMatrix) else TransferMatrix(((g,),))
+    delayed = any(term.dead_time for row in matrix.elements for element in row for term in element.terms)
+    if delayed and pade_order is None:
+        raise FormulaError("python-control has no dead time; give pade_order to approximate it, for example 5")
+    if pade_order is not None and (not isinstance(pade_order, (int, np.integer)) or pade_order < 1):
+        raise FormulaError(f"pade_order must be a whole number of 1 or more, not {pade_order!r}")
+    fractions = [[_one_fraction(element, pade_order or 1) for element in row] for row in matrix.elements]
+    return control.TransferFunction(
+        [[np.array(term.num) for term in row] for row in fractions],
+        [[np.array(term.den) for term in row] for row in fractions],
+    )
+
+
+def _one_fraction(g: TransferFunction, pade_order: int) -> Term:
+    total = TransferFunction()
+    for term in g.terms:
+        num, den = _pade(term.dead_time, pade_order)
+        total = total + TransferFunction.rational(np.convolve(term.num, num), np.convolve(term.den, den))
+    terms = simplified(total).terms
+    return terms[0] if terms else Term((0.0,))
+
+
+def _pade(dead_time: float, order: int) -> tuple[Array, Array]:
+    import control
+
+    if dead_time == 0:
+        return np.ones(1), np.ones(1)
+    num, den = control.pade(dead_time, order)
+    return np.asarray(num, dtype=float), np.asarray(den, dtype=float)

@@ -1,0 +1,122 @@
+"""Sums and differences of transfer functions in lowest terms, as far as the dead times allow.
+
+Rounding is told from structure by the natural scale: the size that a quantity would have if
+nothing in it cancelled. What is below 1e-12 of that is rounding and becomes an exact zero.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.lti.polynomial import distinct_roots, natural_scale
+from trueplant.lti.transfer import Term, TransferFunction, TransferMatrix
+
+Array = NDArray[np.float64]
+Factor = tuple[float, ...]
+
+_ROUNDING = 1e-12
+# Two factors whose roots agree to this are one factor; also how far dead times may differ and be equal.
+_SAME = 1e-9
+_SAME_DEAD_TIME = 1e-12
+
+
+def simplified(g: TransferFunction) -> TransferFunction:
+    """The same function with terms of equal dead time over one denominator, common roots cancelled.
+
+    Terms of different dead time stay apart. Values agree with those of ``g`` to 1e-9 of the terms' size.
+    """
+    groups: list[list[Term]] = []
+    for term in sorted(g.terms, key=lambda t: t.dead_time):
+        last = groups[-1][0].dead_time if groups else -1.0
+        if groups and term.dead_time - last <= _SAME_DEAD_TIME * last:
+            groups[-1].append(term)
+        else:
+            groups.append([term])
+    return TransferFunction(tuple(_lowest(group) for group in groups))
+
+
+def simplified_matrix(g: TransferMatrix) -> TransferMatrix:
+    """`simplified`, element by element."""
+    return TransferMatrix(tuple(tuple(simplified(element) for element in row) for row in g.elements), g.time_unit)
+
+
+def _lowest(terms: Sequence[Term]) -> Term:
+    """One term equal to the sum of terms of one dead time."""
+    known: list[Factor] = []
+    owned = [_factored(term.den, known) for term in terms]
+    common: Counter[Factor] = reduce(lambda a, b: a | b, owned)
+    num, scale = np.zeros(1), np.zeros(1)
+    for term, own in zip(terms, owned, strict=True):
+        cofactor = _multiplied(common - own)
+        num = np.polyadd(num, np.convolve(term.num, cofactor))
+        scale = np.polyadd(scale, np.convolve(np.abs(term.num), np.abs(cofactor)))
+    num = np.where(np.abs(num) <= _ROUNDING * scale, 0.0, num)
+    if not num.any():
+        return Term((0.0,))
+    den = np.convolve(terms[0].den, _multiplied(common - owned[0]))
+    left = common.copy()
+    reduced = num
+    for factor, multiplicity in common.items():
+        reduced, times = _divided(reduced, factor, multiplicity, num, scale)
+        left[factor] -= times
+    if left != common:
+        reduced = np.trim_zeros(reduced, "f")
+        size = natural_scale(reduced, np.roots(reduced).astype(complex))
+        # Trailing zeros are roots at 0 and have no scale of their own.
+        size = np.pad(size, (0, len(reduced) - len(size)))
+        num, den = np.where(np.abs(reduced) <= _ROUNDING * size, 0.0, reduced), _multiplied(left)
+    return Term(tuple(num), tuple(den), terms[0].dead_time)
+
+
+def _factored(polynomial: Sequence[float], known: list[Factor]) -> Counter[Factor]:
+    """Monic factors with multiplicity; a factor already ``known`` is taken for a new one that equals it.
+
+    A polynomial whose roots cannot be trusted is its own only factor.
+    """
+    roots = distinct_roots(polynomial)
+    if roots is None:
+        factors = [(tuple(polynomial), 1)]
+    else:
+        factors = [((1.0, -p.real) if p.imag == 0 else (1.0, -2 * p.real, abs(p) ** 2), m) for p, m in roots]
+    counts: Counter[Factor] = Counter()
+    for factor, multiplicity in factors:
+        twin = next((k for k in known if _equal(k, factor)), None)
+        if twin is None:
+            known.append(factor)
+        counts[twin or factor] += multiplicity
+    return counts
+
+
+def _equal(a: Factor, b: Factor) -> bool:
+    if len(a) != len(b):
+        return False
+    radius = abs(a[-1]) ** (1 / (len(a) - 1))
+    return bool(np.all(np.abs(np.subtract(a, b)) <= _SAME * radius ** np.arange(len(a))))
+
+
+def _multiplied(factors: Counter[Factor]) -> Array:
+    return reduce(np.convolve, factors.elements(), np.ones(1))
+
+
+def _divided(num: Array, factor: Factor, at_most: int, whole: Array, scale: Array) -> tuple[Array, int]:
+    """``num`` divided by ``factor`` while its roots are zeros of num up to rounding, and how often that was.
+
+    ``scale`` is the natural scale of ``whole``, the numerator before any division: where much cancelled
+    in it, its zeros are known that much less surely.
+    """
+    roots = np.roots(factor)
+    radius = np.abs(roots)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rounding = _ROUNDING * np.nan_to_num(np.polyval(scale, radius) / np.polyval(np.abs(whole), radius), nan=1.0)
+    times = 0
+    while times < at_most and len(num) >= len(factor):
+        if np.any(np.abs(np.polyval(num, roots)) > rounding * np.polyval(np.abs(num), radius)):
+            break
+        num = np.asarray(np.polydiv(num, factor)[0], dtype=float)
+        times += 1
+    return num, times
