@@ -167,8 +167,11 @@ def parameter_line(parameter: Parameter) -> str:
 def value_with_interval(value: float, ci: tuple[float, float]) -> str:
     """``0.917 ± 0.012`` with half of the interval, or ``0.917, 0.90 to 0.95`` where it is lopsided."""
     if not all(map(math.isfinite, ci)):
-        known = [f"at least {number(ci[0])}"] * math.isfinite(ci[0]) + [f"at most {number(ci[1])}"] * math.isfinite(ci[1])
-        return f"{number(value)}, {known[0] if known else 'no limit known'}"
+        if math.isfinite(ci[0]) or math.isfinite(ci[1]):
+            known = f"at least {number(ci[0])}" if math.isfinite(ci[0]) else f"at most {number(ci[1])}"
+        else:
+            known = "no limit known"
+        return f"{number(value)}, {known}"
     below, above = value - ci[0], ci[1] - value
     half = (below + above) / 2
     if not half > 0 or half > 1e6 * max(abs(value), 1e-300):
