@@ -272,7 +272,8 @@ MISTAKES = {
     ),
     "move after the end": (
         "[[controller]]",
-        '[simulate]\nduration = 10\nsample_time = 1\nsetpoints = [{time = 11, output = "top", value = 1}]\n[[controller]]',
+        "[simulate]\nduration = 10\nsample_time = 1\n"
+        'setpoints = [{time = 11, output = "top", value = 1}]\n[[controller]]',
         "comes after the end",
     ),
 }
