@@ -14,10 +14,13 @@ _SCATTER = (1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 0.0)
 _ROUNDING = 1e-13
 
 
-def natural_scale(coefficients: ArrayLike, roots: ComplexArray) -> NDArray[np.float64]:
-    """Size that each coefficient would have without cancellation among the roots, descending powers."""
-    lead = np.abs(np.asarray(coefficients, dtype=float)[:1])
-    return np.asarray(lead * np.abs(np.poly(-np.abs(roots))) if len(roots) else lead, dtype=float)
+def natural_scale(coefficients: ArrayLike) -> NDArray[np.float64]:
+    """Size that each coefficient would have if the roots' contributions never cancelled, descending powers."""
+    polynomial = np.trim_zeros(np.asarray(coefficients, dtype=float), "f")
+    radii = np.abs(np.roots(polynomial))
+    return np.asarray(
+        np.abs(polynomial[:1]) * np.abs(np.poly(-radii)) if len(radii) else np.abs(polynomial), dtype=float
+    )
 
 
 def distinct_roots(coefficients: Sequence[float]) -> list[tuple[complex, int]] | None:
@@ -29,7 +32,7 @@ def distinct_roots(coefficients: Sequence[float]) -> list[tuple[complex, int]] |
     trimmed = np.trim_zeros(np.asarray(coefficients, dtype=float), "b")
     at_zero = len(coefficients) - len(trimmed)
     found = np.roots(trimmed).astype(complex)
-    scale = natural_scale(trimmed, found)
+    scale = natural_scale(trimmed)
     for circle in _SCATTER:
         clusters = _clustered(found, circle)
         pairs = [(p, m) for p, m in clusters if p.imag >= 0]

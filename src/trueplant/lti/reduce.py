@@ -54,9 +54,9 @@ def _lowest(terms: Sequence[Term]) -> Term:
     for term, own in zip(terms, owned, strict=True):
         cofactor = _multiplied(common - own)
         num = np.polyadd(num, np.convolve(term.num, cofactor))
-        scale = np.polyadd(scale, np.convolve(np.abs(term.num), np.abs(cofactor)))
-    num = np.where(np.abs(num) <= _ROUNDING * scale, 0.0, num)
-    if not num.any():
+        scale = np.polyadd(scale, np.convolve(natural_scale(term.num), natural_scale(cofactor)))
+    num = np.trim_zeros(np.where(np.abs(num) <= _ROUNDING * scale, 0.0, num), "f")
+    if not num.size:
         return Term((0.0,))
     den = np.convolve(terms[0].den, _multiplied(common - owned[0]))
     left = common.copy()
@@ -65,11 +65,8 @@ def _lowest(terms: Sequence[Term]) -> Term:
         reduced, times = _divided(reduced, factor, multiplicity, num, scale)
         left[factor] -= times
     if left != common:
-        reduced = np.trim_zeros(reduced, "f")
-        size = natural_scale(reduced, np.roots(reduced).astype(complex))
-        # Trailing zeros are roots at 0 and have no scale of their own.
-        size = np.pad(size, (0, len(reduced) - len(size)))
-        num, den = np.where(np.abs(reduced) <= _ROUNDING * size, 0.0, reduced), _multiplied(left)
+        num = np.where(np.abs(reduced) <= _ROUNDING * natural_scale(reduced), 0.0, reduced)
+        den = _multiplied(left)
     return Term(tuple(num), tuple(den), terms[0].dead_time)
 
 
