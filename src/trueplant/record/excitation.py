@@ -39,7 +39,7 @@ class Excitation:
     power_share: Array
     """(n,) share of the signal's power that lies above the noise."""
     bands: tuple[tuple[float, float] | None, ...]
-    """(w_low, w_high) in which the spectrum exceeds the noise (the longest such stretch), None for a constant signal."""
+    """(w_low, w_high) in which the spectrum exceeds the noise (longest stretch), None for a constant signal."""
     w: Array
     condition: Array
     """Condition number, over w, of the averaged spectral matrix of the signals scaled to unit variance."""

@@ -55,9 +55,10 @@ def _pieces(t: Array, x: Array, hold: str) -> list[Array]:
     if hold == "spline":
         from scipy.interpolate import CubicSpline
 
-        if not np.isfinite(x).all():
-            return [np.where(np.isfinite(x).all(axis=0), x, np.nan)[:-1]]
-        return list(CubicSpline(t, x, bc_type="not-a-knot").c[::-1])
+        # one missing sample spoils its own column only
+        whole = np.isfinite(x).all(axis=0)
+        pieces = CubicSpline(t, np.where(whole, x, 0.0), bc_type="not-a-knot").c[::-1]
+        return list(np.where(whole, pieces, np.nan))
     raise DataError(f'unknown hold {hold!r}; use "zoh", "linear" or "spline"')
 
 
@@ -65,12 +66,11 @@ def _moments(z: ComplexArray, count: int) -> list[ComplexArray]:
     """``integral of x^j exp(-z x) dx`` from 0 to 1 for j = 0 .. count-1: recursion, or its series at small z."""
     small = np.abs(z) < _SERIES_BELOW
     safe = np.where(small, 1.0, z)
-    # a growing exponential may overflow for Re s < 0; the result is then infinite, as it should be
     decay = np.exp(-safe)
     out: list[ComplexArray] = []
     for j in range(count):
         series = np.zeros_like(z)
-        for m in range(20, -1, -1):
+        for m in range(17, -1, -1):
             series = series * -z / (m + 1) + 1.0 / (m + j + 1)
         recursion = ((j * out[-1] if j else 1.0) - decay) / safe
         out.append(np.where(small, series, recursion))

@@ -38,8 +38,8 @@ def is_long(table: Table, columns: Sequence[str], tag: str = "tag", value: str =
 
 
 def bad_quality(table: Table, name: str) -> BoolArray:
-    """Where the quality says that a value is not to be trusted: OPC codes (192 and above are good), PI status
-    (0 is good), per cent (100 is good), or words."""
+    """Where the quality says that a value is not to be trusted: OPC codes (192 to 255 are good), status codes
+    (0 is good, as in PI and OPC UA), per cent (100 is good), or words."""
     import polars as pl
 
     codes, words = table.numbers(name)
@@ -48,7 +48,7 @@ def bad_quality(table: Table, name: str) -> BoolArray:
         good = text.str.contains(rf"^({'|'.join(_GOOD)})\b").fill_null(True)
         return ~np.asarray(good.to_numpy(), dtype=bool)
     known = codes[np.isfinite(codes)]
-    if np.any(known >= 192):
+    if np.any(known >= 192) and np.all(known <= 255):
         good_codes = codes >= 192
     elif known.size and np.mean(known == 100) > 0.5:
         good_codes = codes == 100

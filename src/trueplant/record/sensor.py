@@ -70,8 +70,8 @@ def spikes(y: Array, every: float, q: float) -> BoolArray:
     for m in (1, 2, 3):
         a = np.arange(3, v.size - m - 2)
         before, after = v[a - 1], v[a + m]
-        left = np.median([before, v[a - 2], v[a - 3]], axis=0)
-        right = np.median([after, v[a + m + 1], v[a + m + 2]], axis=0)
+        left = _middle(before, v[a - 2], v[a - 3])
+        right = _middle(after, v[a + m + 1], v[a + m + 2])
         block = np.stack([v[a + i] for i in range(m)])
         up = np.min(block, axis=0) - np.max([left, right, before, after], axis=0)
         down = np.min([left, right, before, after], axis=0) - np.max(block, axis=0)
@@ -83,6 +83,11 @@ def spikes(y: Array, every: float, q: float) -> BoolArray:
         for i in range(m):
             out |= spread(begin[a[hit] + i], length[a[hit] + i], y.size)
     return out
+
+
+def _middle(a: Array, b: Array, c: Array) -> Array:
+    """Elementwise median of three."""
+    return np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
 
 
 def frozen(y: Array, u: Array) -> BoolArray:

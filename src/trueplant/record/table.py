@@ -196,6 +196,9 @@ def _read_sheet(data: bytes, source: str, digest: str, sheet: str | None) -> Tab
         message = f"{source}: sheet {chosen!r} was read, the first of {len(names)}; name another one in `sheet`."
         notes = (Finding("sheet", source, message),)
     frame = book.load_sheet(chosen, header_row=None, dtypes="string").to_polars()
+    # as text, numbers come rounded to nine decimals
+    exact = book.load_sheet(chosen, header_row=None, dtypes="float").to_polars()
+    frame = pl.DataFrame([_exact(frame[c], exact[c]) for c in frame.columns])
     numbered = frame.with_row_index("line", offset=1).filter(~pl.all_horizontal(pl.exclude("line").is_null()))
     frame = numbered.drop("line")
     rows = [["" if c is None else c for c in row] for row in frame.head(100).rows()]
@@ -206,6 +209,16 @@ def _read_sheet(data: bytes, source: str, digest: str, sheet: str | None) -> Tab
         raise DataError(f"{source}, sheet {chosen!r}: no rows of numbers; name the right sheet in `sheet`")
     lines = numbered["line"].to_numpy()[first:].astype(np.int64)
     return _with_header(rows[:first], frame[first:], lines, source, digest, None, None, notes)
+
+
+def _exact(text: pl.Series, value: pl.Series) -> pl.Series:
+    """Cells as text, those that are numbers in full precision."""
+    import polars as pl
+
+    if value.dtype != pl.Float64:
+        return text
+    number = text.cast(pl.Float64, strict=False).is_not_null() & value.is_not_null()
+    return value.cast(pl.String).zip_with(number, text).alias(text.name)
 
 
 def _with_header(
@@ -220,13 +233,18 @@ def _with_header(
 ) -> Table:
     """Find the names among the lines above the data, and the units if there is a row of them."""
     width = frame.width
-    fitting = [k for k, row in enumerate(head) if len(row) in (width, width - 1)]
-    rows = [head[k] for k in fitting if not (len(head[k]) == 1 and width > 2)]
+    filled = max((k + 1 for k, c in enumerate(frame.iter_columns()) if c.null_count() < frame.height), default=width)
+    rows = [row for row in head if filled <= len(row) <= width]
     plain = [r for r in rows if not r[0].lstrip().startswith(("#", "//", "% "))]
-    if not plain:
-        plain = [[rows[-1][0].lstrip("#/% "), *rows[-1][1:]]] if rows else []
+    if not plain and rows:
+        plain = [[rows[-1][0].lstrip("#/% "), *rows[-1][1:]]]
     if not plain:
         first = ", ".join(str(c) for c in frame.row(0))[:60]
+        if head and len(head[-1]) > 1:
+            raise DataError(
+                f"{source}: {len(head[-1])} names in the header, but {width} fields in each row ({first}); name every "
+                "column, and if these are decimal commas, export with ; between the columns"
+            )
         raise DataError(
             f"{source} has no header: its first row is already data ({first}); put a line with the column names on top"
         )

@@ -132,8 +132,8 @@ def _cut(text: str, separator: str, source: str, encoding: str, shown: str) -> C
     cuts = np.flatnonzero((raw == ord(separator)) & outside)
     width = np.searchsorted(cuts, ends) - np.searchsorted(cuts, starts) + 1
     # blank: nothing but separators, quotes and spaces
-    ink = np.concatenate([[0], np.cumsum((raw > 34) & (raw != ord(separator)) | (raw == 33))])
-    blank = ink[ends] == ink[starts]
+    ink = (raw > 34) & (raw != ord(separator)) | (raw == 33)
+    blank = ~np.logical_or.reduceat(ink[: ends[-1] + 1], starts)
     first = _first_data_row(data, starts, ends, width, blank, separator, source)
     rows = np.flatnonzero(~blank & (np.arange(blank.size) >= first))
     head = [_split(data[starts[k] : ends[k]].decode(), separator) for k in np.flatnonzero(~blank[:first])]

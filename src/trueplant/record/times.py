@@ -126,7 +126,7 @@ def _from_text(table: Table, name: str) -> tuple[pl.Series, pl.Series | None, tu
     """Naive stamps, their offsets from UTC if they bear any, and notes."""
     import polars as pl
 
-    text = table.frame[name].str.strip_chars().str.to_uppercase()
+    text = _with_date(table, name)
     text = pl.select(pl.when(text == "").then(None).otherwise(text)).to_series()
     text = text.str.replace(r"^(\d{4}-?\d{2}-?\d{2})T", "$1 ").str.replace(r"^(\d{4})(\d{2})(\d{2})( |$)", "$1-$2-$3$4")
     text = text.str.replace(r"(:\d{2}),(\d+)", "$1.$2").str.replace_all(r" {2,}", " ")
@@ -152,6 +152,31 @@ def _from_text(table: Table, name: str) -> tuple[pl.Series, pl.Series | None, tu
     if stamps.null_count() == len(stamps):
         raise DataError(f"{table.source}: the time column {name!r} is empty; name another one as `time`")
     return stamps, offsets, notes
+
+
+def _with_date(table: Table, name: str) -> pl.Series:
+    """The stamps as upper-case text; a date and a clock in two columns are joined."""
+    import polars as pl
+
+    clock = r"^\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?$"
+
+    def upper(column: str) -> pl.Series:
+        return table.frame[column].str.strip_chars().str.to_uppercase()
+
+    def partner(pattern: str) -> pl.Series | None:
+        texts = (c for c in table.names if c != name and table.frame[c].dtype == pl.String)
+        return next((upper(c) for c in texts if upper(c).str.contains(pattern).all()), None)
+
+    text = upper(name)
+    if bool(text.str.contains(clock).all()):
+        dates = partner(rf"^({_DATE})$")
+        if dates is None:
+            raise DataError(f"{table.source}: {name!r} holds times without a date; give full time stamps or numbers")
+        return dates + " " + text
+    if bool(text.str.contains(rf"^({_DATE})$").all()):
+        clocks = partner(clock)
+        return text if clocks is None else text + " " + clocks
+    return text
 
 
 def _date_order(text: pl.Series, source: str) -> tuple[pl.Series, tuple[Finding, ...]]:

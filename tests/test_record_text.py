@@ -1,0 +1,188 @@
+"""Text files: whatever the separator, decimal mark and encoding, the same numbers come back; or one clear error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trueplant.errors import DataError
+from trueplant.record import Channel, Layout, read_record, read_table
+
+ONE = Layout((Channel("T", "pv", sp="sp"),), (Channel("Q", "op"),), project_time_unit="s")
+HEADER = "t,sp,pv,op\n"
+
+
+def rows(n: int = 20, line: str = "{i},1.5,{i}.25,{j}.125") -> str:
+    return "".join(line.format(i=i, j=i % 3) + "\n" for i in range(n))
+
+
+@pytest.fixture
+def write(tmp_path: Path):
+    def write_file(content: str | bytes, name: str = "run.csv", encoding: str = "utf-8") -> Path:
+        file = tmp_path / name
+        file.write_bytes(content if isinstance(content, bytes) else content.encode(encoding))
+        return file
+
+    return write_file
+
+
+numbers = st.floats(-1e12, 1e12, allow_nan=False)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    values=st.lists(st.tuples(numbers, numbers, numbers), min_size=10, max_size=25),
+    separator=st.sampled_from([";", "\t", "|", ",", "  "]),
+    comma=st.booleans(),
+    encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "cp1252", "utf-16-le"]),
+    newline=st.sampled_from(["\n", "\r\n", "\r"]),
+    preamble=st.sampled_from(["", "# Export of März 2024\n", "Werk Süd\n\n", "Site: A\nBlock: 7\n"]),
+    units=st.booleans(),
+)
+def test_what_was_written_comes_back(
+    tmp_path_factory, values, separator, comma, encoding, newline, preamble, units
+) -> None:
+    comma = comma and separator != ","
+    lines = [separator.join(["t", "sp", "pv °C", "op"] if separator != "  " else ["t", "sp", "pv°C", "op"])]
+    if units:
+        lines.append(separator.join(["s", "degC", "degC", "%"]))
+    for k, row in enumerate(values):
+        cells = [repr(float(k)), *map(repr, row)]
+        lines.append(separator.join(c.replace(".", ",") if comma else c for c in cells))
+    file = tmp_path_factory.mktemp("csv") / "run.txt"
+    file.write_bytes((preamble + "\n".join(lines) + "\n").replace("\n", newline).encode(encoding))
+    name = "pv°C" if separator == "  " else "pv °C"
+    record = read_record(file, Layout((Channel("T", name, sp="sp"),), (Channel("Q", "op"),), project_time_unit="s"))
+    expected = np.array(values)
+    np.testing.assert_array_equal(record.t, np.arange(len(values)))
+    np.testing.assert_array_equal(np.column_stack([record.r, record.y, record.u]), expected)
+
+
+def test_raw_table_needs_no_layout(write) -> None:
+    table = read_table(write("# made by a logger\nZeit;TC 1;OP\ns;degC;%\n" + "0;1,5;2\n1;2,25;3\n"))
+    assert table.names == ("Zeit", "TC 1", "OP")
+    assert (table.separator, table.decimal, table.encoding) == (";", ",", "utf-8")
+    assert table.units == {"Zeit": "s", "TC 1": "degC", "OP": "%"}
+    np.testing.assert_array_equal(table.numbers("TC 1")[0], [1.5, 2.25])
+    assert table.where(1) == "line 5"
+
+
+def test_quoted_decimal_commas_in_a_comma_separated_file(write) -> None:
+    record = read_record(write(HEADER + rows(line='{i},"1,5","{i},25","0,5"')), ONE)
+    np.testing.assert_array_equal(record.y[:, 0], np.arange(20) + 0.25)
+    np.testing.assert_array_equal(record.u[:, 0], 0.5)
+
+
+@pytest.mark.parametrize(
+    ("cell", "value"),
+    [
+        ('"1,234.5"', 1234.5),
+        ('"1,234,567"', 1234567.0),
+        ("1'234.5", 1234.5),
+        ("\N{MINUS SIGN}3.5", -3.5),
+        ("1e3", 1000.0),
+    ],
+)
+def test_ways_to_write_a_number(write, cell: str, value: float) -> None:
+    record = read_record(write(HEADER + rows(line="{i},1.5,{i}.25," + cell)), ONE)
+    np.testing.assert_array_equal(record.u[:, 0], value)
+
+
+def test_an_ambiguous_comma_is_said(write) -> None:
+    text = "t;sp;pv;op\n" + rows(line="{i};1;{i};1,234")
+    record = read_record(write(text), ONE)
+    np.testing.assert_array_equal(record.u[:, 0], 1.234)
+    assert [n.kind for n in record.notes if "two ways" in n.message] == ["decimal"]
+
+
+def test_dots_as_thousands_in_a_decimal_comma_file(write) -> None:
+    record = read_record(write("t;sp;pv;op\n" + rows(line="{i};1;1.234,5;{i}.000,25")), ONE)
+    np.testing.assert_array_equal(record.y[:, 0], 1234.5)
+    np.testing.assert_array_equal(record.u[1:, 0], np.arange(1, 20) * 1000 + 0.25)
+
+
+def test_trailing_separators_and_blank_lines_do_not_matter(write) -> None:
+    record = read_record(write("t;sp;pv;op;\n\n" + rows(line="{i};1.5;{i};{j};") + "\n;;;;\n\n"), ONE)
+    np.testing.assert_array_equal(record.y[:, 0], np.arange(20))
+
+
+def test_text_among_numbers_is_missing_and_noted(write) -> None:
+    words = {3: "Bad", 5: "No Data", 9: "#N/A", 11: "I/O Timeout", 12: "---"}
+    text = HEADER + "".join(f"{i},1,{words.get(i, i)},{i % 2}\n" for i in range(20))
+    record = read_record(write(text), ONE)
+    assert set(np.flatnonzero(np.isnan(record.y[:, 0]))) == set(words)
+    (note,) = [n for n in record.notes if n.kind == "text"]
+    assert note.samples == 5
+    assert "'Bad' (line 5)" in note.message
+    assert note.spans[0] == (3.0, 3.0)
+
+
+def test_empty_cells_are_missing_without_a_word(write) -> None:
+    text = HEADER + "".join(f"{i},1,{'' if i % 4 == 0 else i},{i % 2}\n" for i in range(20))
+    record = read_record(write(text), ONE)
+    assert int(np.isnan(record.y).sum()) == 5
+    assert all(n.kind == "constant" for n in record.notes)
+
+
+def test_a_constant_column_is_noted(write) -> None:
+    record = read_record(write(HEADER + rows()), ONE)
+    (note,) = [n for n in record.notes if n.kind == "constant"]
+    assert (note.signal, note.value) == ("sp", 1.5)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("", ["run.csv is empty"]),
+        ("  \n \n", ["run.csv is empty"]),
+        (HEADER, ["no rows of numbers"]),
+        ("hello world\nno table\n", ["run.csv"]),
+        (bytes(range(256)) * 20, ["not a text file"]),
+        (b"\x1f\x8b\x08\x00aaaaaaaa", ["compressed"]),
+        (HEADER + rows(3), ["three rows", "at least 10"]),
+        (HEADER + rows(12) + "12,1,2\n", ["line 14", "3 fields", "have 4"]),
+        (HEADER + rows(5) + "5,1,2,3,4\n" + rows(9), ["line 7", "5 fields", "have 4"]),
+        (rows(20), ["no header"]),
+        ("t,sp,pv,pv,op\n" + rows(20, "{i},1,2,3,4"), ["'pv' more than once"]),
+        ("t,sp,PV1,op\n" + rows(), ["no column 'pv'", "did you mean 'PV1'", "t, sp, PV1, op"]),
+        (HEADER + rows(20, "{i},1,,{j}"), ["'pv'", "is empty"]),
+        (HEADER + rows(20, "{i},1,Bad,{j}"), ["'pv'", "only text", "'Bad'"]),
+        (HEADER + rows(12) + "12,1,inf,3\n", ["line 14", "'pv'", "inf"]),
+        (HEADER + rows(12) + "12,1,-1e301,3\n", ["line 14", "'pv'", "1e301"]),
+        (HEADER + rows(12).replace("7,1.5", "x,1.5"), ["line 9", "'t'", "'x' is not a time"]),
+        ("a;b\n" + rows(20, "{i};{j}"), ["no column 'pv'"]),
+        ("t,sp,pv,op\n" + rows(20, "{i},1,5,{j},25,3,5"), ["4 names", "7 fields", "decimal commas"]),
+    ],
+)
+def test_one_clear_error(write, content: str | bytes, says: list[str]) -> None:
+    with pytest.raises(DataError) as caught:
+        read_record(write(content), ONE)
+    message = str(caught.value)
+    assert all(part in message for part in says), message
+    assert "\n" not in message
+
+
+def test_missing_file_and_folder(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"nowhere\.csv does not exist"):
+        read_record(tmp_path / "nowhere.csv", ONE)
+    with pytest.raises(DataError, match="is a folder"):
+        read_record(tmp_path, ONE)
+
+
+def test_named_separator_is_used(write) -> None:
+    file = write("t:sp:pv:op\n" + rows(line="{i}:1.5:{i}.25:{j}"))
+    record = read_record(file, Layout(ONE.outputs, ONE.inputs, separator=":", project_time_unit="s"))
+    np.testing.assert_array_equal(record.y[:, 0], np.arange(20) + 0.25)
+    with pytest.raises(DataError, match="only one column"):
+        read_record(file, Layout(ONE.outputs, ONE.inputs, separator=";"))
+
+
+def test_the_digest_is_that_of_the_file(write) -> None:
+    import hashlib
+
+    file = write(HEADER + rows())
+    assert read_record(file, ONE).sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
