@@ -25,7 +25,7 @@ def update_every(y: Array) -> float:
     shortest = float(np.quantile(gaps, 0.02))
     if shortest < 2:
         return 1.0
-    k = float(np.mean(gaps[gaps <= 1.5 * shortest]))
+    k = float(np.mean(gaps[gaps <= 1.7 * shortest]))
     near = gaps[gaps <= 3.3 * k]
     fits = np.abs(near - k * np.round(near / k)) <= 0.3 * k
     return k if np.mean(fits) >= 0.9 else 1.0
