@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.noise import choose_order, fit_ar
 from trueplant.identify.predict import Row
-from trueplant.identify.search import grid_start, initial_theta
+from trueplant.identify.search import grid_start, initial_theta, rival_dead_times
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -68,7 +68,25 @@ def estimate_row(row: Row, time_scale: float, options: Options | None = None) ->
         rival = fit_row(row, other, fit.ar, weights=fit.weights, reweight=False, iterations=25)
         if rival.cost < fit.cost * (1 - 1e-9):
             fit = rival
-    return _with_noise(fit, options.order, limit, iterations=60)
+    fit = _with_noise(fit, options.order, limit, iterations=60)
+    return _best_dead_times(fit)
+
+
+def _best_dead_times(fit: RowFit, rounds: int = 4) -> RowFit:
+    """The fit, or a better one whose dead times lie in other sample intervals."""
+    row = fit.row
+    low, high = row.bounds()
+    for _ in range(rounds):
+        best = fit
+        for _, theta in rival_dead_times(row, fit.theta, fit.ar, fit.weights):
+            start = np.clip(theta, low, high)
+            rival = fit_row(row, start, fit.ar, weights=fit.weights, reweight=False, iterations=25)
+            if rival.cost < best.cost * (1 - 1e-9):
+                best = rival
+        if best is fit:
+            return fit
+        fit = best
+    return fit
 
 
 def _with_noise(fit: RowFit, order: int | None, limit: int, iterations: int) -> RowFit:

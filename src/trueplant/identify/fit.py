@@ -140,11 +140,11 @@ def fit_row(
     low, high = row.bounds()
     moving = np.concatenate([free, np.ones(ar.size, dtype=bool)])
     n = theta.size
+    dead = np.array([name.startswith("dead") for s in row.specs for name in s.structure.names] + [False] * ar.size)
     damping = 1e-3
     point = _evaluate(row, theta, ar, weights)
     converged = False
     for round_ in range(iterations):
-        diagonal = np.maximum(np.diag(point.information), 1e-300)
         pinned = np.concatenate(
             [
                 ((theta <= low) & (point.slope[:n] > 0)) | ((theta >= high) & (point.slope[:n] < 0)),
@@ -155,25 +155,15 @@ def fit_row(
         if not active.any():
             converged = True
             break
-        index = np.ix_(active, active)
-        scale = np.sqrt(diagonal[active])
-        normal = point.information[index] / np.outer(scale, scale)
-        accepted = False
-        for _ in range(12):
-            step = np.zeros(n + ar.size)
-            step[active] = (
-                -np.linalg.solve(normal + damping * np.eye(active.sum()), point.slope[active] / scale) / scale
-            )
-            trial = np.clip(_limited(theta, step[:n], low), low, high)
-            trial_ar = ar + step[n:]
-            candidate = _evaluate(row, trial, trial_ar, weights, derivatives=False)
-            if np.isfinite(candidate.cost) and candidate.cost <= point.cost * (1 + 1e-14):
-                accepted = True
+        # At a dead time of whole samples the cost can have a kink, downhill on neither side: then all else moves on.
+        for part in (active, active & ~dead):
+            move = _downhill(row, theta, ar, weights, point, part, damping)
+            if move is not None:
                 break
-            damping = min(damping * 8, 1e8)
-        if not accepted:
+        if move is None:
             converged = True
             break
+        step, trial, trial_ar, candidate, damping = move
         gain = point.cost - candidate.cost
         expected = float(-step @ point.slope)
         theta, ar = trial, trial_ar
@@ -192,6 +182,27 @@ def fit_row(
     information[frozen, :] = information[:, frozen] = 0.0
     information[frozen, frozen] = 1e30
     return RowFit(row, theta, ar, point.cost / used, information, point.cost, point.count, weights, converged, free)
+
+
+def _downhill(
+    row: Row, theta: Array, ar: Array, weights: Array, point: _Point, active: BoolArray, damping: float
+) -> tuple[Array, Array, Array, _Point, float] | None:
+    """A damped Gauss-Newton step of the active parameters that does not raise the cost; None if there is none."""
+    if not active.any():
+        return None
+    low, high = row.bounds()
+    scale = np.sqrt(np.maximum(np.diag(point.information)[active], 1e-300))
+    normal = point.information[np.ix_(active, active)] / np.outer(scale, scale)
+    for _ in range(12):
+        step = np.zeros(active.size)
+        step[active] = -np.linalg.solve(normal + damping * np.eye(scale.size), point.slope[active] / scale) / scale
+        trial = np.clip(_limited(theta, step[: theta.size], low), low, high)
+        trial_ar = ar + step[theta.size :]
+        candidate = _evaluate(row, trial, trial_ar, weights, derivatives=False)
+        if np.isfinite(candidate.cost) and candidate.cost < point.cost * (1 + 1e-14):
+            return step, trial, trial_ar, candidate, damping
+        damping = min(damping * 8, 1e8)
+    return None
 
 
 def _limited(theta: Array, step: Array, low: Array) -> Array:

@@ -10,6 +10,9 @@ from trueplant.identify.fit import RowFit, fit_row
 
 Array = NDArray[np.float64]
 
+FURTHEST = 12
+"""Standard errors."""
+
 
 def normal_intervals(theta: Array, covariance: Array, confidence: float) -> Array:
     """(n, 2) intervals theta -+ z sigma."""
@@ -21,8 +24,8 @@ def profile_interval(fit: RowFit, index: int, confidence: float, rounds: int = 6
     """Interval of theta[index] from the profile likelihood.
 
     The end points are where the deviance, minimised over everything else, has risen by the chi-square
-    quantile (Venzon and Moolgavkar 1988). An end that is not found within 8 standard errors, or lies beyond
-    the parameter's bound, is the bound.
+    quantile (Venzon and Moolgavkar 1988). An end that is not found within FURTHEST standard errors, or lies
+    beyond the parameter's bound, is the bound.
     """
     z = float(norm.ppf(0.5 + confidence / 2))
     sigma = float(np.sqrt(fit.covariance[index, index]))
@@ -32,10 +35,25 @@ def profile_interval(fit: RowFit, index: int, confidence: float, rounds: int = 6
     )
 
 
+def as_wide_as(covariance: Array, index: int, value: float, ends: tuple[float, float], confidence: float) -> Array:
+    """The covariance with the standard error of one parameter raised to what its interval says.
+
+    A dead time has a minimum of its own in every sample interval, and the curvature in one of them says
+    little about how far away the others are. The longer side counts: the other may end at a bound.
+    """
+    longest = max(value - ends[0], ends[1] - value)
+    sigma = np.sqrt(covariance[index, index])
+    factor = longest / norm.ppf(0.5 + confidence / 2) / sigma if sigma > 0 and np.isfinite(longest) else 1.0
+    scale = np.ones(len(covariance))
+    scale[index] = max(factor, 1.0)
+    widened: Array = covariance * np.outer(scale, scale)
+    return widened
+
+
 def _end(fit: RowFit, index: int, side: int, z: float, sigma: float, low: float, high: float, rounds: int) -> float:
     centre = float(fit.theta[index])
     bound = low if side < 0 else high
-    furthest = min(8 * sigma, abs(bound - centre)) if np.isfinite(bound) else 8 * sigma
+    furthest = min(FURTHEST * sigma, abs(bound - centre)) if np.isfinite(bound) else FURTHEST * sigma
     if not np.isfinite(furthest) or furthest <= 0:
         return bound
     inside, inside_root = 0.0, 0.0
@@ -49,7 +67,7 @@ def _end(fit: RowFit, index: int, side: int, z: float, sigma: float, low: float,
             return centre + side * distance
         if root < z:
             if distance >= furthest:
-                return bound if np.isfinite(bound) and furthest < 8 * sigma else side * np.inf
+                return bound
             inside, inside_root = distance, root
         else:
             outside, outside_root = distance, root

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit
-from trueplant.identify.intervals import normal_intervals, profile_interval
+from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval
 from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.runs import Runs, combine_runs, compare_runs, refit_noise
 from trueplant.identify.search import lag_of
@@ -112,7 +112,9 @@ def identify_output(
     intervals = np.clip(intervals, np.where(np.isfinite(low), low, -np.inf)[:, None], high[:, None])
     if not np.any(shifts) and (runs is None or runs.agree):
         for index in _profiled(fit):
-            intervals[index] = profile_interval(fit, index, confidence)
+            ends = profile_interval(fit, index, confidence)
+            covariance = as_wide_as(covariance, index, float(theta[index]), ends, confidence)
+            intervals[index] = ends
     return OutputEstimate(output, fit, theta, covariance, intervals, runs, moved, tests, validate(fit))
 
 

@@ -16,6 +16,8 @@ from trueplant.lti.sampled import sampled_response
 
 Array = NDArray[np.float64]
 
+NEAR = 10.0
+"""Difference in -2 log likelihood within which another dead time is worth a fit."""
 STRETCH = 2.0 ** np.linspace(-3, 3, 13)
 
 
@@ -172,3 +174,63 @@ def _least_squares_gains(row: Row, theta: Array, ar: Array) -> Array:
         p[: spec.structure.delayed] *= gains[m] if gains[m] != 0 else 1e-6
         theta[part] = p
     return theta
+
+
+def rival_dead_times(row: Row, theta: Array, ar: Array, weights: Array, reach: int = 25) -> list[tuple[float, Array]]:
+    """Other dead times that may fit as well: pairs of cost and theta, best first.
+
+    Inputs that carry measurement noise give the cost of a dead time a minimum of its own in every sample
+    interval. For the middle of each interval nearby, the cost is minimised over all other parameters to
+    first order; what comes within a few units of the likelihood of the best is worth a fit of its own.
+    """
+    rivals = []
+    for spec, part in zip(row.specs, row.slices, strict=True):
+        for k, name in enumerate(spec.structure.names):
+            if name.startswith("dead"):
+                rivals += _rivals(row, theta, ar, weights, part.start + k, reach)
+    return sorted(rivals, key=lambda rival: rival[0])
+
+
+def _rivals(row: Row, theta: Array, ar: Array, weights: Array, index: int, reach: int) -> list[tuple[float, Array]]:
+    m = next(m for m, part in enumerate(row.slices) if part.start <= index < part.stop)
+    spec, part = row.specs[m], row.slices[m]
+    h = row.pieces[0].h
+    here = int(theta[index] / h)
+    middles = (np.arange(max(here - reach, 0), here + reach + 1) + 0.5) * h
+    tried = np.concatenate([[theta[index]], middles[np.abs(middles - theta[index]) > 0.5 * h]])
+    others = np.delete(np.arange(theta.size), index)
+    gram, moment, power, count = 0.0, 0.0, 0.0, 0
+    for k, piece in enumerate(row.pieces):
+        y, valid = row.measured(k)
+        if y.size <= ar.size + 1:
+            continue
+        use = whitened_valid(ar.size, valid)
+        response, gradient = row.response_and_gradient(theta, k)
+        candidates = np.empty((tried.size, piece.y.size))
+        for c, value in enumerate(tried):
+            p = theta[part].copy()
+            p[index - part.start] = value
+            candidates[c] = sampled_response(
+                spec.structure.transfer(p), piece.inputs[spec.column], piece.h, piece.hold[spec.column]
+            )
+        seen = candidates[:, :: row.stride]
+        errors = np.where(valid, y - response, 0.0)[:, None] + (seen[0] - seen).T
+        errors[~valid] = 0.0
+        basis = _orthonormal(whiten(ar, row.nuisance(theta, k))[use])
+        e = weights[k] * whiten(ar, errors)[use]
+        j = weights[k] * whiten(ar, gradient[:, others])[use]
+        e, j = e - basis @ (basis.T @ e), j - basis @ (basis.T @ j)
+        gram, moment, power = gram + j.T @ j, moment + j.T @ e, power + np.sum(e**2, axis=0)
+        count += int(use.sum())
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    steps = np.linalg.lstsq(gram / np.outer(scale, scale), moment / scale[:, None], rcond=1e-12)[0]
+    cost = power - np.sum(moment / scale[:, None] * steps, axis=0)
+    close = cost[1:] < cost[0] * (1 + NEAR / max(count, 1))
+    lowest = np.r_[True, cost[2:] <= cost[1:-1]] & np.r_[cost[1:-1] <= cost[2:], True]
+    found = []
+    for c in np.flatnonzero(close & lowest)[:6] + 1:
+        rival = theta.copy()
+        rival[index] = tried[c]
+        rival[others] += np.clip(steps[:, c] / scale, -np.abs(theta[others]) / 3, np.abs(theta[others]) / 3)
+        found.append((float(cost[c]), rival))
+    return sorted(found, key=lambda pair: pair[0])[:3]

@@ -219,7 +219,7 @@ def _element(
                 plant=value if told else None,
                 std_error=float(np.sqrt(found.covariance[k, k])) if told else None,
                 ci=(low, high) if np.isfinite([low, high]).any() else None,
-                change_percent=100 * (value - model) / abs(model) if told and model else None,
+                change_percent=100 * (value - model) / model if told and model else None,
                 p_value=judged.p_value,
                 p_adjusted=judged.p_adjusted,
                 changed=judged.changed,

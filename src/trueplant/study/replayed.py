@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+START = 20
+"""Samples from which the start of the integral is read."""
 CLOSE = 0.02
 """A controller is confirmed if the OP it writes differs by less than this share of OP's own movement (rms)."""
 
@@ -74,20 +76,19 @@ def _replay_error(controller: Controller, segment: Segment, study: Study, k: int
     needed = sorted({j for (row, j) in controller.entries if row == i})
     if not np.isfinite(r[:, needed]).all() or not np.isfinite(y[:, needed]).all():
         return None
-    limits = controller.limits
-    fixed = np.where(np.isfinite(r), r, 0.0), np.where(np.isfinite(y), y, 0.0)
-    plain = replay(controller, *fixed, segment.h, bias=0.0, limits=limits)[:, i]
+    pv, sp = np.where(np.isfinite(y), y, 0.0), np.where(np.isfinite(r), r, 0.0)
     u = segment.u[:, i]
-    free = segment.free[:, i]
-    best = u - plain
-    # An unknown start of the integral shifts OP by a constant until a limit is met.
-    for offset in {
-        float(np.median(best[: max(20, len(best) // 50)])),
-        float(np.median(best[free])) if free.any() else 0.0,
-    }:
-        bias = np.zeros(controller.n_u)
-        bias[i] = offset
-        error = u - replay(controller, *fixed, segment.h, bias=bias, limits=limits)[:, i]
+
+    def error_with(start: float, limits: Array) -> Array:
+        bias = np.full(controller.n_u, start)
+        return u - replay(controller, sp, pv, segment.h, bias=bias, limits=limits)[:, i]
+
+    # What the integral held before the record is not known: it shifts OP by a constant until a limit is met.
+    unlimited = np.tile([-np.inf, np.inf], (controller.n_u, 1))
+    start = float(np.median(error_with(0.0, unlimited)[:START]))
+    best = error_with(start, controller.limits)
+    for shift in (float(np.median(best)), float(np.median(best[:START])), -start):
+        error = error_with(start + shift, controller.limits)
         if np.mean(error**2) < np.mean(best**2):
             best = error
     return best
