@@ -190,6 +190,8 @@ class _Reader:
         """Parts of equal dead time added where one denominator contains the other."""
         value: _Value = {}
         for dead_time, part in parts:
+            if not math.isfinite(dead_time):
+                fail(self.text, at, "the dead times add up to infinity here; use smaller numbers")
             kept = value.setdefault(dead_time, [])
             for index, other in enumerate(kept):
                 small, large = Counter(part.den), Counter(other.den)

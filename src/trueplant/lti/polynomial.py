@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 ComplexArray = NDArray[np.complex128]
 
-# A root of multiplicity m comes back scattered by about eps^(1/m); these are the circles tried, widest first.
-_SCATTER = (1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 0.0)
+# A root of multiplicity m comes back scattered by about eps^(1/m); these are the circles tried, widest first:
+# all roots the same one, and so on down to all different.
+_SCATTER = (np.inf, 1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 0.0)
 _ROUNDING = 1e-13
 
 

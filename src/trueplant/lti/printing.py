@@ -43,7 +43,8 @@ def _group(terms: list[Term], digits: int) -> str:
 def _factored(polynomial: Sequence[float], digits: int) -> tuple[float, list[str]]:
     """Constant and factors: s, (T s + 1), (a s^2 + b s + 1), each with its power."""
     roots = distinct_roots(polynomial)
-    if roots is None:
+    # Far beyond any plant, time constants or their squares would overflow.
+    if roots is None or any(p and not 1e-150 < abs(p) < 1e150 for p, _ in roots):
         return 1.0, [f"({_polynomial(polynomial, digits)})"]
     constant, factors = float(polynomial[0]), []
     for root, multiplicity in sorted(roots, key=lambda r: (r[0] != 0, -abs(r[0]) or 0.0)):

@@ -50,11 +50,14 @@ def _lowest(terms: Sequence[Term]) -> Term:
     known: list[Factor] = []
     owned = [_factored(term.den, known) for term in terms]
     common: Counter[Factor] = reduce(lambda a, b: a | b, owned)
-    num, scale = np.zeros(1), np.zeros(1)
+    num: Array = np.zeros(1)
+    scale: Array = np.zeros(1)
     for term, own in zip(terms, owned, strict=True):
         cofactor = _multiplied(common - own)
-        num = np.polyadd(num, np.convolve(term.num, cofactor))
-        scale = np.polyadd(scale, np.convolve(natural_scale(term.num), natural_scale(cofactor)))
+        num = np.asarray(np.polyadd(num, np.convolve(term.num, cofactor)), dtype=float)
+        scale = np.asarray(
+            np.polyadd(scale, np.convolve(natural_scale(term.num), natural_scale(cofactor))), dtype=float
+        )
     num = np.trim_zeros(np.where(np.abs(num) <= _ROUNDING * scale, 0.0, num), "f")
     if not num.size:
         return Term((0.0,))
