@@ -135,8 +135,7 @@ class Row:
         piece = self.pieces[k]
         total = np.zeros(piece.y.size)
         for spec, part in zip(self.specs, self.slices, strict=True):
-            system = spec.structure.transfer(theta[part])
-            total += sampled_response(system, piece.inputs[spec.column], piece.h, piece.hold[spec.column])
+            total += spec.structure.response(theta[part], piece.inputs[spec.column], piece.h, piece.hold[spec.column])
         return total[:: self.stride]
 
     def response_and_gradient(self, theta: Array, k: int) -> tuple[Array, Array]:

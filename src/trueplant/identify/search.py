@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from trueplant.identify.fit import _orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.predict import Row
-from trueplant.lti.sampled import sampled_response
 
 Array = NDArray[np.float64]
 
@@ -76,19 +75,16 @@ def _unit(row: Row, theta: Array, m: int) -> Array:
 
 def _columns(row: Row, theta: Array, skip: int | None = None) -> list[Array]:
     """For each piece, the responses of the elements at unit gain, but for the one to skip."""
+    kept = [m for m in range(len(row.specs)) if m != skip]
     out = []
     for piece in row.pieces:
-        columns = [
-            sampled_response(
-                spec.structure.transfer(_unit(row, theta, m)),
-                piece.inputs[spec.column],
-                piece.h,
-                piece.hold[spec.column],
-            )[:: row.stride]
-            for m, spec in enumerate(row.specs)
-            if m != skip
-        ]
-        out.append(np.column_stack(columns) if columns else np.zeros((len(range(0, piece.y.size, row.stride)), 0)))
+        n = len(range(0, piece.y.size, row.stride))
+        columns = np.zeros((n, len(kept)))
+        for c, m in enumerate(kept):
+            spec = row.specs[m]
+            u, hold = piece.inputs[spec.column], piece.hold[spec.column]
+            columns[:, c] = spec.structure.response(_unit(row, theta, m), u, piece.h, hold)[:: row.stride]
+        out.append(columns)
     return out
 
 
@@ -128,7 +124,7 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
         for a, stretch in enumerate(STRETCH):
             p = unit * stretch**exponents
             p[dead] = unit[dead] - (unit[dead].min() if dead.any() else 0.0)
-            full = sampled_response(structure.transfer(p), piece.inputs[spec.column], piece.h, piece.hold[spec.column])
+            full = structure.response(p, piece.inputs[spec.column], piece.h, piece.hold[spec.column])
             shifted = np.zeros((shifts.size, y.size))
             for b, shift in enumerate(shifts):
                 late = np.concatenate([np.zeros(min(shift, full.size)), full[: full.size - shift]])
@@ -210,9 +206,7 @@ def _rivals(row: Row, theta: Array, ar: Array, weights: Array, index: int, reach
         for c, value in enumerate(tried):
             p = theta[part].copy()
             p[index - part.start] = value
-            candidates[c] = sampled_response(
-                spec.structure.transfer(p), piece.inputs[spec.column], piece.h, piece.hold[spec.column]
-            )
+            candidates[c] = spec.structure.response(p, piece.inputs[spec.column], piece.h, piece.hold[spec.column])
         seen = candidates[:, :: row.stride]
         errors = np.where(valid, y - response, 0.0)[:, None] + (seen[0] - seen).T
         errors[~valid] = 0.0

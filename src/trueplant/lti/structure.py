@@ -9,11 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.errors import FormulaError
+from trueplant.lti.sampled import rows_response
 from trueplant.lti.transfer import Term, TransferFunction
 
 Array = NDArray[np.float64]
@@ -85,7 +87,7 @@ class Structure:
         """A held input has no derivative by dead time where the element answers a jump with a jump."""
         return self.relative_degree > 0
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         gain = "slope" if self.integrators else "gain"
 
@@ -115,18 +117,26 @@ class Structure:
     def polynomials(self, p: Array) -> tuple[Array, Array]:
         """Numerator and denominator without gains and dead times, descending powers."""
         _, lags, pairs, leads, _ = self._slices()
-        num = np.ones(1)
-        for lead in p[leads]:
-            num = np.polymul(num, [lead, 1.0])
-        den = np.ones(1)
-        for tau in p[lags]:
-            den = np.polymul(den, [tau, 1.0])
-        for omega0, zeta in p[pairs].reshape(-1, 2):
-            den = np.polymul(den, [1 / omega0**2, 2 * zeta / omega0, 1.0])
-        return num, np.concatenate([den, np.zeros(self.integrators)])
+        num = _product([np.array([lead, 1.0]) for lead in p[leads]])
+        return num, _product(self._factors(p[lags], p[pairs]))
+
+    def _factors(self, lags: Array, pairs: Array) -> list[Array]:
+        """Factors of the denominator: lags, pairs, integrators."""
+        factors = [np.array([tau, 1.0]) for tau in lags]
+        factors += [np.array([1 / w**2, 2 * z / w, 1.0]) for w, z in pairs.reshape(-1, 2)]
+        return factors + [np.array([1.0, 0.0])] * self.integrators
 
     def dead_times(self, p: Array) -> Array:
         return p[self._slices()[4]] if self.has_dead_time else np.zeros(self.delayed)
+
+    def response(self, p: Array, u: Array, h: float, hold: str = "zoh") -> Array:
+        """Sampled response (N,) to u (N,) from rest: `sampled_response` of `transfer`, without the detour."""
+        num, den = self.polynomials(p)
+        padded = np.concatenate([np.zeros(len(den) - len(num)), num]) / den[0]
+        total = np.zeros(u.size)
+        for g, theta in zip(p[: self.delayed], self.dead_times(p), strict=True):
+            total += rows_response(g * padded[None, :], den / den[0], float(theta), u, h, hold)[0]
+        return total
 
     def transfer(self, p: Array) -> TransferFunction:
         """The transfer function with the parameters p."""
@@ -138,31 +148,29 @@ class Structure:
 
     def gradient_blocks(self, p: Array) -> Iterator[Block]:
         """One block for each delayed term, with the derivative by every parameter that it depends on."""
-        gains, lags, pairs, leads, _ = self._slices()
+        _, lags, pairs, leads, _ = self._slices()
         num, den = self.polynomials(p)
         size = 2 * len(den) - 1
         lead_coefficient = den[0] ** 2
+        factors = self._factors(p[lags], p[pairs])
+        ahead = [np.array([lead, 1.0]) for lead in p[leads]]
 
         def row(polynomial: Array) -> Array:
             return np.concatenate([np.zeros(size - len(polynomial)), polynomial]) / lead_coefficient
 
         shape: list[tuple[int, Array]] = []
-        for k in range(lags.start, lags.stop):
-            rest = np.polydiv(den, [p[k], 1.0])[0]
-            shape.append((k, -np.polymul(np.polymul(num, rest), [1.0, 0.0])))
-        for k in range(pairs.start, pairs.stop, 2):
+        for m, k in enumerate(range(lags.start, lags.stop)):
+            rest = _product(factors[:m] + factors[m + 1 :])
+            shape.append((k, -np.convolve(np.convolve(num, rest), [1.0, 0.0])))
+        for m, k in enumerate(range(pairs.start, pairs.stop, 2), start=self.lags):
             w, z = p[k], p[k + 1]
-            rest = np.polymul(num, np.polydiv(den, [1 / w**2, 2 * z / w, 1.0])[0])
-            shape.append((k, np.polymul(rest, [2 / w**3, 2 * z / w**2, 0.0])))
-            shape.append((k + 1, np.polymul(rest, [-2 / w, 0.0])))
-        for k in range(leads.start, leads.stop):
-            others = np.ones(1)
-            for m in range(leads.start, leads.stop):
-                if m != k:
-                    others = np.polymul(others, [p[m], 1.0])
-            shape.append((k, np.polymul(np.polymul(others, [1.0, 0.0]), den)))
+            rest = np.convolve(num, _product(factors[:m] + factors[m + 1 :]))
+            shape.append((k, np.convolve(rest, [2 / w**3, 2 * z / w**2, 0.0])))
+            shape.append((k + 1, np.convolve(rest, [-2 / w, 0.0])))
+        for m, k in enumerate(range(leads.start, leads.stop)):
+            shape.append((k, np.convolve(np.convolve(_product(ahead[:m] + ahead[m + 1 :]), [1.0, 0.0]), den)))
 
-        base = np.polymul(num, den)
+        base = np.convolve(num, den)
         for k, theta in enumerate(self.dead_times(p)):
             g = p[k]
             rows, index = [row(g * base), row(base)], [k]
@@ -170,9 +178,9 @@ class Structure:
                 rows.append(row(g * polynomial))
                 index.append(j)
             if self.has_dead_time:
-                rows.append(row(-g * np.polymul(base, [1.0, 0.0])))
+                rows.append(row(-g * np.convolve(base, [1.0, 0.0])))
                 index.append(leads.stop + k)
-            yield Block(np.array(rows), np.polymul(den, den) / lead_coefficient, float(theta), tuple(index))
+            yield Block(np.array(rows), np.convolve(den, den) / lead_coefficient, float(theta), tuple(index))
 
     def gradient(self, p: Array, s: Array) -> NDArray[np.complex128]:
         """Derivative of the response at complex s (n_s,) by each parameter: (n_s, n_p)."""
@@ -205,6 +213,13 @@ class Structure:
             [0 if re.match("gain|zeta|dead", n) else -1 if re.match("omega|slope", n) else 1 for n in self.names],
             dtype=float,
         )
+
+
+def _product(factors: list[Array]) -> Array:
+    out = np.ones(1)
+    for factor in factors:
+        out = np.convolve(out, factor)
+    return out
 
 
 def structure_of(system: TransferFunction) -> tuple[Structure, Array]:
