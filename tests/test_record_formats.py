@@ -120,6 +120,20 @@ def test_xlsx(tmp_path: Path) -> None:
         read_record(tmp_path / "run.xlsx", replace(ONE, sheet="Run 2"))
 
 
+def test_xlsx_keeps_small_numbers_and_counts_empty_rows(tmp_path: Path) -> None:
+    import xlsxwriter
+
+    book = xlsxwriter.Workbook(str(tmp_path / "small.xlsx"))
+    sheet = book.add_worksheet()
+    sheet.write_row(3, 2, ["t", "pv", "op"])
+    for k in range(N):
+        sheet.write_row(4 + k, 2, [k, k * 1e-12, "Bad" if k == 4 else k % 3])
+    book.close()
+    record = read_record(tmp_path / "small.xlsx", Layout((Channel("T", "pv"),), (Channel("Q", "op"),)))
+    np.testing.assert_allclose(record.y[:, 0], np.arange(N) * 1e-12, rtol=1e-14)
+    assert ["line 9" in n.message for n in record.notes if n.kind == "text"] == [True]
+
+
 def _long(jitter: float = 0.0, heading: tuple[str, ...] = ("tag", "time", "value", "quality")) -> pl.DataFrame:
     rows = []
     for j, name in enumerate(["pv", "op", "sp", "amb", "mode"]):

@@ -110,6 +110,14 @@ def test_trailing_separators_and_blank_lines_do_not_matter(write) -> None:
     np.testing.assert_array_equal(record.y[:, 0], np.arange(20))
 
 
+def test_comments_among_the_rows_and_quotes_in_names_do_not_matter(write) -> None:
+    text = 't,12" valve,sp,op\n' + rows(10) + "# paused\n" + rows(20).split("9,1.5,9.25,0.125\n")[1]
+    record = read_record(
+        write(text), Layout((Channel("V", '12" valve'),), (Channel("Q", "op"),), project_time_unit="s")
+    )
+    np.testing.assert_array_equal(record.t, np.arange(20))
+
+
 def test_text_among_numbers_is_missing_and_noted(write) -> None:
     words = {3: "Bad", 5: "No Data", 9: "#N/A", 11: "I/O Timeout", 12: "---"}
     text = HEADER + "".join(f"{i},1,{words.get(i, i)},{i % 2}\n" for i in range(20))

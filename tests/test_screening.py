@@ -59,6 +59,15 @@ def test_noise_free_dead_time_at_rest_is_not_frozen() -> None:
     assert "spike" not in kinds(screened(data))
 
 
+@pytest.mark.parametrize("lag", [2.0, 10.0])
+def test_a_noise_free_loop_at_rest_before_its_first_step_is_not_frozen(lag: float) -> None:
+    data = loop()
+    a = np.exp(-1 / lag)
+    data["op"] = 40 + np.repeat([0.0, 3.0, -2.0, 4.0, 0.0], N // 5)
+    data["pv"] = 50 + lfilter([0, 1 - a], [1, -a], data["op"] - 40)
+    assert kinds(screened(data)) == []
+
+
 @pytest.mark.parametrize("size", [3.0, -3.0, 30.0])
 @pytest.mark.parametrize("width", [1, 2, 3])
 def test_spikes_are_found_and_only_they(size: float, width: int) -> None:

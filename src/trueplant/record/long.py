@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.errors import DataError
+from trueplant.record.numbers import counted
 from trueplant.record.table import Table
 from trueplant.record.times import find_time, parse_times
 from trueplant.record.types import Array, BoolArray, Finding
@@ -102,7 +103,7 @@ def to_wide(
         for k, name in enumerate(wanted):
             count = int(np.sum(bad & (code == k)))
             if count:
-                message = f"{name}: {count} values bear a bad quality code and were left out."
+                message = f"{name}: {counted(count, 'value')} with a bad quality code left out."
                 notes.append(Finding("bad-quality", name, message, samples=count, excludes=True))
         values = pl.select(pl.when(pl.Series(bad)).then(None).otherwise(values)).to_series()
     stamps: list[Array] = []

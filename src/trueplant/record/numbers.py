@@ -22,6 +22,11 @@ _EITHER = r"^[+-]?[1-9]\d{0,2},\d{3}$"
 _GROUPED = {".": r"^[+-]?[1-9]\d{0,2}(,\d{3})+(\.|$)", ",": r"^[+-]?[1-9]\d{0,2}(\.\d{3})+(,|$)"}
 
 
+def counted(n: int, word: str) -> str:
+    """A number with its noun: 1 row, 2 rows."""
+    return f"{n} {word}{'' if n == 1 else 's'}"
+
+
 def _plain(text: pl.Series) -> pl.Series:
     """Trimmed, with a plain minus sign and no blank or apostrophe between digits."""
     text = text.str.strip_chars()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trueplant.errors import DataError
 from trueplant.record.layout import Channel, Layout
 from trueplant.record.long import is_long, to_wide
+from trueplant.record.numbers import counted
 from trueplant.record.runs import spans_of
 from trueplant.record.table import Table, as_table, read_table
 from trueplant.record.times import find_time, parse_times, put_in_order, unit_seconds
@@ -156,7 +157,9 @@ class _Columns:
             count = int(words.sum())
             first = table.where(int(rows[np.argmax(words)]))
             shown = f"{self._word(column, words)!r} ({first})"
-            message = f"{column}: text instead of a number in {count} rows, first {shown}; they count as missing."
+            message = (
+                f"{column}: text instead of a number in {counted(count, 'row')}, first {shown}; counted as missing."
+            )
             self.notes.append(Finding("text", column, message, spans_of(self.t, words), count, excludes=True))
         finite = values[np.isfinite(values)]
         if finite.size > 1 and finite.min() == finite.max():

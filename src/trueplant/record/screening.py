@@ -10,6 +10,7 @@ import numpy as np
 from trueplant.errors import DataError
 from trueplant.record import sensor
 from trueplant.record.layout import Channel, Layout
+from trueplant.record.numbers import counted
 from trueplant.record.runs import equal_runs, hold_short, spans_of, spread
 from trueplant.record.segments import SHORT_GAP, SHORTEST, Clock, clock_of, segments_of
 from trueplant.record.types import Array, BoolArray, Finding, Record, Screened
@@ -96,8 +97,7 @@ class _Log:
 
 
 def _count(mask: BoolArray) -> str:
-    n = int(np.sum(mask))
-    return f"{n} sample{'' if n == 1 else 's'} ({100 * n / mask.size:.3g} %)"
+    return f"{counted(int(np.sum(mask)), 'sample')} ({100 * np.mean(mask):.3g} %)"
 
 
 def _report_clock(record: Record, clock: Clock, log: _Log) -> None:
@@ -108,14 +108,14 @@ def _report_clock(record: Record, clock: Clock, log: _Log) -> None:
         spans = tuple((float(record.t[k]), float(record.t[k + 1])) for k in gaps)
         longest = float(steps[gaps].max())
         message = (
-            f"The record has {gaps.size} gap{'' if gaps.size == 1 else 's'}, the longest {longest:.4g} {unit}; "
+            f"The record has {counted(gaps.size, 'gap')}, the longest {longest:.4g} {unit}; "
             "a new segment begins after each."
         )
         log.findings.append(Finding("gap", "time", message, spans, value=longest))
     if clock.uniform:
         lost = int(np.sum(np.round(steps[steps <= clock.gap] / clock.h) - 1))
         if lost > 0:
-            message = f"{lost} single rows are missing; OP and set-points hold their last value there."
+            message = f"{counted(lost, 'single row')} missing; OP and set-points hold their last value there."
             log.findings.append(Finding("gap", "time", message, samples=lost))
     if clock.uniform and clock.jitter > 1e-3:
         message = f"Stamps deviate from an even {clock.h:.4g} {unit} by {100 * clock.jitter:.2g} % rms; taken as even."
@@ -233,8 +233,7 @@ def _output(
         log.add("frozen", name, message, stuck, True, float(np.mean(stuck)))
     spike[at] = sensor.spikes(v, every, q)
     if spike.any():
-        number = len(spans_of(record.t, spike))
-        message = f"{name} has {number} short spike{'' if number == 1 else 's'}, {_count(spike)}; left out."
+        message = f"{name} has {counted(len(spans_of(record.t, spike)), 'short spike')}, {_count(spike)}; left out."
         log.add("spike", name, message, spike, True, float(np.mean(spike)))
     _report_outliers(y, bad | stuck | spike, name, log)
     return bad | stuck | spike, every * clock.h

@@ -34,7 +34,8 @@ def update_every(y: Array) -> float:
 def quantum(y: Array) -> float:
     """The smallest increment of which nearly all small changes of y are whole multiples; 0 if there is none."""
     d = np.abs(np.diff(y))
-    d = d[d > 0]
+    # what a settled signal moves by in its last digits is no quantisation
+    d = d[d > 1e-9 * np.max(np.abs(y), initial=0.0)]
     if d.size < 20:
         return 0.0
     low = float(np.quantile(d, 0.05, method="lower"))
@@ -107,12 +108,11 @@ def frozen(y: Array, u: Array) -> BoolArray:
     for k in candidates:
         around = change[max(0, k - 20) : k] if k >= 5 else -change[k : k + 20][::-1]
         turns = float(np.mean(np.diff(np.sign(around)) != 0)) if around.size > 4 else 0.0
+        noisy = turns > 0.25 and bool(np.median(np.abs(around)) > 1e-6 * np.ptp(y))
         last = np.abs(around[-5:])
-        moving = bool(np.min(last) > max(1e-4 * np.ptp(y), 2 * smallest)) and (
-            k >= 5 or last[-1] > 3 * np.median(np.abs(around))
-        )
+        moving = k >= 5 and bool(np.min(last) > max(1e-4 * np.ptp(y), 2 * smallest))
         piece = u[begin[k] : begin[k] + length[k]]
-        if (turns > 0.25 or moving) and np.any(np.ptp(piece, axis=0) > 0.05 * span):
+        if (noisy or moving) and np.any(np.ptp(piece, axis=0) > 0.05 * span):
             out |= spread(begin[k : k + 1], length[k : k + 1], y.size)
     return out
 

@@ -195,9 +195,9 @@ def _read_sheet(data: bytes, source: str, digest: str, sheet: str | None) -> Tab
     if sheet is None and len(names) > 1:
         message = f"{source}: sheet {chosen!r} was read, the first of {len(names)}; name another one in `sheet`."
         notes = (Finding("sheet", source, message),)
-    frame = book.load_sheet(chosen, header_row=None, dtypes="string").to_polars()
+    frame = book.load_sheet(chosen, header_row=None, skip_rows=0, dtypes="string").to_polars()
     # as text, numbers come rounded to nine decimals
-    exact = book.load_sheet(chosen, header_row=None, dtypes="float").to_polars()
+    exact = book.load_sheet(chosen, header_row=None, skip_rows=0, dtypes="float").to_polars()
     frame = pl.DataFrame([_exact(frame[c], exact[c]) for c in frame.columns])
     numbered = frame.with_row_index("line", offset=1).filter(~pl.all_horizontal(pl.exclude("line").is_null()))
     frame = numbered.drop("line")
@@ -241,9 +241,10 @@ def _with_header(
     if not plain:
         first = ", ".join(str(c) for c in frame.row(0))[:60]
         if head and len(head[-1]) > 1:
+            hint = "; if these are decimal commas, export with ; between the columns" if width > len(head[-1]) else ""
             raise DataError(
-                f"{source}: {len(head[-1])} names in the header, but {width} fields in each row ({first}); name every "
-                "column, and if these are decimal commas, export with ; between the columns"
+                f"{source}: {len(head[-1])} names in the header, but {width} fields in each row ({first}); give each "
+                f"column one name{hint}"
             )
         raise DataError(
             f"{source} has no header: its first row is already data ({first}); put a line with the column names on top"

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.errors import DataError
+from trueplant.record.numbers import counted
 
 if TYPE_CHECKING:
     import polars as pl
@@ -106,7 +107,7 @@ def split_cells(data: bytes, source: str, separator: str | None = None) -> Cells
     if chosen is None:
         if sum(map(_has_data, sample)) == 0:
             raise DataError(f"{source} holds no rows of numbers below its header; export the data again")
-        raise DataError(f"{source} has only one column, or its separator is unusual; name it in `separator`")
+        chosen = max(SEPARATORS, key=lambda c: sum(c in line for line in sample))
     if chosen == " ":
         text = re.sub(
             r'("[^"\n]*")|[^\S\n]+', lambda m: m.group(1) or "\t", re.sub(r"(?m)^[^\S\n]+|[^\S\n]+$", "", text)
@@ -118,6 +119,24 @@ def _has_data(line: str) -> bool:
     return any(looks_like_data(cell) for cell in re.split(r"[;,\t| ]", line))
 
 
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Lines of a text file as positions in its bytes, with the number of fields in each."""
+
+    data: bytes
+    starts: NDArray[np.int64]
+    ends: NDArray[np.int64]
+    width: NDArray[np.int64]
+    separator: str
+    source: str
+
+    def text(self, k: int) -> str:
+        return self.data[self.starts[k] : self.ends[k]].decode()
+
+    def fields(self, k: int) -> list[str]:
+        return _split(self.text(k), self.separator)
+
+
 def _cut(text: str, separator: str, source: str, encoding: str, shown: str) -> Cells:
     if len(separator.encode()) != 1:
         raise DataError(f"separator {separator!r} is not a single plain character; correct `separator`")
@@ -125,73 +144,55 @@ def _cut(text: str, separator: str, source: str, encoding: str, shown: str) -> C
     if not data.endswith(b"\n"):
         data += b"\n"
     raw = np.frombuffer(data, dtype=np.uint8)
-    quoted = data.count(b'"') > 0 and data.count(b'"') % 2 == 0
+    # a quote inside a word (12" valve) quotes nothing
+    opening = re.search(rb"(^|[\n" + re.escape(separator.encode()) + rb'])"', data)
+    quoted = opening is not None and data.count(b'"') % 2 == 0
     outside = (np.cumsum(raw == 34) & 1) == 0 if quoted else np.ones(raw.size, dtype=bool)
     ends = np.flatnonzero((raw == 10) & outside)
     starts = np.concatenate([[0], ends[:-1] + 1])
     cuts = np.flatnonzero((raw == ord(separator)) & outside)
     width = np.searchsorted(cuts, ends) - np.searchsorted(cuts, starts) + 1
+    lines = _Lines(data, starts, ends, width, separator, source)
     # blank: nothing but separators, quotes and spaces
     ink = (raw > 34) & (raw != ord(separator)) | (raw == 33)
     blank = ~np.logical_or.reduceat(ink[: ends[-1] + 1], starts)
-    first = _first_data_row(data, starts, ends, width, blank, separator, source)
-    rows = np.flatnonzero(~blank & (np.arange(blank.size) >= first))
-    head = [_split(data[starts[k] : ends[k]].decode(), separator) for k in np.flatnonzero(~blank[:first])]
-    _check_ragged(data, starts, ends, width, rows, head, separator, source)
-    keep = np.zeros(blank.size, dtype=bool)
-    keep[rows] = True
+    first, usual = _first_data_row(lines, np.flatnonzero(~blank))
+    head = [lines.fields(int(k)) for k in np.flatnonzero(~blank[:first])]
+    keep = ~blank & (np.arange(blank.size) >= first)
+    keep &= (raw[starts] != ord("#")) | (width == usual)
+    rows = np.flatnonzero(keep)
+    _check_ragged(lines, rows, usual)
     body = data if bool(keep.all()) else raw[np.repeat(keep, ends - starts + 1)].tobytes()
-    return Cells(head, _parse(body, separator, int(width[rows[0]]), quoted, source), rows + 1, shown, encoding)
+    return Cells(head, _parse(body, separator, usual, quoted, source), rows + 1, shown, encoding)
 
 
-def _first_data_row(
-    data: bytes,
-    starts: NDArray[np.int64],
-    ends: NDArray[np.int64],
-    width: NDArray[np.int64],
-    blank: NDArray[np.bool_],
-    separator: str,
-    source: str,
-) -> int:
-    inked = np.flatnonzero(~blank)
-    tail = width[inked[inked.size // 4 :]]
-    values, counts = np.unique(tail, return_counts=True)
+def _first_data_row(lines: _Lines, inked: NDArray[np.int64]) -> tuple[int, int]:
+    """The first line with numbers, and the usual number of fields of the lines below the top quarter."""
+    values, counts = np.unique(lines.width[inked[inked.size // 4 :]], return_counts=True)
     usual = int(values[np.argmax(counts)])
     if usual < 2:
-        raise DataError(f"{source} has only one column when cut at {separator!r}; correct `separator`")
+        raise DataError(
+            f"{lines.source} has only one column when cut at {lines.separator!r}; name its separator in `separator`"
+        )
     for k in inked[:_SNIFFED_LINES]:
-        line = data[starts[k] : ends[k]].decode()
-        if (
-            width[k] == usual
-            and not line.startswith(("#", "//"))
-            and any(map(looks_like_data, _split(line, separator)))
-        ):
-            return int(k)
-    raise DataError(f"{source} holds no rows of numbers below its header; export the data again")
+        comment = lines.text(k).startswith(("#", "//"))
+        if lines.width[k] == usual and not comment and any(map(looks_like_data, lines.fields(k))):
+            return int(k), usual
+    raise DataError(f"{lines.source} holds no rows of numbers below its header; export the data again")
 
 
-def _check_ragged(
-    data: bytes,
-    starts: NDArray[np.int64],
-    ends: NDArray[np.int64],
-    width: NDArray[np.int64],
-    rows: NDArray[np.int64],
-    head: list[list[str]],
-    separator: str,
-    source: str,
-) -> None:
-    usual = int(width[rows[0]])
-    odd = rows[width[rows] != usual]
+def _check_ragged(lines: _Lines, rows: NDArray[np.int64], usual: int) -> None:
+    odd = rows[lines.width[rows] != usual]
     if not odd.size:
         return
     k = int(odd[0])
-    excerpt = data[starts[k] : ends[k]].decode()[:80]
     hint = "correct or delete that line"
-    if separator == "," and odd.size > 0.2 * rows.size:
+    if lines.separator == "," and odd.size > 0.2 * rows.size:
         hint = "if these are decimal commas, export with ; between the columns"
-    more = f" (and {odd.size - 1} more lines)" if odd.size > 1 else ""
+    more = f" (and {counted(odd.size - 1, 'more line')})" if odd.size > 1 else ""
     raise DataError(
-        f"{source}, line {k + 1}: {width[k]} fields where the lines above have {usual}{more}: {excerpt!r}; {hint}"
+        f"{lines.source}, line {k + 1}: {counted(int(lines.width[k]), 'field')} where the lines above have "
+        f"{usual}{more}: {lines.text(k)[:80]!r}; {hint}"
     )
 
 

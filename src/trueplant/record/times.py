@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.errors import DataError
+from trueplant.record.numbers import counted
 from trueplant.record.table import Table
 from trueplant.record.types import Array, Finding
 
@@ -268,9 +269,10 @@ def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[F
         lost = np.flatnonzero(~np.isfinite(t))
         if lost.size > max(1, 0.01 * t.size):
             raise DataError(
-                f"{table.source}, {table.where(int(lost[0]))}: {lost.size} rows bear no time; complete or delete them"
+                f"{table.source}, {table.where(int(lost[0]))}: {counted(lost.size, 'row')} without a time; "
+                "complete or delete them"
             )
-        message = f"{lost.size} rows without a time were left out (first: {table.where(int(lost[0]))})."
+        message = f"{counted(lost.size, 'row')} without a time left out (first: {table.where(int(lost[0]))})."
         notes.append(Finding("missing", "time", message, samples=int(lost.size), excludes=True))
     steps = np.diff(t[rows])
     if steps.size and np.mean(steps < 0) > 0.5 and np.all(steps <= 0):
@@ -292,13 +294,13 @@ def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[F
         )
     if late.size:
         rows = rows[np.argsort(t[rows], kind="stable")]
-        message = f"{late.size} rows stood out of order and were sorted in (first: {table.where(int(late[0]))})."
+        message = f"{counted(late.size, 'row')} out of order, sorted in (first: {table.where(int(late[0]))})."
         notes.append(Finding("backwards", "time", message, samples=int(late.size)))
     keep = np.diff(t[rows], prepend=-np.inf) > 0
     if not keep.all():
         first = int(rows[np.argmin(keep)])
         count = int(np.sum(~keep))
-        message = f"{count} rows repeat the time of the row before and were left out (first: {table.where(first)})."
+        message = f"{counted(count, 'row')} with the time of the row before left out (first: {table.where(first)})."
         notes.append(Finding("duplicate", "time", message, samples=count, excludes=True))
         rows = rows[keep]
     return rows, tuple(notes)
