@@ -18,6 +18,7 @@ from trueplant.study.informative import setpoint_rank_note
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
 
 if TYPE_CHECKING:
+    from trueplant.study.methods import Compared
     from trueplant.study.pipeline import Study
 
 Array = NDArray[np.float64]
@@ -71,7 +72,7 @@ def _model_values(study: Study, i: int, spec: Spec) -> tuple[float | None, ...]:
 def assemble(
     study: Study,
     estimates: Mapping[int, OutputEstimate],
-    others: Mapping[str, Any],
+    others: Compared,
     consistency: Sequence[Mapping[str, Any]],
     reasons: Sequence[Reason],
 ) -> Result:
@@ -92,7 +93,12 @@ def assemble(
             if p.reason
         ]
     direct = [{"output": e.output, "input": e.input, "parameters": [_short(p) for p in e.parameters]} for e in elements]
-    methods = {"direct": direct, **others, "controller_consistency": list(consistency)}
+    methods: dict[str, Any] = {"direct": direct, **others.elements, "agreement": list(others.agreement)}
+    if any(others.not_applied.values()):
+        methods["not_applied"] = dict(others.not_applied)
+    if consistency:
+        methods["controller_consistency"] = list(consistency)
+    notes += [Reason("methods", sentence) for sentence in others.agreement if "disagree" in sentence]
     updated = {(i, j): plant[i, j] for i, j in found}
     return Result(
         status="ok" if answered else "refused",
@@ -103,7 +109,7 @@ def assemble(
         fit=fit_rows(study, estimates, plant),
         methods=methods,
         notes=tuple(notes),
-        curves=curves_of(study, estimates, found, plant),
+        curves=curves_of(study, estimates, found, plant, others.response),
         plant_toml=study.project.with_model(updated).to_toml(),
     )
 

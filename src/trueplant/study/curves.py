@@ -13,6 +13,7 @@ from trueplant.identify import OutputEstimate, pieces_of
 from trueplant.identify.validate import LAGS
 from trueplant.lti import TransferMatrix
 from trueplant.lti.sampled import sampled_response
+from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.record import excitation
 from trueplant.study.datatables import simulate_row
 from trueplant.study.result import Curves, Residuals, Trend
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from trueplant.study.pipeline import Study
 
 Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 
 POINTS = 200
 DRAWS = 200
@@ -37,7 +39,11 @@ def model_frequencies(study: Study, plant: TransferMatrix) -> Array:
 
 
 def curves_of(
-    study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[tuple[int, int], Found], plant: TransferMatrix
+    study: Study,
+    estimates: Mapping[int, OutputEstimate],
+    found: Mapping[tuple[int, int], Found],
+    plant: TransferMatrix,
+    response: FrequencyResponse | None,
 ) -> Curves:
     """All curves of the report: steps, Bode, trends, residuals, excitation."""
     project = study.project
@@ -68,16 +74,29 @@ def curves_of(
         bode_model=study.model(1j * w)[:, :, :n_u],
         bode_plant=plant(1j * w)[:, :, :n_u],
         bode_std=_relative_std(found, plant, w, n_y, n_u),
-        band=tuple((None,) * n_u for _ in range(n_y)),
-        np_w=np.zeros(0),
-        np_value=np.zeros((0, n_y, n_u), complex),
-        np_std=np.zeros((0, n_y, n_u)),
-        np_label="",
+        band=tuple((None,) * n_u for _ in range(n_y)) if response is None else speaking_band(response),
+        np_w=np.zeros(0) if response is None else response.w,
+        np_value=np.zeros((0, n_y, n_u), complex) if response is None else _believable(response),
+        np_std=np.zeros((0, n_y, n_u)) if response is None else response.std,
+        np_label="" if response is None else LABELS[response.method],
         trends=tuple(_trend(study, k, plant) for k in range(len(study.screened))),
         residuals=tuple(_residuals(study, i, e) for i, e in sorted(estimates.items())),
         condition_w=excited.w,
         condition=excited.condition,
     )
+
+
+LABELS = {
+    "joint": "joint form, local polynomials",
+    "closed-form": "closed form (17), local polynomials",
+    "direct": "response to OP, local polynomials",
+}
+
+
+def _believable(response: FrequencyResponse) -> ComplexArray:
+    """(n_w, n_y, n_u) the non-parametric response where its error is below its size; NaN elsewhere."""
+    good = response.reliable[:, None, None] & (response.std < np.abs(response.sampled))
+    return np.where(good, response.value, np.nan)
 
 
 def _relative_std(found: Mapping[tuple[int, int], Found], plant: TransferMatrix, w: Array, n_y: int, n_u: int) -> Array:
