@@ -30,7 +30,8 @@ html_copy_source = False
 html_theme_options = {
     "description": "What changed in the plant, how surely, and the updated model.",
     "fixed_sidebar": True,
-    "page_width": "1120px",
+    "page_width": "1200px",
+    "body_max_width": "920px",
     "sidebar_width": "230px",
     "show_powered_by": False,
     "font_family": "system-ui, 'Segoe UI', 'Liberation Sans', Arial, sans-serif",
