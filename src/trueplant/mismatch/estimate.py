@@ -1,0 +1,91 @@
+"""Parameters of the plant's elements by way of the local frequency response, by the closed form or the joint form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.loop.controller import Controller
+from trueplant.lti.structure import Structure
+from trueplant.lti.transfer import TransferMatrix
+from trueplant.mismatch.local import FrequencyResponse, local_response
+from trueplant.mismatch.reduction import fit_structure
+from trueplant.record.types import Segment
+
+Array = NDArray[np.float64]
+Element = tuple[int, int]
+
+ROUNDS = 6
+SETTLED = 0.05
+"""Largest change of a parameter between rounds, in standard errors, at which they end."""
+
+
+@dataclass(frozen=True, eq=False)
+class LocalFit:
+    """Parameters and covariance of each element that was estimated, and the response they were read from."""
+
+    parameters: Mapping[Element, Array]
+    covariance: Mapping[Element, Array]
+    plant: TransferMatrix
+    """The model with the estimated elements put in."""
+    response: FrequencyResponse
+    converged: bool
+
+
+def fit_locally(
+    segments: Sequence[Segment],
+    structures: Mapping[Element, Structure],
+    model: TransferMatrix,
+    method: str = "joint",
+    controller: Controller | None = None,
+) -> LocalFit:
+    """Estimate elements {(output, input): structure} by the mismatch expression and the local polynomial method.
+
+    Each round takes the mismatch against the present model (see `local_response` for `method`), reduces the plant's
+    response to the structures, and puts the result in as the next model: what the local polynomials get wrong is in
+    proportion to the mismatch, and vanishes as the rounds settle. Elements without a structure keep the model's value.
+    Each element is fitted by itself; covariances between elements are not given.
+
+    Raises what `local_response` and `fit_structure` raise.
+    """
+    parameters: dict[Element, Array] = {}
+    covariance: dict[Element, Array] = {}
+    plant, converged = model, False
+    for round_ in range(ROUNDS):
+        response = local_response(segments, method, plant, controller, near=round_ > 0)
+        clear = response.reliable.reshape(-1, response.points).all(axis=1) | (method == "closed-form")
+        trusted = np.where(clear, 1.0, np.nan)
+        before = dict(parameters)
+        for (i, j), structure in structures.items():
+            parameters[i, j], covariance[i, j] = fit_structure(
+                response.w,
+                response.sampled[:, i, j],
+                response.std[:, i, j],
+                structure,
+                response.h,
+                response.hold[j],
+                trusted[:, None, None] * response.covariance[..., i, j],
+                before.get((i, j)) if round_ > 1 else None,
+            )
+        plant = _with_elements(plant, structures, parameters)
+        converged = bool(before) and all(_settled(before[e], parameters[e], covariance[e]) for e in structures)
+        if converged:
+            break
+    return LocalFit(parameters, covariance, plant, response, converged)
+
+
+def _settled(before: Array, now: Array, covariance: Array) -> bool:
+    limit = SETTLED * np.sqrt(np.diag(covariance)) + 1e-9 * np.abs(before)
+    return bool(np.all(np.abs(now - before) <= limit))
+
+
+def _with_elements(
+    model: TransferMatrix, structures: Mapping[Element, Structure], parameters: Mapping[Element, Array]
+) -> TransferMatrix:
+    rows = [list(row) for row in model.elements]
+    for (i, j), structure in structures.items():
+        rows[i][j] = structure.transfer(parameters[i, j])
+    return TransferMatrix(tuple(tuple(row) for row in rows), model.time_unit)

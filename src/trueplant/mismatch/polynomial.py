@@ -1,0 +1,208 @@
+"""Local polynomial method (Pintelon and Schoukens 2012, chapter 7): responses and noise from short records.
+
+In a window of neighbouring DFT bins the response from the reference signals and the transient (leakage) term are
+smooth, and are written as polynomials of second degree; what they leave is noise. What is not smooth enough for that,
+a response that lasts longer than about 1.5 times the record length over the bins in a window, is a systematic error
+that the noise does not show: use the method on what a model leaves unexplained rather than on the whole.
+
+The transient is written in 1/w, 1 and w, because a record that ends elsewhere than it began leaks with 1/w; what slow
+known modes leave of an unknown initial state is not smooth, and is added in its exact form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import Refused
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
+
+TERMS = 3
+"""Of a polynomial of second degree."""
+DOF = 8
+"""Degrees of freedom that a window leaves for the noise, at least."""
+NODES = np.sqrt(0.75) * np.array([-1.0, 0.0, 1.0])
+"""Where in a window (-1 to 1) its polynomial is read: three points hold all that it says."""
+LARGEST_CONDITION = 1e7
+"""Of the regressors of a window, scaled: above it the reference signals cannot be told apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Local models in windows that do not overlap, hence independent of each other."""
+
+    w: Array
+    """(n_win, 3) frequencies at which the polynomials are read."""
+    basis: Array
+    """(3 points, 3 terms) of the response polynomial there."""
+    theta: ComplexArray
+    """(n_win, 3 terms * n_r, n_z) coefficients; term a of reference j at a * n_r + j."""
+    gram: ComplexArray
+    """(n_win, 3 * n_r, 3 * n_r): covariance of theta is gram[c, d] noise[z, v]."""
+    noise: ComplexArray
+    """(n_win, n_z, n_z) covariance of the DFTs of z over sqrt(N), averaged over three windows."""
+    dof: int
+    """Complex degrees of freedom behind the noise of one window, before averaging."""
+    bins: int
+    """Bins of the longest record in a window."""
+
+    @property
+    def value(self) -> ComplexArray:
+        """(n_win, 3 points, n_z, n_r) responses from references to z."""
+        n_win, n_coef, n_z = self.theta.shape
+        stacked = self.theta.reshape(n_win, TERMS, n_coef // TERMS, n_z)
+        value: ComplexArray = np.einsum("pa,wajz->wpzj", self.basis, stacked)
+        return value
+
+
+def fit_windows(
+    references: Sequence[Array],
+    signals: Sequence[Array],
+    h: float,
+    bins: int | None = None,
+    poles: Sequence[complex] = (),
+) -> Windows:
+    """Local models from references (N_k, n_r) to signals (N_k, n_z) of several records k, all sampled at h.
+
+    Records enter with equal noise; each has its own transient. Lengths may differ. `bins` a window of the
+    longest record is chosen for `DOF` where not given. `poles` are modes (per time unit) that may ring out from
+    before a record; those that are slow against a window count.
+
+    Raises Refused for records that are too short, and where no window tells the references apart.
+    """
+    n_r = references[0].shape[1]
+    lengths = [len(r) for r in references]
+    longest = max(lengths)
+    spacing = 2 * np.pi / (longest * h)
+    bins = _bins(n_r, lengths, spacing, poles) if bins is None else bins
+    modes = _slow(poles, bins * spacing)
+    kept = [k for k, n in enumerate(lengths) if bins * n / longest > TERMS + modes.size + 1]
+    highest = min(2 * np.pi / (lengths[k] * h) * ((lengths[k] - 1) // 2) for k in kept)
+    n_win = int((highest / spacing + 0.5) / bins)
+    if n_win < 1:
+        raise Refused(
+            f"a record of {longest} samples is too short for a local model of {n_r} reference signals: "
+            f"it needs {2 * bins + 1} samples or more"
+        )
+    half = bins * spacing / 2
+    centre: Array = spacing * (0.5 + bins * (np.arange(n_win) + 0.5))
+    n_coef = TERMS * n_r
+    rows, targets = [], []
+    for place, k in enumerate(kept):
+        regressors, target = _rows(references[k], signals[k], h, centre, half, modes)
+        own = regressors.shape[2] - n_coef
+        padded = np.zeros((*regressors.shape[:2], n_coef + own * len(kept)), dtype=complex)
+        padded[:, :, :n_coef] = regressors[:, :, :n_coef]
+        padded[:, :, n_coef + own * place : n_coef + own * (place + 1)] = regressors[:, :, n_coef:]
+        rows.append(padded)
+        targets.append(target)
+    theta, gram, noise, dof, usable = _solve(np.concatenate(rows, axis=1), np.concatenate(targets, axis=1), n_coef)
+    if not usable.any():
+        raise Refused(
+            "the set-points move too little or too much alike within these records to tell their effects apart: "
+            "move each of them at instants of its own, well apart"
+        )
+    basis = NODES[:, None] ** np.arange(TERMS)
+    return Windows(
+        w=(centre[:, None] + half * NODES)[usable],
+        basis=basis,
+        theta=theta[usable],
+        gram=gram[usable],
+        noise=_smoothed(noise[usable]),
+        dof=dof,
+        bins=bins,
+    )
+
+
+def _bins(n_r: int, lengths: Sequence[int], spacing: float, poles: Sequence[complex]) -> int:
+    """Fewest bins of the longest record that leave `DOF`; a shorter one has fewer, and counts if any are left over."""
+    relative = np.array(lengths) / max(lengths)
+    for m in range(TERMS + 2, max(lengths)):
+        left = np.floor(m * relative) - TERMS - _slow(poles, m * spacing).size
+        if np.sum(left[left > 1]) - TERMS * n_r >= DOF:
+            return m
+    raise Refused(f"records of {max(lengths)} samples are too short for a local model of {n_r} reference signals")
+
+
+def _slow(poles: Sequence[complex], width: float) -> ComplexArray:
+    """Distinct modes other than integrators that decay too slowly to be smooth over a window of that width."""
+    distinct: list[complex] = []
+    for p in poles:
+        if 0 < abs(p) < width and all(abs(p - q) > 0.05 * abs(q) for q in distinct):
+            distinct.append(complex(p))
+    return np.array(distinct, dtype=complex)
+
+
+def _rows(
+    r: Array, z: Array, h: float, centre: Array, half: float, modes: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Regressors (n_win, rows, TERMS n_r + TERMS + modes) and targets (n_win, rows, n_z) of one record.
+
+    Windows have a bin more or less; rows that are missing are 0.
+    """
+    n = len(r)
+    w = 2 * np.pi / (n * h) * np.arange(1, (n - 1) // 2 + 1)
+    window = np.floor((w - centre[0] + half) / (2 * half)).astype(int)
+    inside = (window >= 0) & (window < centre.size)
+    w, window = w[inside], window[inside]
+    first = np.searchsorted(window, np.arange(centre.size))
+    place = np.arange(w.size) - first[window]
+    spectra = np.fft.rfft(np.hstack([r, z]), axis=0)[1 : (n - 1) // 2 + 1][inside] / np.sqrt(n)
+    x = (w - centre[window]) / half
+    powers = x[:, None] ** np.arange(TERMS)
+    reference = (powers[:, :, None] * spectra[:, None, : r.shape[1]]).reshape(w.size, -1)
+    smooth = (w / centre[window])[:, None] ** np.arange(-1, TERMS - 1)
+    ringing = 1 / (1 - np.exp((modes[None, :] - 1j * w[:, None]) * h))
+    transient = np.hstack([smooth, ringing])
+    rows = int(place.max()) + 1
+    regressors = np.zeros((centre.size, rows, reference.shape[1] + transient.shape[1]), dtype=complex)
+    regressors[window, place] = np.hstack([reference, transient])
+    target = np.zeros((centre.size, rows, z.shape[1]), dtype=complex)
+    target[window, place] = spectra[:, r.shape[1] :]
+    return regressors, target
+
+
+def _solve(
+    K: ComplexArray, target: ComplexArray, n_coef: int
+) -> tuple[ComplexArray, ComplexArray, ComplexArray, int, NDArray[np.bool_]]:
+    """Least squares in every window: coefficients of the references, their gram matrix, the noise covariance.
+
+    The transients are projected out first, so that what is left tells how well the references are separated.
+    """
+    free, _ = np.linalg.qr(_scaled(K[:, :, n_coef:])[0])
+    own = K[:, :, :n_coef] - free @ (free.conj().transpose(0, 2, 1) @ K[:, :, :n_coef])
+    _, before = _scaled(K[:, :, :n_coef])
+    left = target - free @ (free.conj().transpose(0, 2, 1) @ target)
+    scaled = own / np.where(before > 0, before, 1.0)
+    u, singular, vh = np.linalg.svd(scaled, full_matrices=False)
+    usable = singular[:, -1] * LARGEST_CONDITION > np.maximum(singular[:, 0], 1e-12)
+    inverse = np.where(usable[:, None], 1 / np.where(singular > 0, singular, 1.0), 0.0)
+    projected = u.conj().transpose(0, 2, 1) @ left
+    back = vh.conj().transpose(0, 2, 1) * inverse[:, None, :] / np.where(before > 0, before, 1.0).transpose(0, 2, 1)
+    theta = back @ projected
+    residual = left - u @ projected
+    counts = np.sum(np.any(K != 0, axis=2), axis=1)
+    dof = np.maximum(counts - K.shape[2], 1)
+    # theta_c = sum_n P_cn n_n: E theta_c conj(theta_d) = (P P*)_cd, times the noise
+    gram = back @ back.conj().transpose(0, 2, 1)
+    noise: ComplexArray = np.einsum("wrz,wrv->wzv", residual, residual.conj()) / dof[:, None, None]
+    return theta, gram, noise, int(np.median(dof)), usable
+
+
+def _scaled(columns: ComplexArray) -> tuple[ComplexArray, Array]:
+    length: Array = np.linalg.norm(columns, axis=1, keepdims=True)
+    return columns / np.where(length > 0, length, 1.0), length
+
+
+def _smoothed(noise: ComplexArray) -> ComplexArray:
+    """Mean over each window and its neighbours: the noise spectrum is smoother than one window tells it."""
+    if len(noise) < 3:
+        return noise
+    middle = (noise[:-2] + noise[1:-1] + noise[2:]) / 3
+    return np.concatenate([middle[:1], middle, middle[-1:]])

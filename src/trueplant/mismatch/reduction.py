@@ -1,0 +1,173 @@
+"""From the response of one element at many frequencies to the parameters of its declared structure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import Refused
+from trueplant.lti.structure import Structure
+from trueplant.mismatch.sampling import hold_response, rows_frequency_response
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
+
+STARTS = 3
+"""Minima of the grid from which the fit is refined."""
+SCALES = 14
+DEAD_TIMES = (30, 150)
+"""Fewest and most on the grid, which reaches to 1/w of the lowest frequency where it can."""
+
+
+def fit_structure(
+    w: Array,
+    value: ComplexArray,
+    std: Array,
+    structure: Structure,
+    h: float | None = None,
+    hold: str = "zoh",
+    covariance: ComplexArray | None = None,
+    start: Array | None = None,
+) -> tuple[Array, Array]:
+    """Parameters of a structure and their covariance, by weighted least squares on one element's response.
+
+    value (n_w,) at w (n_w,), with circular standard errors std (n_w,), is the response between samples h apart under
+    `hold`, and is fitted by the sampled response of the structure; without h it is the continuous response.
+    covariance (n_windows, points, points) replaces std where neighbours are correlated (see FrequencyResponse).
+    Points that are not finite are left out. The search starts from a grid of time scales and dead times, whose
+    best minima are refined, or from `start` where given.
+
+    The covariance is that of the weights given, (J* W J)^-1. Raises Refused with fewer points than parameters.
+    """
+    from scipy.optimize import least_squares
+
+    low, high = structure.bounds()
+    whiten, keep = _whitening(np.asarray(w, dtype=float), value, std, covariance)
+    w, value = w[keep], value[keep]
+    if 2 * w.size <= len(structure.names):
+        raise Refused(
+            f"{w.size} frequencies say something of this element: too few for the {len(structure.names)} parameters of "
+            f"{structure}; use a longer record or larger set-point changes"
+        )
+
+    def residual(p: Array) -> Array:
+        return _split(whiten(_response(structure, p, w, h, hold)[:, 0] - value))
+
+    def jacobian(p: Array) -> Array:
+        return _split(whiten(_response(structure, p, w, h, hold)[:, 1:]))
+
+    starts = _grid(structure, w, value, std[keep], h, hold) if start is None else [np.clip(start, low + 1e-9, high)]
+    best = None
+    for p in starts:
+        found = least_squares(
+            residual, p, jacobian, bounds=(low, high), x_scale="jac", max_nfev=100, xtol=1e-12, ftol=1e-12
+        )
+        if best is None or found.cost < best.cost:
+            best = found
+    assert best is not None
+    order = structure.sorted(best.x)
+    J = jacobian(best.x)
+    scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    inverse = np.linalg.pinv(J / scale, rcond=1e-10)
+    full = inverse @ inverse.T / np.outer(scale, scale)
+    return best.x[order], full[np.ix_(order, order)]
+
+
+def _split(x: ComplexArray, axis: int = 0) -> Array:
+    """Real parts, then imaginary parts."""
+    return np.concatenate([x.real, x.imag], axis=axis)
+
+
+def _whitening(w: Array, value: ComplexArray, std: Array, covariance: ComplexArray | None) -> tuple[Any, Any]:
+    """A function that gives residuals (n, ...) unit variance in real and imaginary part, and the points it is for."""
+    finite = np.abs(value[np.isfinite(value)])
+    floor = 1e-9 * float(finite.max()) if finite.size else 0.0
+    if covariance is None:
+        keep = np.isfinite(value) & np.isfinite(std)
+        weight = np.sqrt(2) / np.maximum(std[keep], floor)
+        return (lambda x: (x.T * weight).T), keep
+    n_p = covariance.shape[1]
+    good = np.isfinite(value.reshape(-1, n_p)).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
+    size = np.sqrt(np.maximum(np.einsum("wpp->wp", covariance[good]).real, floor**2))
+    normal = covariance[good] / (size[:, :, None] * size[:, None, :]) + 1e-9 * np.eye(n_p)
+    root = np.linalg.inv(np.linalg.cholesky(normal)) / size[:, None, :] * np.sqrt(2)
+
+    def whiten(x: ComplexArray) -> ComplexArray:
+        whitened: ComplexArray = (root @ x.reshape(len(root), n_p, -1)).reshape(x.shape)
+        return whitened
+
+    return whiten, np.repeat(good, n_p)
+
+
+def _response(structure: Structure, p: Array, w: Array, h: float | None, hold: str) -> ComplexArray:
+    """(n_w, 1 + n_p): the structure's response and its derivative by every parameter."""
+    out = np.zeros((w.size, 1 + len(p)), dtype=complex)
+    for block in structure.gradient_blocks(p):
+        columns = [0, *(1 + k for k in block.index)]
+        if h is None:
+            s = 1j * w
+            rows = np.stack([np.polyval(row, s) for row in block.num], axis=1)
+            rows = rows * (np.exp(-block.dead_time * s) / np.polyval(block.den, s))[:, None]
+        else:
+            rows = rows_frequency_response(block.num, block.den, block.dead_time, w, h, hold)
+        for k, column in enumerate(columns):
+            out[:, column] += rows[:, k]
+    return out
+
+
+def _grid(structure: Structure, w: Array, value: ComplexArray, std: Array, h: float | None, hold: str) -> list[Array]:
+    """The best starting points on a grid of time scale and dead time, gains by least squares.
+
+    The hold is taken as a factor here: good enough to begin with, and quick. That error and the grid's own are
+    allowed for in the weights.
+    """
+    s = 1j * w
+    held = np.ones(w.size) if h is None else hold_response(w, h, hold)
+    clear = np.abs(value) > 3 * std
+    largest = np.max(np.abs(value[clear] if clear.any() else value))
+    weight = 1 / np.sqrt(std**2 + (0.02 * largest) ** 2)
+    power = np.abs(value) * weight
+    loud = w[power >= 0.1 * power.max()]
+    goal = _split(value * weight)
+    step = 0.7 / loud.max()
+    count = int(np.clip(1 / (w.min() * step), *DEAD_TIMES)) if structure.has_dead_time else 1
+    dead_times = step * np.arange(count)
+    # with one dead time the zeros are linear too, as coefficients of the numerator
+    powers = structure.leads if structure.delayed == 1 else 0
+    first = structure.delayed + structure.lags + 2 * structure.pairs
+    delays = dead_times[:, None] + step * np.arange(structure.delayed)
+    late = np.exp(-s[:, None] * delays[:, None, :])
+    candidates: list[tuple[float, Array]] = []
+    for scale in np.geomspace(0.3 / loud.max(), 5 / w.min(), SCALES):
+        p = _guess(structure, float(scale))
+        num, den = structure.polynomials(p)
+        shape = weight * held / np.polyval(den, s) * (1.0 if powers else np.polyval(num, s))
+        columns = _split(shape[:, None] * late * (s * scale)[:, None] ** np.arange(powers + 1), axis=1)
+        linear = np.einsum("dkn,n->dk", np.linalg.pinv(columns), goal)
+        costs = np.sum((np.einsum("dnk,dk->dn", columns, linear) - goal) ** 2, axis=1)
+        for k, cost in enumerate(costs):
+            full = p.copy()
+            full[: structure.delayed] = linear[k, : structure.delayed]
+            if powers:
+                roots = np.roots(linear[k, ::-1])
+                flat = (np.abs(roots.imag) > 0) | (roots == 0)
+                full[first : first + roots.size] = np.where(flat, 1.0, -1 / np.where(flat, 1.0, roots.real)) * scale
+            if structure.has_dead_time:
+                full[-structure.delayed :] = delays[k] + 1e-6 * step
+            candidates.append((float(cost), full))
+    candidates.sort(key=lambda pair: pair[0])
+    chosen: list[Array] = []
+    for _, p in candidates:
+        if not chosen or all(structure.has_dead_time and abs(p[-1] - q[-1]) > 1.5 * step for q in chosen):
+            chosen.append(p)
+        if len(chosen) == STARTS:
+            break
+    return chosen
+
+
+def _guess(structure: Structure, scale: float) -> Array:
+    values = {"gain": 1.0, "slope": 1.0, "omega": 1 / scale, "zeta": 0.7, "lead": scale / 3, "dead": 0.0}
+    values |= {f"tau{k + 1}": scale * 0.5**k for k in range(structure.lags)}
+    return np.array([next(v for key, v in values.items() if name.startswith(key)) for name in structure.names])
