@@ -20,7 +20,6 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
-
 from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
 from trueplant.loop import simulate
 from trueplant.lti.structure import Structure, structure_of

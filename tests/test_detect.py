@@ -20,7 +20,9 @@ def test_false_alarms_over_the_matrix_are_at_the_level_or_below():
     alarms = 0
     for _ in range(2000):
         elements = [
-            Evidence((1.0, 2.0, 3.0), np.array([1.0, 2.0, 3.0]) + root @ rng.standard_normal(3), covariance, (True,) * 3)
+            Evidence(
+                (1.0, 2.0, 3.0), np.array([1.0, 2.0, 3.0]) + root @ rng.standard_normal(3), covariance, (True,) * 3
+            )
             for _ in range(4)
         ]
         alarms += any(v.verdict == "changed" for v in judge(elements))

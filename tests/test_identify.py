@@ -84,7 +84,15 @@ def test_initial_state_and_offset_do_not_bias():
     whole = segment_of(simulation)
     late = slice(1111, 2600)
     part = type(whole)(
-        0, 1.0, whole.t[late], whole.r[late], whole.u[late] + 40, whole.y[late] + 70, whole.d[late], whole.free[late], whole.hold
+        0,
+        1.0,
+        whole.t[late],
+        whole.r[late],
+        whole.u[late] + 40,
+        whole.y[late] + 70,
+        whole.d[late],
+        whole.free[late],
+        whole.hold,
     )
     fit = estimate_row(Row(tuple(started_wrong(0)), pieces_of([part], 0)), 15.0)
     assert np.all(np.abs(fit.theta - truth(0)) < 4 * np.sqrt(np.diag(fit.covariance)))

@@ -57,7 +57,9 @@ def test_the_same_on_a_finer_grid(formula, hold):
     assert np.max(np.abs(y - z[::fine])) < 1e-9 * np.max(np.abs(y))
 
 
-@pytest.mark.parametrize("formula", ["1/((2 s + 1)(6 s + 1))", "(-6400 s + 1600)/(s^4 + 5 s^3 + 408 s^2 + 416 s + 1600)"])
+@pytest.mark.parametrize(
+    "formula", ["1/((2 s + 1)(6 s + 1))", "(-6400 s + 1600)/(s^4 + 5 s^3 + 408 s^2 + 416 s + 1600)"]
+)
 def test_against_scipy_discretisation(formula):
     system = tf(formula)
     term = system.terms[0]

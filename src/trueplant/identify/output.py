@@ -13,7 +13,7 @@ from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval
 from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.runs import Runs, combine_runs, compare_runs, refit_noise
-from trueplant.identify.search import lag_of
+from trueplant.identify.search import felt_lag, lag_of
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
 
@@ -142,7 +142,7 @@ def _order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> t
     limit = max(fit.row.measured(k)[0].size for k in range(len(fit.row.pieces))) // 20
     orders = {used // 2, min(used, 1), 2 * used + 2} | ({0} if undermodelled else set())
     sigma = np.sqrt(np.diag(covariance))
-    scale = np.maximum(np.abs(fit.theta), _lag_scale(fit))
+    scale = np.maximum(np.abs(fit.theta), felt_lag(fit))
     moved: dict[int, str] = {}
     shifts = np.zeros(fit.theta.size)
     for order in sorted(orders - {used}):
@@ -160,17 +160,6 @@ def _order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> t
         if undermodelled:
             shifts = np.maximum(shifts, shift)
     return moved, shifts
-
-
-def _lag_scale(fit: RowFit) -> Array:
-    """For dead times the lag of their element, which is what an error in them is felt against; else 0."""
-    out = np.zeros(fit.theta.size)
-    for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        lag = lag_of(spec.structure.names, fit.theta[part])
-        for k, name in enumerate(spec.structure.names):
-            if name.startswith("dead"):
-                out[part.start + k] = lag
-    return out
 
 
 def unanswered(estimate: OutputEstimate) -> dict[int, str]:

@@ -156,7 +156,7 @@ class Row:
         """Columns (n, n_z) of piece k: offset, then the free response of every mode unless at rest."""
         piece = self.pieces[k]
         t = piece.h * np.arange(0, piece.y.size, self.stride)
-        columns = [np.ones(t.size)]
+        columns: list[Array] = [np.ones(t.size)]
         if self.rests(k):
             return np.column_stack(columns)
         for spec, part in zip(self.specs, self.slices, strict=True):
@@ -170,7 +170,7 @@ class Row:
                     frequency = value * np.sqrt(max(1 - following**2, 0.0))
                     columns += [damping * np.cos(frequency * t), damping * np.sin(frequency * t)]
             if spec.structure.integrators:
-                columns.append(t / max(piece.span, piece.h))
+                columns.append(np.asarray(t / max(piece.span, piece.h)))
         return np.column_stack(columns)
 
     def nuisance_gradient(self, theta: Array, k: int, weights: Array) -> Array:

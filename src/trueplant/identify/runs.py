@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.noise import fit_ar
+from trueplant.identify.search import felt_lag
 
 Array = NDArray[np.float64]
 
@@ -60,7 +61,7 @@ def compare_runs(pooled: RowFit, significance: float = 0.05) -> Runs | None:
     covariance = np.array([fit.covariance for _, fit in fits])
     n = theta.shape[1]
     variance = np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 1e-300)
-    scale = np.abs(pooled.theta) + _dead_time_scale(pooled)
+    scale = np.abs(pooled.theta) + felt_lag(pooled)
     p_value, between = np.ones(n), np.zeros(n)
     for j in range(n):
         take = np.sqrt(variance[:, j]) < INFORMATIVE * scale[j]
@@ -79,18 +80,6 @@ def compare_runs(pooled: RowFit, significance: float = 0.05) -> Runs | None:
     return Runs(experiments, theta, covariance, p_value, np.zeros(n) if agree else between, agree)
 
 
-def _dead_time_scale(fit: RowFit) -> Array:
-    """Lag of the element of each dead time: what its standard error is compared with."""
-    out = np.zeros(fit.theta.size)
-    for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        names = spec.structure.names
-        lag = sum(v for name, v in zip(names, fit.theta[part], strict=True) if name.startswith("tau"))
-        for k, name in enumerate(names):
-            if name.startswith("dead"):
-                out[part.start + k] = lag
-    return out
-
-
 def combine_runs(pooled: RowFit, runs: Runs) -> tuple[Array, Array]:
     """Mean of the runs and its covariance, weighted by within- and between-run variance.
 
@@ -105,7 +94,7 @@ def combine_runs(pooled: RowFit, runs: Runs) -> tuple[Array, Array]:
         moment += weight @ theta
     combined = np.linalg.pinv(total, rcond=1e-13, hermitian=True)
     low, high = pooled.row.bounds()
-    return np.clip(combined @ moment, low, high), combined
+    return np.clip(combined @ moment, low, high), np.asarray(combined)
 
 
 def refit_noise(fit: RowFit, order: int) -> RowFit:

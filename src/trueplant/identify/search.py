@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trueplant.identify.fit import _orthonormal
+from trueplant.identify.fit import RowFit, _orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.predict import Row
 
@@ -47,6 +47,15 @@ def lag_of(names: tuple[str, ...], p: Array) -> float:
         elif name.startswith("omega0"):
             total += 1 / value
     return total
+
+
+def felt_lag(fit: RowFit) -> Array:
+    """(n,) for each dead time the lag of its element, against which an error in it is felt; 0 for the rest."""
+    out = np.zeros(fit.theta.size)
+    for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
+        lag = lag_of(spec.structure.names, fit.theta[part])
+        out[part] = [lag if name.startswith("dead") else 0.0 for name in spec.structure.names]
+    return out
 
 
 def grid_start(row: Row, theta: Array, ar: Array, rounds: int = 2, largest: int = 20_000) -> Array:
@@ -136,7 +145,7 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
     ok = power > 1e-12 * max(power.max(), 1e-300)
     top[ok] = moment[ok] ** 2 / power[ok]
     gain[ok] = moment[ok] / power[ok]
-    a, b = np.unravel_index(int(np.argmax(top)), top.shape)
+    a, b = divmod(int(np.argmax(top)), shifts.size)
     if top[a, b] <= 0:
         return theta
     p = unit * STRETCH[a] ** exponents

@@ -98,7 +98,7 @@ class ResidualTests:
 
     t: Array
     e: Array
-    lags: Array
+    lags: NDArray[np.intp]
     acf: Array
     bound: float
     """Two-sided bound at the confidence level for a single lag."""

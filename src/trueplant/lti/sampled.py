@@ -115,10 +115,8 @@ def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear:
         ahead = u[k - q + 1] if 0 <= k - q + 1 < length else 0.0
         now = u[k - q] if k >= q else 0.0
         before = u[k - q - 1] if k > q else 0.0
-        if linear:
-            direct = (1.0 - phi) * now + phi * before
-        else:
-            direct = before if phi > 0.0 else now
+        held = before if phi > 0.0 else now
+        direct = (1.0 - phi) * now + phi * before if linear else held
         for i in range(m):
             value = d[i] * direct
             for j in range(n):

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,7 +157,7 @@ class Structure:
         ahead = [np.array([lead, 1.0]) for lead in p[leads]]
 
         def row(polynomial: Array) -> Array:
-            return np.concatenate([np.zeros(size - len(polynomial)), polynomial]) / lead_coefficient
+            return np.asarray(np.concatenate([np.zeros(size - len(polynomial)), polynomial]) / lead_coefficient)
 
         shape: list[tuple[int, Array]] = []
         for m, k in enumerate(range(lags.start, lags.stop)):
@@ -182,7 +183,7 @@ class Structure:
                 index.append(leads.stop + k)
             yield Block(np.array(rows), np.convolve(den, den) / lead_coefficient, float(theta), tuple(index))
 
-    def gradient(self, p: Array, s: Array) -> NDArray[np.complex128]:
+    def gradient(self, p: Array, s: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.complex128]:
         """Derivative of the response at complex s (n_s,) by each parameter: (n_s, n_p)."""
         out = np.zeros((len(s), len(self.names)), dtype=complex)
         for block in self.gradient_blocks(p):
@@ -199,7 +200,7 @@ class Structure:
         low[dead] = 0.0
         return low, np.full(len(self.names), np.inf)
 
-    def sorted(self, p: Array) -> Array:
+    def sorted(self, p: Array) -> NDArray[np.intp]:
         """Order of the parameters with tau1 >= tau2 >= ...: indices into p."""
         order = np.arange(len(p))
         lags = self._slices()[1]
@@ -234,10 +235,11 @@ def structure_of(system: TransferFunction) -> tuple[Structure, Array]:
     if len({t.den for t in terms}) > 1:
         if len({t.dead_time for t in terms}) > 1:
             raise FormulaError(f"{system}: delayed terms with different denominators cannot be estimated")
-        num, den = np.zeros(1), np.ones(1)
+        num: Array = np.zeros(1)
+        den: Array = np.ones(1)
         for t in terms:
-            num = np.polyadd(np.polymul(num, t.den), np.polymul(t.num, den))
-            den = np.polymul(den, t.den)
+            num = np.asarray(np.polyadd(np.polymul(num, t.den), np.polymul(t.num, den)), dtype=float)
+            den = np.asarray(np.polymul(den, t.den), dtype=float)
         terms = (Term(tuple(num), tuple(den), terms[0].dead_time),)
     first = np.array(terms[0].num)
     for t in terms[1:]:

@@ -327,7 +327,7 @@ def _notes(
             advice = (
                 f'ask for the missing element from {", ".join(absent)} (tf = "0" with a structure)'
                 if absent
-                else "the structure is simpler than the plant; the intervals were widened by what other noise models make of it"
+                else "the structure is simpler than the plant; intervals are widened by what other noise models say"
             )
             notes.append(
                 Reason("undermodelled", f"the prediction errors still follow {', '.join(follows)}: {advice}", names[i])

@@ -57,8 +57,8 @@ def curves_of(
         for i in range(n_y)
     ]
     steps = np.array(step).reshape(2, n_y, n_u, t.size).transpose(0, 3, 1, 2)
-    which = "r" if any(s.closed and np.isfinite(s.r).any() for s in study.segments) else "u"
-    excited = excitation(study.segments, which)
+    setpoints = any(s.closed and np.isfinite(s.r).any() for s in study.segments)
+    excited = excitation(study.segments, "r" if setpoints else "u")
     return Curves(
         outputs=project.output_names,
         inputs=project.input_names,

@@ -134,9 +134,7 @@ def _summaries(study: Study, fit: LocalFit) -> list[dict[str, Any]]:
     return rows
 
 
-def _agreement(
-    study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[str, LocalFit]
-) -> Sequence[str]:
+def _agreement(study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[str, LocalFit]) -> Sequence[str]:
     """A sentence for each method: whether it agrees with the fit within both their uncertainties."""
     level = 1 - study.project.analysis.confidence
     sentences = []
@@ -163,7 +161,8 @@ def _agreement(
             sentences.append(f"{name} and the fit agree within their uncertainties")
             continue
         named = "; ".join(
-            f"{label.replace('_', ' ')} of {study.columns[j]} -> {study.project.output_names[i]}: {a:.3g} by the fit, {b:.3g}"
+            f"{label.replace('_', ' ')} of {study.columns[j]} -> {study.project.output_names[i]}: "
+            f"{a:.3g} by the fit, {b:.3g}"
             for _, (i, j), label, a, b in clear[:4]
         )
         more = f" and {len(clear) - 4} more" if len(clear) > 4 else ""

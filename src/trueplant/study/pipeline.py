@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING
@@ -216,7 +216,7 @@ def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
     return estimates
 
 
-def plant_matrix(study: Study, estimates: dict[int, OutputEstimate]) -> TransferMatrix:
+def plant_matrix(study: Study, estimates: Mapping[int, OutputEstimate]) -> TransferMatrix:
     """The plant as it is now believed to be.
 
     Parameters that the data do not answer keep the model's value where it has one; elements of which nothing

@@ -92,12 +92,12 @@ class Residuals:
     output: str
     t: Array
     e: Array
-    lags: Array
+    lags: NDArray[np.integer[Any]]
     acf: Array
     acf_bound: float
     ccf: Mapping[str, Array]
     """Cross-correlation with each input at `ccf_lags`."""
-    ccf_lags: Array
+    ccf_lags: NDArray[np.integer[Any]]
     ccf_bound: float
 
 
