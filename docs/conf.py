@@ -13,6 +13,7 @@ language = "en"
 extensions = ["myst_nb"]
 exclude_patterns = ["_build", "jupyter_execute"]
 myst_heading_anchors = 3
+myst_enable_extensions = ["deflist"]
 
 # Always executed afresh, in an empty folder: an example that no longer runs stops the build.
 nb_execution_mode = "force"
