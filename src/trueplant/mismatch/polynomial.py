@@ -91,7 +91,7 @@ def fit_windows(
             f"it needs {2 * bins + 1} samples or more"
         )
     half = bins * spacing / 2
-    centre: Array = spacing * (0.5 + bins * (np.arange(n_win) + 0.5))
+    centre = np.float64(spacing) * (0.5 + bins * (np.arange(n_win) + 0.5))
     n_coef = TERMS * n_r
     rows, targets = [], []
     for place, k in enumerate(kept):
@@ -185,12 +185,12 @@ def _solve(
     inverse = np.where(usable[:, None], 1 / np.where(singular > 0, singular, 1.0), 0.0)
     projected = u.conj().transpose(0, 2, 1) @ left
     back = vh.conj().transpose(0, 2, 1) * inverse[:, None, :] / np.where(before > 0, before, 1.0).transpose(0, 2, 1)
-    theta = back @ projected
+    theta: ComplexArray = back @ projected
     residual = left - u @ projected
     counts = np.sum(np.any(K != 0, axis=2), axis=1)
     dof = np.maximum(counts - K.shape[2], 1)
     # theta_c = sum_n P_cn n_n: E theta_c conj(theta_d) = (P P*)_cd, times the noise
-    gram = back @ back.conj().transpose(0, 2, 1)
+    gram = np.asarray(back @ back.conj().transpose(0, 2, 1), dtype=complex)
     noise: ComplexArray = np.einsum("wrz,wrv->wzv", residual, residual.conj()) / dof[:, None, None]
     return theta, gram, noise, int(np.median(dof)), usable
 
