@@ -10,6 +10,9 @@ export TRUEPLANT_DATA_DIR := $(DATA)
 endif
 endif
 
+# One thread a process: the tests run on all cores already.
+export OPENBLAS_NUM_THREADS := 1
+
 .PHONY: demo test check bench docs lowest lock clean
 .DELETE_ON_ERROR:
 

@@ -134,14 +134,12 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
             p = unit * stretch**exponents
             p[dead] = unit[dead] - (unit[dead].min() if dead.any() else 0.0)
             full = structure.response(p, piece.inputs[spec.column], piece.h, piece.hold[spec.column])
-            shifted = np.zeros((shifts.size, y.size))
-            for b, shift in enumerate(shifts):
-                late = np.concatenate([np.zeros(min(shift, full.size)), full[: full.size - shift]])
-                shifted[b] = late[:: row.stride]
-            x = whiten(ar, shifted.T)[use]
-            x = x - basis @ (basis.T @ x)
+            late = np.concatenate([np.zeros(shifts[-1]), full])
+            shifted = np.column_stack([late[shifts[-1] - shift :][: full.size : row.stride] for shift in shifts])
+            x = whiten(ar, shifted)[use]
+            # The target is orthogonal to the basis already, so that only the power of x has to be projected.
             moment[a] += x.T @ target
-            power[a] += np.einsum("nb,nb->b", x, x)
+            power[a] += np.einsum("nb,nb->b", x, x) - np.sum((basis.T @ x) ** 2, axis=0)
     ok = power > 1e-12 * max(power.max(), 1e-300)
     top[ok] = moment[ok] ** 2 / power[ok]
     gain[ok] = moment[ok] / power[ok]
