@@ -65,14 +65,13 @@ def fit_windows(
     references: Sequence[Array],
     signals: Sequence[Array],
     h: float,
-    bins: int | None = None,
     poles: Sequence[complex] = (),
 ) -> Windows:
     """Local models from references (N_k, n_r) to signals (N_k, n_z) of several records k, all sampled at h.
 
-    Records enter with equal noise; each has its own transient. Lengths may differ. `bins` a window of the
-    longest record is chosen for `DOF` where not given. `poles` are modes (per time unit) that may ring out from
-    before a record; those that are slow against a window count.
+    Records enter with equal noise; each has its own transient. Lengths may differ. Windows are as
+    narrow as `DOF` allows. `poles` are modes (per time unit) that may ring out from before a record; those that are
+    slow against a window count.
 
     Raises Refused for records that are too short, and where no window tells the references apart.
     """
@@ -80,7 +79,7 @@ def fit_windows(
     lengths = [len(r) for r in references]
     longest = max(lengths)
     spacing = 2 * np.pi / (longest * h)
-    bins = _bins(n_r, lengths, spacing, poles) if bins is None else bins
+    bins = _bins(n_r, lengths, spacing, poles)
     modes = _slow(poles, bins * spacing)
     kept = [k for k, n in enumerate(lengths) if bins * n / longest > TERMS + modes.size + 1]
     highest = min(2 * np.pi / (lengths[k] * h) * ((lengths[k] - 1) // 2) for k in kept)
