@@ -1,5 +1,6 @@
 """Parametric estimates of the plant, and how far they can be trusted."""
 
+from trueplant.identify.equation_error import equation_error, paper_route
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.output import OutputEstimate, choose_stride, identify_output, unanswered
@@ -14,10 +15,12 @@ __all__ = [
     "RowFit",
     "Spec",
     "choose_stride",
+    "equation_error",
     "estimate_row",
     "fit_percent",
     "fit_row",
     "identify_output",
+    "paper_route",
     "pieces_of",
     "simulate_piece",
     "unanswered",

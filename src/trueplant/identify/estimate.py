@@ -11,9 +11,16 @@ from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.noise import choose_order, fit_ar
 from trueplant.identify.predict import Row
 from trueplant.identify.search import grid_start, initial_theta, rival_dead_times
+from trueplant.identify.validate import residual_tests
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+
+NOT_WHITE = 0.05
+"""Significance from which prediction errors do not count as white."""
+UNDERMODELLED = 1e-3
+"""Significance from which prediction errors that follow an input are held against the structure."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +68,8 @@ def estimate_row(row: Row, time_scale: float, options: Options | None = None) ->
     model = initial_theta(row, time_scale)
     start = grid_start(row, model, np.zeros(0))
     fit = fit_row(row, start, np.zeros(0))
+    row = row.without_unseen(fit.theta)
+    fit = fit_row(row, fit.theta, np.zeros(0))
     fit = _with_noise(fit, options.order, limit, iterations=25)
     # The grid again, now weighted by the noise model, and the model itself as another start.
     again = grid_start(row, fit.theta, fit.ar, rounds=1)
@@ -68,8 +77,26 @@ def estimate_row(row: Row, time_scale: float, options: Options | None = None) ->
         rival = fit_row(row, other, fit.ar, weights=fit.weights, reweight=False, iterations=25)
         if rival.cost < fit.cost * (1 - 1e-9):
             fit = rival
-    fit = _with_noise(fit, options.order, limit, iterations=60)
-    return _best_dead_times(fit)
+    fit = _best_dead_times(_with_noise(fit, options.order, limit, iterations=60))
+    return fit if options.order is not None else _whitened(fit, limit)
+
+
+def _whitened(fit: RowFit, limit: int) -> RowFit:
+    """The fit with a larger noise model, as long as its prediction errors are not white.
+
+    The Bayesian criterion is content with less, at the price of intervals that are a little too narrow.
+    Where the errors follow the inputs, the structure is at fault and a larger noise model no cure.
+    """
+    while fit.ar.size < limit:
+        tests = residual_tests(fit)
+        if tests.whiteness_p > NOT_WHITE or np.min(tests.cross_p) < UNDERMODELLED:
+            break
+        order = min(fit.ar.size + max(2, fit.ar.size // 2), limit)
+        ar = fit_noise(fit, order, limit)
+        if ar.size != order:
+            break
+        fit = fit_row(fit.row, fit.theta, ar, weights=fit.weights, iterations=60)
+    return fit
 
 
 def _best_dead_times(fit: RowFit, rounds: int = 4) -> RowFit:

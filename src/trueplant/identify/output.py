@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueplant.identify.estimate import Options, estimate_row
+from trueplant.identify.estimate import UNDERMODELLED, Options, estimate_row
 from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval
 from trueplant.identify.predict import Held, Row, Spec, pieces_of
@@ -24,8 +24,6 @@ SAMPLES_PER_LAG = 80
 ENOUGH_SAMPLES = 1000
 FEWEST_SAMPLES = 2.5
 """Lag and dead time together must span this many samples to be told from each other and from none."""
-UNDERMODELLED = 1e-3
-"""Significance from which prediction errors that follow an input are held against the structure."""
 UNKNOWN = 1e30
 """A standard error beyond this says that there was no information at all."""
 WEAKLY_KNOWN = "its standard error is more than half of its size: the data say too little about it"

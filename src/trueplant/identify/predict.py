@@ -8,7 +8,7 @@ free response of every lag.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -129,6 +129,21 @@ class Row:
     def measured(self, k: int) -> tuple[Array, BoolArray]:
         piece = self.pieces[k]
         return piece.y[:: self.stride], piece.valid[:: self.stride]
+
+    def without_unseen(self, theta: Array) -> Row:
+        """The row without the outputs that still answer to inputs from before a record that starts in motion.
+
+        What OP did in the last dead time before the record is not in it, and no free response makes up for it.
+        """
+        names = [name for spec in self.specs for name in spec.structure.names]
+        dead = max((v for name, v in zip(names, theta, strict=True) if name.startswith("dead")), default=0.0)
+        pieces = []
+        for piece in self.pieces:
+            unseen = 0 if piece.starts_at_rest else min(int(np.ceil(dead / piece.h)), piece.y.size // 5)
+            valid = piece.valid.copy()
+            valid[:unseen] = False
+            pieces.append(replace(piece, valid=valid, y=np.where(valid, piece.y, 0.0)))
+        return replace(self, pieces=tuple(pieces))
 
     def response(self, theta: Array, k: int) -> Array:
         """Simulated output of piece k at the strided samples, from rest."""

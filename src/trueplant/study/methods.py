@@ -10,8 +10,9 @@ import numpy as np
 from scipy.stats import norm
 
 from trueplant.errors import TrueplantError
-from trueplant.identify import OutputEstimate, unanswered
-from trueplant.lti import TransferMatrix
+from trueplant.identify import OutputEstimate, paper_route, unanswered
+from trueplant.loop import Controller
+from trueplant.lti import Structure, TransferMatrix
 from trueplant.mismatch import FrequencyResponse, LocalFit, fit_locally
 from trueplant.record import Segment
 
@@ -53,8 +54,11 @@ def compare_methods(study: Study, estimates: Mapping[int, OutputEstimate]) -> Co
         if why:
             refused[name] = why
     first = next(iter(found.values()), None)
+    elements = {name: _summaries(study, fit) for name, fit in found.items()}
+    if "closed-form" in found:
+        elements["equation-error"] = _paper_route(study)
     return Compared(
-        {name: _summaries(study, fit) for name, fit in found.items()},
+        elements,
         refused,
         tuple(_agreement(study, estimates, found)),
         None if first is None else first.response,
@@ -91,16 +95,49 @@ def _why_not(study: Study, name: str) -> str | None:
     return None
 
 
-def _run(study: Study, name: str) -> LocalFit:
-    closed = name != "open-loop response"
-    segments = _segments(study, closed)
+def _problem(
+    study: Study, segments: Sequence[Segment]
+) -> tuple[TransferMatrix, dict[tuple[int, int], Structure], Controller | None]:
+    """Model, structures and controller of the inputs alone, as the mismatch expression takes them."""
     n_u = len(study.project.inputs)
     model = TransferMatrix(tuple(row[:n_u] for row in study.model.elements), study.model.time_unit)
     structures = {place: spec.structure for place, spec in study.specs.items() if place[1] < n_u}
-    controller = study.project.controller(segments[0].experiment) if name == "closed-form" else None
+    k = segments[0].experiment
+    controller = study.project.controller(k)
     if controller is not None:
-        controller = controller.linearised(np.nanmean(study.screened[segments[0].experiment].record.y, axis=0))
-    return fit_locally(segments, structures, model, name if closed else "direct", controller)
+        controller = controller.linearised(np.nanmean(study.screened[k].record.y, axis=0))
+    return model, structures, controller
+
+
+def _run(study: Study, name: str) -> LocalFit:
+    closed = name != "open-loop response"
+    segments = _segments(study, closed)
+    model, structures, controller = _problem(study, segments)
+    if name == "closed-form":
+        return fit_locally(segments, structures, model, name, controller)
+    return fit_locally(segments, structures, model, name if closed else "direct")
+
+
+def _paper_route(study: Study) -> list[dict[str, Any]]:
+    """The paper's own estimate (43)-(47), for comparison: it has no covariance, so that it cannot disagree."""
+    segments = _segments(study, closed=True)
+    model, structures, controller = _problem(study, segments)
+    assert controller is not None
+    try:
+        parameters = paper_route(segments, model, controller, structures).parameters
+    except (TrueplantError, np.linalg.LinAlgError):
+        return []
+    return [
+        {
+            "output": study.project.output_names[i],
+            "input": study.columns[j],
+            "parameters": [
+                {"name": name, "plant": float(value), "std_error": None, "ci": None}
+                for name, value in zip(study.specs[i, j].structure.names, p, strict=True)
+            ],
+        }
+        for (i, j), p in sorted(parameters.items())
+    ]
 
 
 def _hopeless(fit: LocalFit, place: tuple[int, int]) -> bool:
