@@ -96,9 +96,10 @@ def _evaluate(row: Row, theta: Array, ar: Array, weights: Array, derivatives: bo
         y, valid = row.measured(k)
         if y.size <= order + 1:
             continue
-        use = whitened_valid(order, valid)
-        if not use.any():
+        whole = whitened_valid(order, valid)
+        if not whole.any():
             continue
+        use = slice(None) if whole.all() else whole
         if derivatives:
             response, gradient = row.response_and_gradient(theta, k)
         else:
@@ -194,6 +195,7 @@ def _downhill(
     low, high = row.bounds()
     scale = np.sqrt(np.maximum(np.diag(point.information)[active], 1e-300))
     normal = point.information[np.ix_(active, active)] / np.outer(scale, scale)
+    growth = 8.0
     for _ in range(12):
         step = np.zeros(active.size)
         step[active] = -np.linalg.solve(normal + damping * np.eye(scale.size), point.slope[active] / scale) / scale
@@ -202,7 +204,7 @@ def _downhill(
         candidate = _evaluate(row, trial, trial_ar, weights, derivatives=False)
         if np.isfinite(candidate.cost) and candidate.cost < point.cost * (1 + 1e-14):
             return step, trial, trial_ar, candidate, damping
-        damping = min(damping * 8, 1e8)
+        damping, growth = min(damping * growth, 1e8), growth * 4
     return None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,32 +33,45 @@ def lagged(v: Array, order: int) -> Array:
     return np.column_stack([v[order - k : len(v) - k] for k in range(1, order + 1)]) if order else np.zeros((len(v), 0))
 
 
-def fit_ar(
-    signals: Sequence[Array], valid: Sequence[BoolArray], order: int, skip: int | None = None
-) -> tuple[Array, float, int]:
-    """Least-squares AR coefficients, residual variance and number of residuals.
+@dataclass(frozen=True, eq=False)
+class _Moments:
+    """Sums of products of v and its lags up to an order, over samples where all of them were measured."""
 
-    `skip` (default: the order) samples are left out at each start, so that orders can be compared on equal data.
-    """
-    skip = order if skip is None else skip
+    gram: Array
+    moment: Array
+    power: float
+    count: int
+
+
+def _moments(signals: Sequence[Array], valid: Sequence[BoolArray], order: int) -> _Moments:
     gram, moment, power, count = np.zeros((order, order)), np.zeros(order), 0.0, 0
     for v, ok in zip(signals, valid, strict=True):
-        if len(v) <= skip:
+        if len(v) <= order:
             continue
-        use = whitened_valid(skip, ok)
-        columns = lagged(v, order)[skip - order :][use]
-        now = v[skip:][use]
+        use = whitened_valid(order, ok)
+        columns, now = lagged(v, order)[use], v[order:][use]
         gram += columns.T @ columns
         moment += columns.T @ now
         power += float(now @ now)
         count += now.size
-    if order and count > order:
-        scale = np.trace(gram) / order
-        coefficients = np.linalg.solve(gram + 1e-12 * scale * np.eye(order), moment) if scale > 0 else np.zeros(order)
-    else:
-        coefficients = np.zeros(order)
-    variance = (power - float(moment @ coefficients)) / max(count - order, 1)
-    return -coefficients, max(variance, 0.0), count
+    return _Moments(gram, moment, power, count)
+
+
+def _solve(sums: _Moments, order: int) -> tuple[Array, float]:
+    """Coefficients and residual sum of squares of an order not above that of the sums."""
+    gram, moment = sums.gram[:order, :order], sums.moment[:order]
+    scale = np.trace(gram) / order if order else 0.0
+    if scale <= 0 or sums.count <= order:
+        return np.zeros(order), sums.power
+    coefficients = np.linalg.solve(gram + 1e-12 * scale * np.eye(order), moment)
+    return coefficients, max(sums.power - float(moment @ coefficients), 0.0)
+
+
+def fit_ar(signals: Sequence[Array], valid: Sequence[BoolArray], order: int) -> tuple[Array, float, int]:
+    """Least-squares AR coefficients (order,), residual variance and number of residuals."""
+    sums = _moments(signals, valid, order)
+    coefficients, power = _solve(sums, order)
+    return -coefficients, power / max(sums.count - order, 1), sums.count
 
 
 def choose_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: int) -> int:
@@ -66,12 +80,13 @@ def choose_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: 
     Akaike's larger orders fit what the structure leaves out as if it were noise, at the price of the low
     frequencies; on simulated data of the right structure the two agree in the estimates.
     """
+    sums = _moments(signals, valid, largest)
     best, order = np.inf, 0
     for p in range(largest + 1):
-        _, variance, count = fit_ar(signals, valid, p, skip=largest)
-        if count < 5 * (p + 2) or variance <= 0:
+        power = _solve(sums, p)[1]
+        if sums.count < 5 * (p + 2) or power <= 0:
             break
-        criterion = count * np.log(variance * (count - p) / count) + np.log(count) * p
+        criterion = sums.count * np.log(power / sums.count) + np.log(sums.count) * p
         if criterion < best - 1e-9:
             best, order = criterion, p
     return order

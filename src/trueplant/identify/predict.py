@@ -190,20 +190,33 @@ class Row:
 
     def nuisance_gradient(self, theta: Array, k: int, weights: Array) -> Array:
         """Derivative (n, size) of `nuisance @ weights` by theta: only lags and pairs move the columns."""
-        n = len(range(0, self.pieces[k].y.size, self.stride))
-        out = np.zeros((n, self.size))
+        piece = self.pieces[k]
+        out = np.zeros((len(range(0, piece.y.size, self.stride)), self.size))
         if self.rests(k):
             return out
-        moving = [
-            part.start + m
-            for spec, part in zip(self.specs, self.slices, strict=True)
-            for m, name in enumerate(spec.structure.names)
-            if name.startswith(("tau", "omega0", "zeta"))
-        ]
-        base = self.nuisance(theta, k) @ weights
-        for index in moving:
-            step = 1e-6 * abs(theta[index])
-            shifted = theta.copy()
-            shifted[index] += step
-            out[:, index] = (self.nuisance(shifted, k) @ weights - base) / step
+        t = piece.h * np.arange(0, piece.y.size, self.stride)
+        column = 1  # after the offset
+        for spec, part in zip(self.specs, self.slices, strict=True):
+            names = spec.structure.names
+            for m, name in enumerate(names):
+                index = part.start + m
+                if name.startswith("tau"):
+                    tau = theta[index]
+                    out[:, index] = weights[column] * t / tau**2 * np.exp(-t / tau)
+                    column += 1
+                elif name.startswith("omega0"):
+                    out[:, index : index + 2] = self._pair_gradient(theta, k, weights, index)
+                    column += 2
+            column += bool(spec.structure.integrators)
         return out
+
+    def _pair_gradient(self, theta: Array, k: int, weights: Array, index: int) -> Array:
+        """Derivative (n, 2) by the frequency and the damping of one pair, by differences."""
+        base = self.nuisance(theta, k) @ weights
+        columns = []
+        for moved in (index, index + 1):
+            step = 1e-6 * abs(theta[moved])
+            shifted = theta.copy()
+            shifted[moved] += step
+            columns.append((self.nuisance(shifted, k) @ weights - base) / step)
+        return np.column_stack(columns)
