@@ -77,14 +77,13 @@ class _Point:
 def _orthonormal(columns: Array) -> Array:
     """Basis of the column space, directions lost in rounding dropped."""
     norms = np.linalg.norm(columns, axis=0)
-    scaled = np.asarray(columns[:, norms > 0] / norms[norms > 0])
+    scaled: Array = np.asarray(columns[:, norms > 0] / norms[norms > 0])
     u, s, _ = np.linalg.svd(scaled, full_matrices=False)
-    return np.asarray(u[:, s > 1e-7 * s[0]] if s.size else u)
+    return np.asarray(u[:, s > 1e-7 * s[0]] if s.size else u, dtype=float)
 
 
 def _nuisance_weights(columns: Array, target: Array) -> Array:
-    weights: Array = np.linalg.lstsq(columns, target, rcond=1e-7)[0]
-    return weights
+    return np.asarray(np.linalg.lstsq(columns, target, rcond=1e-7)[0], dtype=float)
 
 
 def _evaluate(row: Row, theta: Array, ar: Array, weights: Array, derivatives: bool = True) -> _Point:

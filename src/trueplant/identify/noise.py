@@ -63,7 +63,7 @@ def _solve(sums: _Moments, order: int) -> tuple[Array, float]:
     scale = np.trace(gram) / order if order else 0.0
     if scale <= 0 or sums.count <= order:
         return np.zeros(order), sums.power
-    coefficients = np.linalg.solve(gram + 1e-12 * scale * np.eye(order), moment)
+    coefficients = np.asarray(np.linalg.solve(gram + 1e-12 * scale * np.eye(order), moment), dtype=float)
     return coefficients, max(sums.power - float(moment @ coefficients), 0.0)
 
 
