@@ -1,0 +1,176 @@
+"""The whole analysis on simulated records: what it finds, what it leaves alone, what it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from simulated import BLT, WOOD_BERRY, coloured, random_switching, wood_berry
+from trueplant.loop import Simulation, simulate
+from trueplant.lti import TransferMatrix, sampled_response, to_formula
+from trueplant.study import Project, Result, run
+
+FEED = TransferMatrix.of([["3.8 exp(-8.1 s)/(14.9 s + 1)"], ["4.9 exp(-3.4 s)/(13.2 s + 1)"]])
+CONTROLLERS = [
+    {"input": "reflux", "output": "top", "Kc": 0.375, "Ti": 8.29, "sample_time": 1.0},
+    {"input": "steam", "output": "bottom", "Kc": -0.0754, "Ti": 23.6, "sample_time": 1.0},
+]
+
+
+def written(folder: Path, name: str, simulation: Simulation, **more: np.ndarray) -> str:
+    columns = {"t": simulation.t, "sp1": simulation.r[:, 0], "sp2": simulation.r[:, 1]}
+    columns |= {"op1": simulation.u[:, 0], "op2": simulation.u[:, 1]}
+    columns |= {"pv1": simulation.y[:, 0], "pv2": simulation.y[:, 1], **more}
+    pl.DataFrame(columns).write_csv(folder / name)
+    return name
+
+
+def project(folder: Path, model: TransferMatrix = WOOD_BERRY, **tables: Any) -> Project:
+    elements = [
+        {"output": y, "input": u, "tf": to_formula(model[i, j], digits=12)}
+        for i, y in enumerate(["top", "bottom"])
+        for j, u in enumerate(["reflux", "steam"])
+    ]
+    tables.setdefault("data", {"files": ["record.csv"], "time": "t"})
+    if "experiment" in tables:
+        tables["data"] = {"time": "t"}
+    made = Project(
+        time_unit="min",
+        output=[{"name": "top", "pv": "pv1", "sp": "sp1"}, {"name": "bottom", "pv": "pv2", "sp": "sp2"}],
+        input=[{"name": "reflux", "op": "op1"}, {"name": "steam", "op": "op2"}],
+        model=elements + tables.pop("more_elements", []),
+        **tables,
+    )
+    return Project.from_toml(made.to_toml(), folder)
+
+
+def changed(result: Result) -> set[tuple[str, str]]:
+    return {(e.input, e.output) for e in result.elements if e.verdict == "changed"}
+
+
+def scaled(i: int, j: int, factor: float) -> TransferMatrix:
+    """Wood-Berry with the gain of one element multiplied."""
+    rows = [list(row) for row in WOOD_BERRY.elements]
+    rows[i][j] = rows[i][j] * factor
+    return TransferMatrix(tuple(tuple(row) for row in rows))
+
+
+def test_the_one_element_that_changed_is_found(tmp_path):
+    written(tmp_path, "record.csv", wood_berry(3, plant=scaled(1, 0, 1.3)))
+    result = run(project(tmp_path, controller=CONTROLLERS))
+    assert changed(result) == {("reflux", "bottom")}
+    gain = next(e for e in result.elements if e.verdict == "changed").parameters[0]
+    assert gain.changed
+    assert gain.ci[0] < 6.6 * 1.3 < gain.ci[1]
+    assert "reflux -> bottom" in result.headline
+
+
+def test_false_alarms_are_rare_when_nothing_changed(tmp_path):
+    """20 seeded runs at the 5 % level: more than 4 would happen once in 400 times."""
+    alarms = 0
+    for seed in range(20):
+        written(tmp_path, "record.csv", wood_berry(200 + seed, samples=1500))
+        alarms += bool(changed(run(project(tmp_path))))
+    assert alarms <= 4
+
+
+def test_a_changed_disturbance_is_no_mismatch(tmp_path):
+    rng = np.random.default_rng(7)
+    v = coloured(rng, 3000, 2, [1, -1.7, 0.72], [1], 0.6)
+    written(tmp_path, "record.csv", simulate(WOOD_BERRY, BLT, random_switching(rng, 3000, 2, 20.0), 1.0, v=v))
+    assert not changed(run(project(tmp_path, controller=CONTROLLERS)))
+
+
+def test_another_controller_is_said_and_is_no_mismatch(tmp_path):
+    written(tmp_path, "record.csv", wood_berry(5))
+    wrong = [CONTROLLERS[0] | {"Kc": 0.2}, CONTROLLERS[1]]
+    result = run(project(tmp_path, controller=wrong))
+    assert not changed(result)
+    notes = [note for note in result.notes if note.code == "controller"]
+    assert len(notes) == 1
+    assert "reflux" in notes[0].where
+
+
+def test_the_updated_model_is_unchanged_on_the_same_record(tmp_path):
+    written(tmp_path, "record.csv", wood_berry(4, plant=scaled(0, 1, 0.7)))
+    first = run(project(tmp_path))
+    assert changed(first) == {("steam", "top")}
+    (tmp_path / "plant.toml").write_text(first.plant_toml)
+    assert not changed(run(tmp_path / "plant.toml"))
+
+
+def test_no_setpoint_change_is_refused(tmp_path):
+    rng = np.random.default_rng(1)
+    v = coloured(rng, 1500, 2, [1, -0.9], [1], 0.5)
+    written(tmp_path, "record.csv", simulate(WOOD_BERRY, BLT, np.zeros((1500, 2)), 1.0, v=v))
+    result = run(project(tmp_path))
+    assert result.status == "refused"
+    assert "-1/Q" in result.reasons[0].message
+
+
+def test_setpoints_in_proportion_are_qualified(tmp_path):
+    rng = np.random.default_rng(2)
+    r = random_switching(rng, 2000, 1, 20.0) * np.array([1.0, 0.5])
+    v = coloured(rng, 2000, 2, [1, -0.8], [1], 0.3)
+    written(tmp_path, "record.csv", simulate(WOOD_BERRY, BLT, r, 1.0, v=v))
+    result = run(project(tmp_path))
+    assert any(note.code == "setpoint-rank" for note in result.notes)
+
+
+def test_a_measured_disturbance_whose_own_model_has_drifted(tmp_path):
+    rng = np.random.default_rng(9)
+    samples = 4000
+    d = 0.3 * random_switching(rng, samples, 1, 40.0)
+    # A measured disturbance runs on between samples: its effect is that of the piecewise-linear signal.
+    v = coloured(rng, samples, 2, [1, -0.8], [1], 0.2) + sampled_response(FEED, d, 1.0, "linear")
+    simulation = simulate(WOOD_BERRY, BLT, random_switching(rng, samples, 2, 20.0), 1.0, v=v)
+    written(tmp_path, "record.csv", simulation, feed=d[:, 0])
+    elements = [
+        {"output": "top", "input": "feed", "tf": "3.0 exp(-8.1 s)/(14.9 s + 1)"},
+        {"output": "bottom", "input": "feed", "tf": "4.9 exp(-3.4 s)/(13.2 s + 1)"},
+    ]
+    tables = {"disturbance": [{"name": "feed", "column": "feed"}], "more_elements": elements}
+    result = run(project(tmp_path, **tables))
+    assert changed(result) == {("feed", "top")}
+    gain = next(e for e in result.elements if e.verdict == "changed").parameters[0]
+    assert abs(gain.plant - 3.8) < 4 * gain.std_error
+
+
+def test_open_and_closed_experiments_together(tmp_path):
+    rng = np.random.default_rng(12)
+    written(tmp_path, "closed.csv", wood_berry(13))
+    u = 0.5 * (random_switching(rng, 1200, 2, 25.0) - 1)
+    v = coloured(rng, 1200, 2, [1, -0.8], [1], 0.3)
+    written(tmp_path, "open.csv", simulate(WOOD_BERRY, None, np.zeros((1200, 2)), 1.0, u=u, v=v))
+    together = run(project(tmp_path, experiment=[{"file": "closed.csv"}, {"file": "open.csv", "loop": "open"}]))
+    alone = run(project(tmp_path, experiment=[{"file": "closed.csv"}]))
+    assert not changed(together)
+    assert {"joint", "open-loop response"} <= set(together.methods)
+    for both, one in zip(together.elements, alone.elements, strict=True):
+        assert both.parameters[0].std_error < one.parameters[0].std_error
+
+
+def test_an_element_that_the_model_lacks_is_found_when_asked_for(tmp_path):
+    written(tmp_path, "record.csv", wood_berry(14))
+    made = project(tmp_path)
+    elements = [e.model_dump(exclude_unset=True) for e in made.model]
+    elements[2] |= {"tf": "0", "structure": "fopdt"}
+    tables = made.model_dump(by_alias=True, exclude_unset=True) | {"model": elements}
+    result = run(Project.from_toml(Project(**tables).to_toml(), tmp_path))
+    found = next(e for e in result.elements if (e.input, e.output) == ("reflux", "bottom"))
+    assert found.verdict == "changed"
+    assert abs(found.parameters[0].plant - 6.6) < 4 * found.parameters[0].std_error
+    assert found.parameters[1].model is None
+
+
+def test_an_element_that_was_left_out_is_named(tmp_path):
+    written(tmp_path, "record.csv", wood_berry(15))
+    made = project(tmp_path)
+    elements = [e.model_dump(exclude_unset=True) for e in made.model]
+    tables = made.model_dump(by_alias=True, exclude_unset=True) | {"model": elements[:2] + elements[3:]}
+    result = run(Project.from_toml(Project(**tables).to_toml(), tmp_path))
+    notes = [note.message for note in result.notes if note.code == "undermodelled"]
+    assert any("missing element from reflux" in message for message in notes)
