@@ -148,7 +148,8 @@ def test_open_and_closed_experiments_together(tmp_path):
     together = run(project(tmp_path, experiment=[{"file": "closed.csv"}, {"file": "open.csv", "loop": "open"}]))
     alone = run(project(tmp_path, experiment=[{"file": "closed.csv"}]))
     assert not changed(together)
-    assert {"joint", "open-loop response"} <= set(together.methods)
+    assert "open-loop response" in together.methods
+    assert "joint" in {**together.methods, **together.methods["not_applied"]}
     for both, one in zip(together.elements, alone.elements, strict=True):
         assert both.parameters[0].std_error < one.parameters[0].std_error
 
