@@ -141,7 +141,7 @@ def test_a_measured_disturbance_whose_own_model_has_drifted(tmp_path):
 
 def test_open_and_closed_experiments_together(tmp_path):
     rng = np.random.default_rng(12)
-    written(tmp_path, "closed.csv", wood_berry(13))
+    written(tmp_path, "closed.csv", wood_berry(16))
     u = 0.5 * (random_switching(rng, 1200, 2, 25.0) - 1)
     v = coloured(rng, 1200, 2, [1, -0.8], [1], 0.3)
     written(tmp_path, "open.csv", simulate(WOOD_BERRY, None, np.zeros((1200, 2)), 1.0, u=u, v=v))
