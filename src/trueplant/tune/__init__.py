@@ -1,19 +1,47 @@
 """Controllers for the updated plant: tuning rules, optimal and robust settings, before and after."""
 
 from trueplant.tune.forms import Notation, Settings, converted, pid_of, settings_of
+from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.reduce import Reduced, half_rule, matched, reduced
 from trueplant.tune.response import frequencies, ultimate
+from trueplant.tune.rules import (
+    amigo,
+    cohen_coon,
+    imc,
+    improved_simc,
+    lambda_tuning,
+    minimum_error,
+    reaction_curve,
+    simc,
+    tyreus_luyben,
+    ziegler_nichols,
+)
+from trueplant.tune.shaping import loop_shaping, pole_placement
 
 __all__ = [
+    "Limits",
     "Notation",
     "Reduced",
     "Settings",
+    "amigo",
+    "cohen_coon",
     "converted",
     "frequencies",
     "half_rule",
+    "imc",
+    "improved_simc",
+    "lambda_tuning",
+    "loop_shaping",
     "matched",
+    "max_ki",
+    "minimum_error",
     "pid_of",
+    "pole_placement",
+    "reaction_curve",
     "reduced",
     "settings_of",
+    "simc",
+    "tyreus_luyben",
     "ultimate",
+    "ziegler_nichols",
 ]

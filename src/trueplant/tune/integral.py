@@ -1,0 +1,161 @@
+"""The largest integral gain that keeps the peaks of S and T below their limits, exactly with dead time.
+
+Largest ki means least integrated error after a load disturbance (Astrom, Panagopoulos and Hagglund, Automatica 34,
+1998, 585-601). At each frequency |S| <= Ms and |T| <= Mt both keep the controller's response C(jw) out of a disc:
+round -1/G with radius 1/(Ms |G|), and round -Mt^2/((Mt^2 - 1) G) with radius Mt/((Mt^2 - 1) |G|). With
+C = kp shape(jw) - j ki/w each disc forbids an interval of ki, so the limit of ki at a given kp is a minimum over
+frequency, no search. All of it runs for many plants at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import LoopError
+from trueplant.loop import PID
+from trueplant.tune.response import Plant, axis, grid_for, sign_of, ultimate
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_GRID = 41
+_ZOOMS = 6
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Largest allowed peaks of |S| and |T|; Mt of None sets no limit on T."""
+
+    Ms: float = 1.59
+    Mt: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in (("Ms", self.Ms), ("Mt", self.Mt)):
+            if value is not None and not (np.isfinite(value) and value > 1):
+                raise LoopError(f"the limit on {name} must be above 1, not {value:g}")
+
+    def discs(self, inverse: ComplexArray) -> Iterator[tuple[ComplexArray, Array]]:
+        """Centres and radii that C must stay out of; inverse: 1/G (..., n_w)."""
+        size = np.abs(inverse)
+        yield -inverse, size / self.Ms
+        if self.Mt is not None:
+            scale = 1 / (self.Mt**2 - 1)
+            yield -inverse * (self.Mt**2 * scale), size * (self.Mt * scale)
+
+
+def shape_of(w: Array, td: float, alpha: float) -> ComplexArray:
+    """``1 + Td s/(alpha Td s + 1)`` at s = j w (n_w,): what kp multiplies."""
+    s = axis(w)
+    return np.asarray(1 + td * s / (alpha * td * s + 1))
+
+
+def proportional_limit(inverse: ComplexArray, shape: ComplexArray, limits: Limits) -> Array:
+    """Smallest kp (...,) without integral action that reaches a limit, infinite if none does. inverse: (..., n_w)."""
+    least = np.full(inverse.shape[:-1], np.inf)
+    for centre, radius in limits.discs(inverse):
+        along = np.real(np.conj(shape) * centre)
+        inside = along**2 - np.abs(shape) ** 2 * (np.abs(centre) ** 2 - radius**2)
+        hit = (inside > 0) & (along > 0)
+        first = (along - np.sqrt(np.where(hit, inside, 0.0))) / np.abs(shape) ** 2
+        least = np.minimum(least, np.min(np.where(hit, first, np.inf), axis=-1))
+    return least
+
+
+def integral_limit(inverse: ComplexArray, shape: ComplexArray, w: Array, kp: float, limits: Limits) -> Array:
+    """Largest ki (...,) at kp such that all smaller ki hold the limits too; 0 where even ki -> 0 does not.
+
+    kp must be below `proportional_limit`, and the plant stable but for integrators: then all of these loops are
+    stable, since they are joined to the open loop without touching -1.
+    """
+    least = np.full(inverse.shape[:-1], np.inf)
+    free = kp * shape
+    for centre, radius in limits.discs(inverse):
+        away = free - centre
+        room = radius**2 - away.real**2
+        hit = room > 0
+        half = np.sqrt(np.where(hit, room, 0.0))
+        low, high = w * (away.imag - half), w * (away.imag + half)
+        hit &= high > 0
+        least = np.minimum(least, np.min(np.where(hit, np.maximum(low, 0.0), np.inf), axis=-1))
+    return least
+
+
+def best_kp(limit: Callable[[float], float], top: float) -> tuple[float, float]:
+    """kp in (0, top] with the largest ki limit(kp), by zooming into a grid; and that ki."""
+    low, high = 0.0, top
+    best, at = -np.inf, top
+    for _ in range(_ZOOMS):
+        points = np.linspace(low, high, _GRID)[1:]
+        values = np.array([limit(float(kp)) for kp in points])
+        k = int(np.argmax(values))
+        if values[k] > best:
+            best, at = float(values[k]), float(points[k])
+        step = (high - low) / (_GRID - 1)
+        low, high = max(at - step, 0.0), min(at + step, top)
+    return at, best
+
+
+def max_ki(
+    plant: Plant,
+    limits: Limits | float = 1.59,
+    kind: str = "PI",
+    alpha: float = 0.1,
+    w: Array | None = None,
+) -> PID:
+    """PI or ideal PID with the largest integral gain whose peaks of S and T stay within the limits.
+
+    limits: a number limits both Ms and Mt. A PID has Ti >= 4 Td, so that it has a series form too; without this the
+    largest ki gives an oscillating loop. plant: stable but for integrators; a `TransferFunction`, or a response
+    with its grid w.
+
+    Raises LoopError where the limits never bind (no dead time and few lags): no gain is largest there.
+    """
+    if kind not in ("PI", "PID"):
+        raise LoopError(f'kind must be "PI" or "PID", not {kind!r}')
+    bounds = limits if isinstance(limits, Limits) else Limits(limits, limits)
+    coarse = grid_for(plant, w)
+    sign = sign_of(plant)
+
+    def tuned(td: float, w: Array) -> tuple[float, float]:
+        inverse = np.asarray(1 / (sign * plant(axis(w))), dtype=np.complex128)
+        shape = shape_of(w, td, alpha)
+        top = float(proportional_limit(inverse, shape, bounds))
+        if not np.isfinite(top):
+            raise LoopError("these limits bound no gain of this plant: state a lower limit, or use simc with a tauc")
+
+        def limit(kp: float) -> float:
+            ki = float(integral_limit(inverse, shape, w, kp, bounds))
+            return min(ki, kp / (4 * td)) if td else ki
+
+        return best_kp(limit, top)
+
+    td = best_td(lambda x: tuned(x, coarse)[1], ultimate(plant, coarse)[1]) if kind == "PID" else 0.0
+    kp, ki = tuned(td, coarse)
+    # kp is far more sensitive to the grid than ki: once more, with many points where the limits bind
+    loop = sign * plant(axis(coarse)) * (kp * shape_of(coarse, td, alpha) + ki / axis(coarse))
+    near = 1.02 / np.abs(1 + loop) > bounds.Ms
+    if bounds.Mt is not None:
+        near |= 1.02 * np.abs(loop / (1 + loop)) > bounds.Mt
+    if np.any(near):
+        dense = np.geomspace(0.98 * coarse[near][0], 1.02 * coarse[near][-1], 4000)
+        kp, ki = tuned(td, np.concatenate([coarse, dense]))
+    if not (ki > 0 and np.isfinite(ki)):
+        raise LoopError("no integral action keeps these limits on this plant: allow a higher peak")
+    return PID(Kc=sign * kp, Ti=kp / ki, Td=td, alpha=alpha)
+
+
+def best_td(value: Callable[[float], float], period: float) -> float:
+    """Derivative time with the largest value: a coarse grid relative to the ultimate period, then golden section."""
+    from scipy.optimize import minimize_scalar
+
+    grid = period * np.geomspace(0.01, 1.0, 13)
+    k = int(np.argmax([value(float(td)) for td in grid]))
+    low, high = grid[max(k - 1, 0)], grid[min(k + 1, grid.size - 1)]
+    found = minimize_scalar(
+        lambda td: -value(float(td)), bounds=(low, high), method="bounded", options={"xatol": 1e-4 * low}
+    )
+    return float(found.x)
