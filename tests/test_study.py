@@ -175,3 +175,28 @@ def test_an_element_that_was_left_out_is_named(tmp_path):
     result = run(Project.from_toml(Project(**tables).to_toml(), tmp_path))
     notes = [note.message for note in result.notes if note.code == "undermodelled"]
     assert any("missing element from reflux" in message for message in notes)
+
+
+def test_margins_on_model_and_plant(tmp_path):
+    """Splitter, vaporisation loop: GM 4.47, PM 60.6 deg, Ms 1.398 with a continuous controller (simulated plant)."""
+    from trueplant import plants
+
+    case = plants.splitter()
+    assert case.plant is not None
+    r = random_switching(np.random.default_rng(3), 3000, 2, 300.0)
+    simulation = simulate(case.plant, case.controller, r, 0.1, noise=0.05, seed=3)
+    written(tmp_path, "record.csv", simulation)
+    made = project(tmp_path, case.model)
+    tables = made.model_dump(by_alias=True, exclude_unset=True)
+    tables["model"] = [e for e in tables["model"] if e["tf"] != "0"]
+    tables["controller"] = [
+        {"input": "reflux", "output": "top", "Kc": 1.0, "Ti": 8.0, "Td": 0.5, "alpha": 0.1, "action": "direct"},
+        {"input": "steam", "output": "bottom", "Kc": 0.5, "Ti": 2.0},
+    ]
+    result = run(Project.from_toml(Project(**tables).to_toml(), tmp_path))
+    rows = {name: found[1] for name, found in result.robustness["margins"].items()}
+    assert abs(rows["model"]["gain_margin"] - 4.47) < 0.01
+    assert abs(rows["model"]["phase_margin"] - 60.6) < 0.1
+    assert abs(rows["model"]["Ms"] - 1.398) < 0.001
+    assert abs(rows["plant"]["Ms"] - 1.398) < 0.05
+    assert result.robustness["worse"] == []

@@ -16,6 +16,7 @@ from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
 from trueplant.study.informative import setpoint_rank_note
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
+from trueplant.study.robustness import robustness_of
 
 if TYPE_CHECKING:
     from trueplant.study.methods import Compared
@@ -100,6 +101,13 @@ def assemble(
         methods["controller_consistency"] = list(consistency)
     notes += [Reason("methods", sentence) for sentence in others.agreement if "disagree" in sentence]
     updated = {(i, j): plant[i, j] for i, j in found}
+    robustness = robustness_of(study, plant) if answered else {}
+    notes += [
+        Reason(
+            "margins", "on the plant as estimated, today's controller leaves this loop unstable or close to it", name
+        )
+        for name in robustness.get("worse", ())
+    ]
     return Result(
         status="ok" if answered else "refused",
         reasons=tuple(reasons),
@@ -108,6 +116,7 @@ def assemble(
         elements=elements,
         fit=fit_rows(study, estimates, plant),
         methods=methods,
+        robustness=robustness,
         notes=tuple(notes),
         curves=curves_of(study, estimates, found, plant, others.response),
         plant_toml=study.project.with_model(updated).to_toml(),
