@@ -1,7 +1,9 @@
 """Controllers for the updated plant: tuning rules, optimal and robust settings, before and after."""
 
+from trueplant.tune.compare import Comparison, LoopMetrics, StepMetrics, compare, loop_metrics, step_metrics
 from trueplant.tune.forms import Notation, Settings, converted, pid_of, settings_of
 from trueplant.tune.integral import Limits, max_ki
+from trueplant.tune.optimal import optimal
 from trueplant.tune.reduce import Reduced, half_rule, matched, reduced
 from trueplant.tune.response import frequencies, ultimate
 from trueplant.tune.rules import (
@@ -19,28 +21,35 @@ from trueplant.tune.rules import (
 from trueplant.tune.shaping import loop_shaping, pole_placement
 
 __all__ = [
+    "Comparison",
     "Limits",
+    "LoopMetrics",
     "Notation",
     "Reduced",
     "Settings",
+    "StepMetrics",
     "amigo",
     "cohen_coon",
+    "compare",
     "converted",
     "frequencies",
     "half_rule",
     "imc",
     "improved_simc",
     "lambda_tuning",
+    "loop_metrics",
     "loop_shaping",
     "matched",
     "max_ki",
     "minimum_error",
+    "optimal",
     "pid_of",
     "pole_placement",
     "reaction_curve",
     "reduced",
     "settings_of",
     "simc",
+    "step_metrics",
     "tyreus_luyben",
     "ultimate",
     "ziegler_nichols",

@@ -193,7 +193,10 @@ def minimum_error(
 
     criterion: "IAE", "ITAE" or "ISE" (load only); step: "load" (Lopez, Miller, Smith and Murrill, Instrum. Technol.
     14(11), 1967, 57-62) or "set-point" (Rovira, Murrill and Smith, Instrum. Control Syst. 42(12), 1969, 67-69).
-    Raises LoopError outside that range: `optimal` then finds the settings themselves.
+    Their PID for set-points is not near the optimum of an ideal controller whose derivative acts on the error:
+    at x = 0.2 its IAE is a fifth, its ITAE three times larger.
+
+    Raises LoopError outside the range: `optimal` then finds the settings themselves.
     """
     _delayed(model, "the correlation")
     pid, ratio = _kind(kind), model.dead_time / model.tau1
