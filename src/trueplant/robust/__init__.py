@@ -1,7 +1,40 @@
 """Robustness: margins, uncertainty and performance weights, structured singular values, robust performance."""
 
 from trueplant.robust.blocks import Block, Full, Repeated, diagonal
+from trueplant.robust.generalised import generalised_plant, perturbed_plant, uncertainty_blocks
 from trueplant.robust.margins import Margins, margins, niederlinski, rga
 from trueplant.robust.mu import MuResult, mu
+from trueplant.robust.performance import Peak, Robustness, robust_performance
+from trueplant.robust.skewed import worst_gain
+from trueplant.robust.weights import (
+    covariance_weight,
+    covering_weight,
+    gain_and_dead_time_weight,
+    performance_weight,
+    uncertainty_weight,
+)
 
-__all__ = ["Block", "Full", "Margins", "MuResult", "Repeated", "diagonal", "margins", "mu", "niederlinski", "rga"]
+__all__ = [
+    "Block",
+    "Full",
+    "Margins",
+    "MuResult",
+    "Peak",
+    "Repeated",
+    "Robustness",
+    "covariance_weight",
+    "covering_weight",
+    "diagonal",
+    "gain_and_dead_time_weight",
+    "generalised_plant",
+    "margins",
+    "mu",
+    "niederlinski",
+    "performance_weight",
+    "perturbed_plant",
+    "rga",
+    "robust_performance",
+    "uncertainty_blocks",
+    "uncertainty_weight",
+    "worst_gain",
+]

@@ -84,11 +84,11 @@ def integral_limit(inverse: ComplexArray, shape: ComplexArray, w: Array, kp: flo
     return least
 
 
-def best_kp(limit: Callable[[float], float], top: float) -> tuple[float, float]:
+def best_kp(limit: Callable[[float], float], top: float, zooms: int = _ZOOMS) -> tuple[float, float]:
     """kp in (0, top] with the largest ki limit(kp), by zooming into a grid; and that ki."""
     low, high = 0.0, top
     best, at = -np.inf, top
-    for _ in range(_ZOOMS):
+    for _ in range(zooms):
         points = np.linspace(low, high, _GRID)[1:]
         values = np.array([limit(float(kp)) for kp in points])
         k = int(np.argmax(values))
