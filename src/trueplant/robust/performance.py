@@ -1,0 +1,172 @@
+"""Nominal performance, robust stability and robust performance of a loop, (29) and (30)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.loop import Controller, unstable_poles
+from trueplant.lti import TransferMatrix
+from trueplant.robust.blocks import Block, Full
+from trueplant.robust.generalised import (
+    Weights,
+    channels,
+    generalised_plant,
+    uncertainty_blocks,
+    weighted_channels,
+)
+from trueplant.robust.grid import rates_of
+from trueplant.robust.mu import mu
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Bounds = Callable[[ComplexArray], tuple[Array, Array]]
+
+_REST = 1e-9
+"""Of the slowest rate: the frequency that stands for the limit omega -> 0."""
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The largest value over frequency, bounded from both sides."""
+
+    lower: float
+    upper: float
+    frequency: float
+    """rad per time unit; 0 for the limit omega -> 0, nan where the loop is unstable."""
+
+    def __repr__(self) -> str:
+        return f"{self.upper:.4g} at {self.frequency:.4g} (at least {self.lower:.4g})"
+
+
+@dataclass(frozen=True, eq=False)
+class Robustness:
+    """What the uncertainty does to a loop. Each test is passed with an upper bound below 1 in a stable loop."""
+
+    stable: bool
+    """Of the nominal loop. If it is not, the peaks are infinite."""
+    NP: Peak
+    """Nominal performance: sigma_max(wP S)."""
+    RS: Peak
+    """Robust stability: mu of the uncertainty's own loop."""
+    RP: Peak
+    """Robust performance: mu of all of N."""
+    w: Array
+    """(n_s,) frequencies of the curves; the first stands for the limit omega -> 0."""
+    nominal: Array
+    """(n_s,) sigma_max(wP S)."""
+    stability: Array
+    """(n_s, 2) lower and upper bound of mu for robust stability."""
+    performance: Array
+    """(n_s, 2) lower and upper bound of mu for robust performance."""
+    worst: ComplexArray
+    """Delta of the uncertainty, of size 1/RP.lower, under which the weighted error reaches RP.lower at the frequency
+    `worst_frequency`; perturbed_plant makes a plant of it. Empty where the loop is unstable."""
+    worst_frequency: float
+
+    @property
+    def passes(self) -> bool:
+        """Robust performance is achieved."""
+        return self.stable and self.RP.upper < 1
+
+    def __repr__(self) -> str:
+        state = "stable" if self.stable else "unstable"
+        return f"{state}; NP {self.NP}; RS {self.RS}; RP {self.RP}"
+
+
+def robust_performance(
+    plant: TransferMatrix,
+    controller: Controller,
+    uncertainty: Weights,
+    performance: Weights,
+    structure: str = "input",
+) -> Robustness:
+    """NP, RS and RP of the loop under weighted uncertainty, over all frequencies down to omega -> 0.
+
+    Weights are transfer functions, formulas or numbers, one for all channels or one a channel; see
+    generalised_plant for the structures. Peaks are sharpened to 1e-4 of the frequency. A peak is infinite where the
+    performance weight integrates and the loop does not. Raises UsageError and LoopError for what does not fit.
+    """
+    n_y = plant.shape[0]
+    own = channels(uncertainty, weighted_channels(plant, structure), "the uncertainty")
+    asked = channels(performance, n_y, "the performance")
+    if unstable_poles(plant, controller):
+        nowhere = Peak(np.inf, np.inf, np.nan)
+        empty, none = np.zeros((0, 2)), np.zeros((0, 0), dtype=np.complex128)
+        return Robustness(False, nowhere, nowhere, nowhere, np.zeros(0), np.zeros(0), empty, empty, none, np.nan)
+    blocks = uncertainty_blocks(plant.shape, structure)
+    n_z, n_w = sum(b.columns for b in blocks), sum(b.rows for b in blocks)
+    all_blocks: Sequence[Block] = (*blocks, Full(n_y))
+
+    def system(w: Array) -> ComplexArray:
+        return generalised_plant(plant, controller, own, asked, np.asarray(1j * w), structure)
+
+    def nominal(N: ComplexArray) -> tuple[Array, Array]:
+        size = np.linalg.norm(N[:, n_z:, n_w:], ord=2, axis=(1, 2))
+        return size, size
+
+    def stability(N: ComplexArray) -> tuple[Array, Array]:
+        result = mu(N[:, :n_z, :n_w], blocks)
+        return result.lower, result.upper
+
+    def whole(N: ComplexArray) -> tuple[Array, Array]:
+        result = mu(N, all_blocks)
+        return result.lower, result.upper
+
+    rates = rates_of(plant, controller, (*own, *asked))
+    w = rates.grid(per_decade=12)
+    if rates.dead_time > 0:
+        turns = np.arange(0.25, 30, 0.25) / rates.dead_time
+        w = np.union1d(w, turns[turns < w[-1]])
+    rest = _REST * rates.slowest
+    w = np.concatenate([[rest], w])
+    N = system(w)
+    curves, peaks = [], []
+    for bounds in (nominal, stability, whole):
+        lower, upper = bounds(N)
+        grows = bounds(system(np.array([100 * rest])))[1][0]
+        if upper[0] > 5 * grows and upper[0] > 1:
+            peaks.append(Peak(np.inf, np.inf, 0.0))
+        else:
+            peaks.append(_sharpened(bounds, system, w, lower, upper))
+        curves.append(np.stack([lower, upper], axis=1))
+    frequency = peaks[2].frequency or rest
+    worst = mu(system(np.array([frequency])), all_blocks).delta[0, :n_w, :n_z]
+    return Robustness(
+        stable=True,
+        NP=peaks[0],
+        RS=peaks[1],
+        RP=peaks[2],
+        w=w,
+        nominal=curves[0][:, 1],
+        stability=curves[1],
+        performance=curves[2],
+        worst=worst,
+        worst_frequency=frequency,
+    )
+
+
+def _sharpened(
+    bounds: Bounds, system: Callable[[Array], ComplexArray], w: Array, lower: Array, upper: Array, rivals: int = 3
+) -> Peak:
+    """The peak of the upper bound between the points of the grid."""
+    k = int(np.argmax(upper))
+    best = Peak(float(lower[k]), float(upper[k]), float(w[k]) if k else 0.0)
+    inner = np.flatnonzero((upper[1:-1] >= upper[:-2]) & (upper[1:-1] >= upper[2:])) + 1
+    tops = inner[np.argsort(upper[inner])[::-1][:rivals]]
+    # a peak that is low on the grid may still be the highest between its points, one that is far below is not
+    tops = tops[upper[tops] > 0.8 * best.upper]
+    low, high = w[tops - 1], w[tops + 1]
+    while tops.size and np.max(high / low) > 1 + 1e-4:
+        points = low[:, None] * (high / low)[:, None] ** np.linspace(0, 1, 9)
+        below, above = (b.reshape(points.shape) for b in bounds(system(points.ravel())))
+        at = np.clip(np.argmax(above, axis=1), 1, 7)
+        rows = np.arange(len(tops))
+        top = np.unravel_index(np.argmax(above), above.shape)
+        if above[top] > best.upper * (1 + 1e-9):
+            best = Peak(float(below[top]), float(above[top]), float(points[top]))
+        low, high = points[rows, at - 1], points[rows, at + 1]
+    return best
