@@ -12,6 +12,7 @@ the convexity; Boyd and El Ghaoui 1993 for methods of centres.) All frequencies 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,33 +70,47 @@ def upper_bound(M: ComplexArray, structure: Structure) -> Upper:
     left, right = np.exp(x @ rows.T), np.exp(x @ columns.T)
     start = left[:, :, None] * M / right[:, None, :]
     size = np.linalg.norm(start, axis=(1, 2))
-    search = _Search(structure, start / size[:, None, None])
+    # a scaling by numbers needs far less work than one by matrices, which only repeated numbers call for
+    kind = _ByNumbers if structure.all_full else _ByMatrices
+    search = kind(structure, start / size[:, None, None])
     search.run()
     total_left, total_right = search.left * left[:, None, :], search.right * right[:, None, :]
     return Upper(search.best * size, total_left, total_right)
 
 
-class _Search:
-    """Newton's method on the barrier for a batch; what has converged is left alone."""
+class _Search(ABC):
+    """Newton's method on the barrier for a batch; what has converged is left alone.
 
-    def __init__(self, structure: Structure, M: ComplexArray) -> None:
-        self.diagonal = structure.all_full
-        self.rows, self.columns = structure.members()
-        left, right = structure.directions()
-        # gamma is one more direction, a scaling of the right side alone
-        self.left_basis = np.concatenate([left, np.zeros((1, *left.shape[1:]))])
-        self.right_basis = np.concatenate([right, np.eye(right.shape[-1])[None]])
-        self.left_pairs = _pairs(self.left_basis)
-        self.right_pairs = _pairs(self.right_basis)
-        self.traces = np.trace(self.right_basis, axis1=1, axis2=2).real
+    J directions of the logarithm of the scaling, and gamma as the last: a scaling of the right side alone.
+    """
+
+    directions: int
+
+    def __init__(self, M: ComplexArray) -> None:
         self.M0 = M
         count, n_z, n_w = M.shape
         self.left = np.tile(np.eye(n_z, dtype=complex), (count, 1, 1))
         self.right = np.tile(np.eye(n_w, dtype=complex), (count, 1, 1))
         self.best = np.linalg.norm(M, ord=2, axis=(1, 2))
 
+    @abstractmethod
+    def derivatives(self, M: ComplexArray, inverse: ComplexArray, back: ComplexArray) -> tuple[Array, Array]:
+        """Gradient (n_s, J + 1) and Hessian of the barrier at the identity, inverse = X = (I - M^H M)^-1, back = X M^H.
+
+        For the directions E_i and the change S_i = E_i - M^H E_i M of I - M^H M: gradient tr E_i - tr X S_i, Hessian
+        tr X S_i X S_j - tr X S_ij with S_ij the same of the symmetric product of E_i and E_j.
+        """
+
+    @abstractmethod
+    def slopes(self, u: ComplexArray, v: ComplexArray) -> Array:
+        """Change of log sigma (n_s, J) for its singular vectors u (n_s, n_z) and v (n_s, n_w)."""
+
+    @abstractmethod
+    def moved(self, step: Array, *matrices: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """M, left and right after the step (n_s, J)."""
+
     def run(self) -> None:
-        if len(self.left_basis) == 2:
+        if self.directions == 1:
             return  # one full block: no scaling changes anything
         n = self.right.shape[-1]
         active = np.arange(len(self.M0))
@@ -106,83 +121,114 @@ class _Search:
                 M, left, right, decrement = self._step(M, left, right, t)
                 if np.max(decrement) < 0.1:
                     break
-            bound, slope = self._simple_slope(M)
-            better = bound < self.best[active]
+            u, sigma, vh = np.linalg.svd(M)
+            better = sigma[:, 0] < self.best[active]
             chosen = active[better]
-            self.best[chosen], self.left[chosen], self.right[chosen] = bound[better], left[better], right[better]
-            if n / t < _SMALLEST_GAP:
-                return
-            go_on = slope > 1e-6
-            if not np.any(go_on):
+            self.best[chosen], self.left[chosen], self.right[chosen] = sigma[better, 0], left[better], right[better]
+            # no slope at a simple singular value: this is the minimum; at a repeated one only t tells
+            go_on = np.max(np.abs(self.slopes(u[:, :, 0], vh[:, 0, :].conj())), axis=1) > 1e-6
+            if n / t < _SMALLEST_GAP or not np.any(go_on):
                 return
             active, M, left, right = active[go_on], M[go_on], left[go_on], right[go_on]
             t *= 30.0
-
-    def _simple_slope(self, M: ComplexArray) -> tuple[Array, Array]:
-        """sigma_max, and the largest slope of its logarithm if it is a simple singular value."""
-        u, sigma, vh = np.linalg.svd(M)
-        slope = np.abs(u[:, :, 0]) ** 2 @ self.rows - np.abs(vh[:, 0, :]) ** 2 @ self.columns
-        if not self.diagonal:
-            slope = np.einsum("sa,jab,sb->sj", u[:, :, 0].conj(), self.left_basis[:-1], u[:, :, 0]).real
-            slope -= np.einsum("sa,jab,sb->sj", vh[:, 0, :], self.right_basis[:-1], vh[:, 0, :].conj()).real
-        return sigma[:, 0], np.max(np.abs(slope), axis=1)
 
     def _step(
         self, M: ComplexArray, left: ComplexArray, right: ComplexArray, t: float
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray, Array]:
         """One damped Newton step of every matrix; returns the scaled matrices and the Newton decrements."""
-        A = M.conj().swapaxes(1, 2) @ M
-        values, vectors = np.linalg.eigh(A)
+        values, vectors = np.linalg.eigh(M.conj().swapaxes(1, 2) @ M)
         gamma, value = _centre(values, t)
         root = np.exp(-gamma / 2)[:, None, None]
-        inverse = (vectors / (1 - values * np.exp(-gamma)[:, None])[:, None, :]) @ vectors.conj().swapaxes(1, 2)
-        gradient, hessian = self._derivatives(M * root, inverse)
+        adjoint = vectors.conj().swapaxes(1, 2)
+        inverse = (vectors / (1 - values * np.exp(-gamma)[:, None])[:, None, :]) @ adjoint
+        now = M * root
+        gradient, hessian = self.derivatives(now, inverse, inverse @ now.conj().swapaxes(1, 2))
         gradient[:, -1] = 0.0  # gamma is at its best already
-        scale = np.einsum("sjj->sj", hessian)
-        ridge = 1e-11 * scale.max(axis=1)
-        hessian[:, np.arange(scale.shape[1]), np.arange(scale.shape[1])] += ridge[:, None]
+        each = np.arange(self.directions + 1)
+        hessian[:, each, each] += 1e-11 * hessian[:, each, each].max(axis=1, keepdims=True)
         step = np.asarray(-np.linalg.solve(hessian, gradient[:, :, None])[:, :, 0], dtype=np.float64)
         decrement = np.sqrt(np.maximum(-np.sum(step * gradient, axis=1), 0.0))
-        step[:, -1] = 0.0
+        step = step[:, :-1]
         # far from the minimum a scaling may change by e in one step
-        step *= np.minimum(1.0, 2.0 / np.maximum(np.max(np.abs(step), axis=1), 1e-300))[:, None]
-        new_left, new_right, trial = left.copy(), right.copy(), M.copy()
+        step = step * np.minimum(1.0, 2.0 / np.maximum(np.max(np.abs(step), axis=1), 1e-300))[:, None]
+        new = M.copy(), left.copy(), right.copy()
         todo = np.arange(len(M))
         for _ in range(10):
-            d_left, d_right = self._exponential(step[todo])
-            moved = (d_left @ M[todo]) @ np.linalg.inv(d_right)
-            reached = _centre(np.linalg.eigvalsh(moved.conj().swapaxes(1, 2) @ moved), t)[1]
+            trial = self.moved(step[todo], M[todo], left[todo], right[todo])
+            reached = _centre(_eigenvalues(trial[0]), t)[1]
             good = reached <= value[todo] + 1e-10 * np.abs(value[todo])
-            done = todo[good]
-            trial[done] = moved[good]
-            new_left[done], new_right[done] = d_left[good] @ left[done], d_right[good] @ right[done]
+            for kept, found in zip(new, trial, strict=True):
+                kept[todo[good]] = found[good]
             todo = todo[~good]
             if todo.size == 0:
                 break
             step[todo] /= 2
-        return trial, new_left, new_right, decrement
+        return *new, decrement
 
-    def _derivatives(self, M: ComplexArray, inverse: ComplexArray) -> tuple[Array, Array]:
-        """Gradient (n_s, J) and Hessian (n_s, J, J) of the barrier at the identity; inverse = (I - M^H M)^-1."""
-        adjoint = M.conj().swapaxes(1, 2)
-        back = M @ inverse @ adjoint
-        count, size = len(M), len(self.traces)
-        flat_right, flat_left = inverse.reshape(count, -1), back.reshape(count, -1)
-        gradient = self.traces - (flat_right @ _flat(self.right_basis)).real + (flat_left @ _flat(self.left_basis)).real
-        change = self.right_basis - (adjoint[:, None] @ self.left_basis) @ M[:, None]
+
+class _ByNumbers(_Search):
+    """Full blocks only: E_i are diagonal, and traces of products are sums of squares over blocks."""
+
+    def __init__(self, structure: Structure, M: ComplexArray) -> None:
+        super().__init__(M)
+        rows, columns = structure.members()
+        self.directions = rows.shape[1]
+        self.rows, self.columns = rows, columns
+        self.all_rows = np.column_stack([rows, np.zeros(len(rows))])
+        self.all_columns = np.column_stack([columns, np.ones(len(columns))])
+
+    def derivatives(self, M: ComplexArray, inverse: ComplexArray, back: ComplexArray) -> tuple[Array, Array]:
+        L, R = self.all_rows, self.all_columns
+        through = M @ back
+        x, b = (np.diagonal(m, axis1=1, axis2=2).real for m in (inverse, through))
+        crossed = _sums(back, R, L)
+        hessian = _sums(inverse, R, R) - crossed - crossed.swapaxes(1, 2) + _sums(through, L, L)
+        second = np.tensordot(x, R[:, :, None] * R[:, None, :], 1) - np.tensordot(b, L[:, :, None] * L[:, None, :], 1)
+        return (1 - x) @ R + b @ L, hessian - second
+
+    def slopes(self, u: ComplexArray, v: ComplexArray) -> Array:
+        return np.asarray(np.abs(u) ** 2 @ self.rows - np.abs(v) ** 2 @ self.columns)
+
+    def moved(self, step: Array, *matrices: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        M, left, right = matrices
+        d_left, d_right = np.exp(step / 2 @ self.rows.T)[:, :, None], np.exp(step / 2 @ self.columns.T)
+        return d_left * M / d_right[:, None, :], d_left * left, d_right[:, :, None] * right
+
+
+class _ByMatrices(_Search):
+    """Repeated numbers as well: their E_i span the Hermitian matrices."""
+
+    def __init__(self, structure: Structure, M: ComplexArray) -> None:
+        super().__init__(M)
+        self.rows, self.columns = structure.directions()
+        self.directions = len(self.rows)
+        self.all_rows = np.concatenate([self.rows, np.zeros((1, *self.rows.shape[1:]))])
+        self.all_columns = np.concatenate([self.columns, np.eye(self.columns.shape[-1])[None]])
+
+    def derivatives(self, M: ComplexArray, inverse: ComplexArray, back: ComplexArray) -> tuple[Array, Array]:
+        count, size = len(M), self.directions + 1
+        x, b = inverse.reshape(count, -1), (M @ back).reshape(count, -1)
+        traces = np.trace(self.all_columns, axis1=1, axis2=2).real
+        gradient = traces - (x @ _flat(self.all_columns)).real + (b @ _flat(self.all_rows)).real
+        change = self.all_columns - (M.conj().swapaxes(1, 2)[:, None] @ self.all_rows) @ M[:, None]
         relative = inverse[:, None] @ change
-        rows = relative.reshape(count, size, -1)
-        columns = relative.swapaxes(2, 3).reshape(count, size, -1)
-        hessian = (rows @ columns.swapaxes(1, 2)).real
-        second = flat_right @ self.right_pairs - flat_left @ self.left_pairs
-        return gradient, hessian - second.real.reshape(count, size, size)
+        left, right = relative.reshape(count, size, -1), relative.swapaxes(2, 3).reshape(count, size, -1)
+        second = x @ _flat(_products(self.all_columns)) - b @ _flat(_products(self.all_rows))
+        return gradient, (left @ right.swapaxes(1, 2)).real - second.real.reshape(count, size, size)
 
-    def _exponential(self, step: Array) -> tuple[ComplexArray, ComplexArray]:
-        """exp of half the step, for the left and the right scaling."""
-        half = step[:, :-1] / 2
-        if self.diagonal:
-            return _diagonals(np.exp(half @ self.rows.T)), _diagonals(np.exp(half @ self.columns.T))
-        return _expm(np.tensordot(half, self.left_basis[:-1], 1)), _expm(np.tensordot(half, self.right_basis[:-1], 1))
+    def slopes(self, u: ComplexArray, v: ComplexArray) -> Array:
+        forms = (np.einsum("sa,jab,sb->sj", x.conj(), E, x).real for x, E in ((u, self.rows), (v, self.columns)))
+        return np.asarray(next(forms) - next(forms))
+
+    def moved(self, step: Array, *matrices: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        M, left, right = matrices
+        d_left, d_right = (_expm(np.tensordot(step / 2, basis, 1)) for basis in (self.rows, self.columns))
+        return np.asarray(d_left @ M @ np.linalg.inv(d_right), dtype=np.complex128), d_left @ left, d_right @ right
+
+
+def _sums(matrices: ComplexArray, rows: Array, columns: Array) -> Array:
+    """Sums of the squared sizes of the elements over the members of blocks."""
+    return np.asarray(np.tensordot(np.tensordot(np.abs(matrices) ** 2, columns, 1), rows, (1, 0)).swapaxes(1, 2))
 
 
 def _centre(values: Array, t: float) -> tuple[Array, Array]:
@@ -201,19 +247,20 @@ def _centre(values: Array, t: float) -> tuple[Array, Array]:
     return gamma, t * gamma - np.log1p(-ratio).sum(axis=1)
 
 
+def _eigenvalues(M: ComplexArray) -> Array:
+    """Of M^H M."""
+    return np.asarray(np.linalg.eigvalsh(M.conj().swapaxes(1, 2) @ M), dtype=np.float64)
+
+
 def _flat(basis: ComplexArray) -> ComplexArray:
     """(n n, J) so that a flattened matrix times it gives the traces of the products."""
     return basis.swapaxes(1, 2).reshape(len(basis), -1).T
 
 
-def _pairs(basis: ComplexArray) -> ComplexArray:
+def _products(basis: ComplexArray) -> ComplexArray:
+    """Symmetric products of all pairs, (J J, n, n)."""
     product = basis[:, None] @ basis[None]
-    both = (product + product.swapaxes(0, 1)) / 2
-    return _flat(both.reshape(-1, *basis.shape[1:]))
-
-
-def _diagonals(values: Array) -> ComplexArray:
-    return np.asarray(values[:, :, None] * np.eye(values.shape[1]), dtype=np.complex128)
+    return np.asarray((product + product.swapaxes(0, 1)).reshape(-1, *basis.shape[1:]) / 2)
 
 
 def _expm(H: ComplexArray) -> ComplexArray:
