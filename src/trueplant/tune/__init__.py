@@ -19,6 +19,7 @@ from trueplant.tune.rules import (
     ziegler_nichols,
 )
 from trueplant.tune.shaping import loop_shaping, pole_placement
+from trueplant.tune.uncertain import UncertainTuning, draw_parameters, holds, tune_uncertain
 
 __all__ = [
     "Comparison",
@@ -28,12 +29,15 @@ __all__ = [
     "Reduced",
     "Settings",
     "StepMetrics",
+    "UncertainTuning",
     "amigo",
     "cohen_coon",
     "compare",
     "converted",
+    "draw_parameters",
     "frequencies",
     "half_rule",
+    "holds",
     "imc",
     "improved_simc",
     "lambda_tuning",
@@ -50,6 +54,7 @@ __all__ = [
     "settings_of",
     "simc",
     "step_metrics",
+    "tune_uncertain",
     "tyreus_luyben",
     "ultimate",
     "ziegler_nichols",

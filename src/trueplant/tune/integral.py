@@ -9,10 +9,11 @@ frequency, no search. All of it runs for many plants at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from trueplant.errors import LoopError
@@ -38,49 +39,69 @@ class Limits:
             if value is not None and not (np.isfinite(value) and value > 1):
                 raise LoopError(f"the limit on {name} must be above 1, not {value:g}")
 
-    def discs(self, inverse: ComplexArray) -> Iterator[tuple[ComplexArray, Array]]:
-        """Centres and radii that C must stay out of; inverse: 1/G (..., n_w)."""
+
+@dataclass(frozen=True, eq=False)
+class Discs:
+    """Where the response of the controller may not be, for many plants: n_w frequencies for each limit, in a row."""
+
+    w: Array
+    """(n,) rad per time unit; n is n_w times the number of limits."""
+    centre: ComplexArray
+    """(n_plants, n)"""
+    radius: Array
+    """(n_plants, n)"""
+
+    @classmethod
+    def of(cls, response: ComplexArray, w: Array, limits: Limits) -> Discs:
+        """From G (n_plants, n_w), of positive sign at rest, on the grid w."""
+        inverse = 1 / np.atleast_2d(response)
         size = np.abs(inverse)
-        yield -inverse, size / self.Ms
-        if self.Mt is not None:
-            scale = 1 / (self.Mt**2 - 1)
-            yield -inverse * (self.Mt**2 * scale), size * (self.Mt * scale)
+        centre, radius = [-inverse], [size / limits.Ms]
+        if limits.Mt is not None:
+            scale = 1 / (limits.Mt**2 - 1)
+            centre.append(-inverse * (limits.Mt**2 * scale))
+            radius.append(size * (limits.Mt * scale))
+        return cls(np.tile(w, len(centre)), np.concatenate(centre, axis=1), np.concatenate(radius, axis=1))
+
+    def shape(self, td: float, alpha: float) -> ComplexArray:
+        """``1 + Td s/(alpha Td s + 1)`` at s = j w (n,): what kp multiplies."""
+        return _shape(self.w, td, alpha)
+
+    def proportional_limit(self, shape: ComplexArray) -> Array:
+        """Smallest kp (n_plants,) without integral action that reaches a limit, infinite if none does."""
+        along = np.real(np.conj(shape) * self.centre)
+        square = np.abs(shape) ** 2
+        inside = along**2 - square * (np.abs(self.centre) ** 2 - self.radius**2)
+        hit = (inside > 0) & (along > 0)
+        first = (along - np.sqrt(np.where(hit, inside, 0.0))) / square
+        return np.asarray(np.min(np.where(hit, first, np.inf), axis=1))
+
+    def integral_limit(self, shape: ComplexArray, kp: float) -> Array:
+        """Largest ki (n_plants,) at kp such that all smaller ki hold the limits too; 0 where even ki -> 0 does not.
+
+        Only meant for kp below `proportional_limit`, and plants that are stable but for integrators: then all of these
+        loops are stable, since they are joined to the open loop without touching -1.
+        """
+        return np.asarray(_integral_limits(self.centre, self.radius, self.w, kp * shape))
 
 
-def shape_of(w: Array, td: float, alpha: float) -> ComplexArray:
-    """``1 + Td s/(alpha Td s + 1)`` at s = j w (n_w,): what kp multiplies."""
+def _shape(w: Array, td: float, alpha: float) -> ComplexArray:
     s = axis(w)
     return np.asarray(1 + td * s / (alpha * td * s + 1))
 
 
-def proportional_limit(inverse: ComplexArray, shape: ComplexArray, limits: Limits) -> Array:
-    """Smallest kp (...,) without integral action that reaches a limit, infinite if none does. inverse: (..., n_w)."""
-    least = np.full(inverse.shape[:-1], np.inf)
-    for centre, radius in limits.discs(inverse):
-        along = np.real(np.conj(shape) * centre)
-        inside = along**2 - np.abs(shape) ** 2 * (np.abs(centre) ** 2 - radius**2)
-        hit = (inside > 0) & (along > 0)
-        first = (along - np.sqrt(np.where(hit, inside, 0.0))) / np.abs(shape) ** 2
-        least = np.minimum(least, np.min(np.where(hit, first, np.inf), axis=-1))
-    return least
-
-
-def integral_limit(inverse: ComplexArray, shape: ComplexArray, w: Array, kp: float, limits: Limits) -> Array:
-    """Largest ki (...,) at kp such that all smaller ki hold the limits too; 0 where even ki -> 0 does not.
-
-    kp must be below `proportional_limit`, and the plant stable but for integrators: then all of these loops are
-    stable, since they are joined to the open loop without touching -1.
-    """
-    least = np.full(inverse.shape[:-1], np.inf)
-    free = kp * shape
-    for centre, radius in limits.discs(inverse):
-        away = free - centre
-        room = radius**2 - away.real**2
-        hit = room > 0
-        half = np.sqrt(np.where(hit, room, 0.0))
-        low, high = w * (away.imag - half), w * (away.imag + half)
-        hit &= high > 0
-        least = np.minimum(least, np.min(np.where(hit, np.maximum(low, 0.0), np.inf), axis=-1))
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _integral_limits(centre: ComplexArray, radius: Array, w: Array, free: ComplexArray) -> Array:
+    least = np.full(centre.shape[0], np.inf)
+    for p in range(centre.shape[0]):
+        for k in range(w.size):
+            x = free[k].real - centre[p, k].real
+            room = radius[p, k] ** 2 - x * x
+            if room > 0:
+                # Im C = Im(free) - ki/w lies in the disc for ki between these
+                y, half = free[k].imag - centre[p, k].imag, np.sqrt(room)
+                if y + half > 0:
+                    least[p] = min(least[p], max(w[k] * (y - half), 0.0))
     return least
 
 
@@ -121,14 +142,14 @@ def max_ki(
     sign = sign_of(plant)
 
     def tuned(td: float, w: Array) -> tuple[float, float]:
-        inverse = np.asarray(1 / (sign * plant(axis(w))), dtype=np.complex128)
-        shape = shape_of(w, td, alpha)
-        top = float(proportional_limit(inverse, shape, bounds))
+        discs = Discs.of(sign * plant(axis(w)), w, bounds)
+        shape = discs.shape(td, alpha)
+        top = float(discs.proportional_limit(shape)[0])
         if not np.isfinite(top):
             raise LoopError("these limits bound no gain of this plant: state a lower limit, or use simc with a tauc")
 
         def limit(kp: float) -> float:
-            ki = float(integral_limit(inverse, shape, w, kp, bounds))
+            ki = float(discs.integral_limit(shape, kp)[0])
             return min(ki, kp / (4 * td)) if td else ki
 
         return best_kp(limit, top)
@@ -136,7 +157,7 @@ def max_ki(
     td = best_td(lambda x: tuned(x, coarse)[1], ultimate(plant, coarse)[1]) if kind == "PID" else 0.0
     kp, ki = tuned(td, coarse)
     # kp is far more sensitive to the grid than ki: once more, with many points where the limits bind
-    loop = sign * plant(axis(coarse)) * (kp * shape_of(coarse, td, alpha) + ki / axis(coarse))
+    loop = sign * plant(axis(coarse)) * (kp * _shape(coarse, td, alpha) + ki / axis(coarse))
     near = 1.02 / np.abs(1 + loop) > bounds.Ms
     if bounds.Mt is not None:
         near |= 1.02 * np.abs(loop / (1 + loop)) > bounds.Mt

@@ -96,7 +96,7 @@ class _Run:
     ) -> None:
         self.plant = TransferMatrix(((g,),))
         self.h = span / _STEPS
-        self.t = np.arange(_STEPS) * self.h
+        self.t: Array = np.asarray(np.arange(_STEPS) * self.h, dtype=np.float64)
         one, none = np.ones((_STEPS, 1)), np.zeros((_STEPS, 1))
         self.r, self.load = (one, none) if step == "set-point" else (none, one)
         self.weight, self.limits = weight, limits
