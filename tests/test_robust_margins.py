@@ -95,6 +95,40 @@ def test_margin_of_one_loop_knows_whether_the_others_are_closed():
         assert (unstable_poles(case.model, law) == 0) is stable
 
 
+def test_peaks_of_a_loop_that_echoes_for_long_are_all_looked_at():
+    """|1 + L| is least at the first of thousands of nearly equal ripples, at pi/100."""
+    m = margins(*siso("exp(-100 s)/(0.01 s + 1)", Kc=0.99))
+    s = 1j * np.linspace(0.0310, 0.0318, 200_001)
+    assert m.Ms == pytest.approx(np.max(1 / np.abs(1 + 0.99 * np.exp(-100 * s) / (0.01 * s + 1))), rel=1e-6)
+    assert m.gain_margin == pytest.approx(1 / 0.99, rel=1e-5) and np.isinf(m.phase_margin) and np.isinf(m.delay_margin)
+
+
+def test_undamped_plant_under_damping_control():
+    m = margins(*siso("1/(s^2 + 1)", form="parallel", Kp=0.0, Kd=1.0, Tf=0.01))
+    s = 1j * np.geomspace(1.1e-3, 1e4, 100_003)
+    loop = s / (0.01 * s + 1) / (s**2 + 1)
+    assert m.Ms == pytest.approx(np.max(1 / np.abs(1 + loop)), rel=1e-5)
+    assert np.isinf(m.gain_margin) and m.Mt == pytest.approx(np.max(np.abs(loop / (1 + loop))), rel=1e-5)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e7])
+def test_units_of_time_and_gain_do_not_matter(scale):
+    plain = margins(*siso("2 exp(-3 s)/(8 s + 1)", Kc=0.6, Ti=8.0))
+    other = margins(*siso(f"{2 * scale} exp(-{3 * scale} s)/({8 * scale} s + 1)", Kc=0.6 / scale, Ti=8.0 * scale))
+    assert other.gain_margin == pytest.approx(plain.gain_margin, rel=1e-8)
+    assert other.Ms == pytest.approx(plain.Ms, rel=1e-8) and other.Mt == pytest.approx(plain.Mt, rel=1e-8)
+    assert other.delay_margin == pytest.approx(plain.delay_margin * scale, rel=1e-8)
+
+
+def test_sampled_loop_changes_stability_at_its_gain_margin():
+    """The count of poles is exact for the sampled loop, the margin neglects aliasing (0.6 % here)."""
+    m = margins(*siso("2 exp(-3 s)/(8 s + 1)", Kc=0.6, Ti=8.0, sample_time=0.5))
+    for factor, stable in ((0.99, True), (1.01, False)):
+        gain = 0.6 * m.gain_margin * factor
+        loop = siso("2 exp(-3 s)/(8 s + 1)", Kc=gain, Ti=8.0, sample_time=0.5)
+        assert (unstable_poles(*loop) == 0) is stable
+
+
 def test_unstable_loop_and_wrong_arguments_are_refused():
     with pytest.raises(UnstableLoop, match="no margins"):
         margins(*siso("1/(s + 1)^3", Kc=20.0, Ti=1.0))

@@ -38,9 +38,10 @@ class Rates:
         """Logarithmic grid from `below` times the slowest to `above` times the fastest rate, denser at resonances."""
         low, high = below * self.slowest, min(above * self.fastest, self.nyquist)
         w = np.geomspace(low, high, 2 + int(per_decade * np.log10(high / low)))
-        offsets = self.resonances[:, 1:] * np.geomspace(0.03, 30, 25)
+        # never a resonance itself: without damping it is a pole
+        offsets = self.resonances[:, 1:] * np.geomspace(0.01, 30, 30)
         centre = self.resonances[:, :1]
-        near = np.concatenate([centre, centre + offsets, centre - offsets], axis=1).ravel()
+        near = np.concatenate([centre + offsets, centre - offsets], axis=1).ravel()
         return np.unique(np.concatenate([w, near[(near > low) & (near < high)]]))
 
 
@@ -66,21 +67,33 @@ def rates_of(plant: TransferMatrix, controller: Controller, others: Iterable[Tra
     if rates.size == 0:
         rates = np.ones(1)
     light = roots[np.abs(roots.real) < 0.3 * roots.imag]
-    damping = np.maximum(np.abs(light.real), 1e-4 * light.imag)
+    damping = np.maximum(np.abs(light.real), 1e-5 * light.imag)
     longest = float(dead_times.max(initial=0.0)) * plant.shape[0]
     nyquist = float(np.pi / scans.min()) if scans.size else np.inf
     return Rates(float(rates.min()), float(rates.max()), longest, np.column_stack([light.imag, damping]), nyquist)
 
 
-def follow(function: Callable[[Array], ComplexArray], w: Array, dead_time: float) -> tuple[Array, ComplexArray]:
-    """Halve the steps of the grid until the function turns and grows little over each, where it is not negligible."""
-    value = function(w)
-    floor = 1e-3
+def on_axis(w: Array, *systems: Callable[[ComplexArray], ComplexArray]) -> ComplexArray:
+    """j w, a hair beside frequencies at which a system has an undamped pole."""
+    s = np.asarray(1j * np.atleast_1d(w), dtype=np.complex128)
+    infinite = np.zeros(s.shape, dtype=bool)
+    for system in systems:
+        with np.errstate(invalid="ignore"):
+            infinite |= ~np.all(np.isfinite(system(s)), axis=(1, 2))
+    return np.asarray(np.where(infinite, s * (1 + 1e-9), s), dtype=np.complex128)
+
+
+def follow(
+    loop: Callable[[Array], ComplexArray], w: Array, dead_time: float, step: float = 0.3, floor: float = 1e-3
+) -> tuple[Array, ComplexArray]:
+    """Halve the steps of the grid until L and 1 + L turn and grow little over each, where |L| is above the floor."""
+    value = loop(w)
     while True:
         size = np.maximum(np.abs(value[1:]), np.abs(value[:-1]))
         with np.errstate(divide="ignore", invalid="ignore"):
             change = np.abs(np.log(value[1:] / value[:-1]))
-        coarse = (np.diff(w) * dead_time > 0.3) | ~(change < 0.3)
+            return_difference = np.abs(np.log((1 + value[1:]) / (1 + value[:-1])))
+        coarse = (np.diff(w) * dead_time > step) | ~(np.maximum(change, return_difference) < step)
         coarse &= (size > floor) & (np.diff(w) > 1e-9 * w[1:])
         if not np.any(coarse):
             return w, value
@@ -91,11 +104,11 @@ def follow(function: Callable[[Array], ComplexArray], w: Array, dead_time: float
             continue
         middle = (w[:-1][coarse] + w[1:][coarse]) / 2
         order = np.argsort(np.concatenate([w, middle]))
-        value = np.concatenate([value, function(middle)])[order]
+        value = np.concatenate([value, loop(middle)])[order]
         w = np.concatenate([w, middle])[order]
 
 
-def peak(function: RealFunction, w: Array, value: Array, rivals: int = 4) -> tuple[float, float]:
+def peak(function: RealFunction, w: Array, value: Array, rivals: int = 50) -> tuple[float, float]:
     """Largest value of the function and its frequency, sharpened from its values on a grid to 1e-7 of the frequency.
 
     A peak at the lower end of the grid is reported at 0, one at the upper end at infinity.

@@ -1,7 +1,8 @@
 """Stability margins of a loop and advice on pairing.
 
 The frequencies of crossings and peaks are found to 1e-7, dead time is exact. A sampled controller is taken by its
-frequency function with its hold, up to half the scan rate (aliasing neglected).
+frequency function with its hold, up to half the scan rate; aliasing is neglected, which for a scan of a sixth of the
+dead time shifts the gain margin by half a per cent.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from trueplant.errors import LoopError, UnstableLoop
 from trueplant.loop import Controller, unstable_poles
 from trueplant.lti import TransferMatrix
-from trueplant.robust.grid import crossings, follow, peak, rates_of
+from trueplant.robust.grid import crossings, follow, on_axis, peak, rates_of
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -84,7 +85,7 @@ def margins(plant: TransferMatrix, controller: Controller, loop: int = 0, others
 
     def broken(w: Array) -> ComplexArray:
         """-1 times the response around the loop from plant input `loop`, the others closed."""
-        s = np.asarray(1j * w)
+        s = on_axis(w, plant)
         around = controller(s) @ plant(s)
         if around.shape[-1] == 1:
             return np.asarray(around[:, 0, 0])

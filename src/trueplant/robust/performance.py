@@ -18,7 +18,7 @@ from trueplant.robust.generalised import (
     uncertainty_blocks,
     weighted_channels,
 )
-from trueplant.robust.grid import rates_of
+from trueplant.robust.grid import follow, on_axis, rates_of
 from trueplant.robust.mu import mu
 
 Array = NDArray[np.float64]
@@ -87,7 +87,7 @@ def robust_performance(
     """NP, RS and RP of the loop under weighted uncertainty, over all frequencies down to omega -> 0.
 
     Weights are transfer functions, formulas or numbers, one for all channels or one a channel; see
-    generalised_plant for the structures. Peaks are sharpened to 1e-4 of the frequency. A peak is infinite where the
+    generalised_plant for the structures. Peaks are sharpened to 1e-6 of their value. A peak is infinite where the
     performance weight integrates and the loop does not. Raises UsageError and LoopError for what does not fit.
     """
     n_y = plant.shape[0]
@@ -102,7 +102,7 @@ def robust_performance(
     all_blocks: Sequence[Block] = (*blocks, Full(n_y))
 
     def system(w: Array) -> ComplexArray:
-        return generalised_plant(plant, controller, own, asked, np.asarray(1j * w), structure)
+        return generalised_plant(plant, controller, own, asked, on_axis(w, plant), structure)
 
     def nominal(N: ComplexArray) -> tuple[Array, Array]:
         size = np.linalg.norm(N[:, n_z:, n_w:], ord=2, axis=(1, 2))
@@ -117,10 +117,13 @@ def robust_performance(
         return result.lower, result.upper
 
     rates = rates_of(plant, controller, (*own, *asked))
-    w = rates.grid(per_decade=12)
-    if rates.dead_time > 0:
-        turns = np.arange(0.25, 30, 0.25) / rates.dead_time
-        w = np.union1d(w, turns[turns < w[-1]])
+
+    def determinant(w: Array) -> ComplexArray:
+        """det(I + G Q) - 1: where it turns, so do S and N."""
+        s = on_axis(w, plant)
+        return np.asarray(np.linalg.det(np.eye(n_y) + plant(s) @ controller(s)) - 1, dtype=np.complex128)
+
+    w, _ = follow(determinant, rates.grid(per_decade=12), rates.dead_time, step=0.5, floor=0.1)
     rest = _REST * rates.slowest
     w = np.concatenate([[rest], w])
     N = system(w)
@@ -150,7 +153,7 @@ def robust_performance(
 
 
 def _sharpened(
-    bounds: Bounds, system: Callable[[Array], ComplexArray], w: Array, lower: Array, upper: Array, rivals: int = 3
+    bounds: Bounds, system: Callable[[Array], ComplexArray], w: Array, lower: Array, upper: Array, rivals: int = 5
 ) -> Peak:
     """The peak of the upper bound between the points of the grid."""
     k = int(np.argmax(upper))
@@ -160,7 +163,8 @@ def _sharpened(
     # a peak that is low on the grid may still be the highest between its points, one that is far below is not
     tops = tops[upper[tops] > 0.8 * best.upper]
     low, high = w[tops - 1], w[tops + 1]
-    while tops.size and np.max(high / low) > 1 + 1e-4:
+    spread = 1.0
+    while tops.size and spread > 1e-6 and np.max(high / low) > 1 + 1e-9:
         points = low[:, None] * (high / low)[:, None] ** np.linspace(0, 1, 9)
         below, above = (b.reshape(points.shape) for b in bounds(system(points.ravel())))
         at = np.clip(np.argmax(above, axis=1), 1, 7)
@@ -169,4 +173,6 @@ def _sharpened(
         if above[top] > best.upper * (1 + 1e-9):
             best = Peak(float(below[top]), float(above[top]), float(points[top]))
         low, high = points[rows, at - 1], points[rows, at + 1]
+        ends = np.minimum(above[rows, at - 1], above[rows, at + 1])
+        spread = float(np.max(1 - ends / above[rows, at]))
     return best
