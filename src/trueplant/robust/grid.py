@@ -18,8 +18,6 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 RealFunction = Callable[[Array], Array]
 
-_MOST_POINTS = 60_000
-
 
 @dataclass(frozen=True, eq=False)
 class Rates:
@@ -84,25 +82,30 @@ def on_axis(w: Array, *systems: Callable[[ComplexArray], ComplexArray]) -> Compl
 
 
 def follow(
-    loop: Callable[[Array], ComplexArray], w: Array, dead_time: float, step: float = 0.3, floor: float = 1e-3
+    loop: Callable[[Array], ComplexArray],
+    w: Array,
+    dead_time: float,
+    step: float = 0.3,
+    floor: float = 1e-3,
+    most: int = 20_000,
 ) -> tuple[Array, ComplexArray]:
-    """Halve the steps of the grid until L and 1 + L turn and grow little over each, where |L| is above the floor."""
+    """Halve the steps of the grid until L and 1 + L turn and grow little over each, where |L| is above the floor.
+
+    A loop that turns on and on without dying out is followed from the lowest frequencies up to `most` points.
+    """
     value = loop(w)
     while True:
         size = np.maximum(np.abs(value[1:]), np.abs(value[:-1]))
         with np.errstate(divide="ignore", invalid="ignore"):
             change = np.abs(np.log(value[1:] / value[:-1]))
-            return_difference = np.abs(np.log((1 + value[1:]) / (1 + value[:-1])))
-        coarse = (np.diff(w) * dead_time > step) | ~(np.maximum(change, return_difference) < step)
-        coarse &= (size > floor) & (np.diff(w) > 1e-9 * w[1:])
-        if not np.any(coarse):
+            difference = np.abs(np.log((1 + value[1:]) / (1 + value[:-1])))
+        coarse = (np.diff(w) * dead_time > step) | ~(np.maximum(change, difference) < step)
+        places = np.flatnonzero(coarse & (size > floor) & (np.diff(w) > 1e-9 * w[1:]))
+        if places.size == 0 or w.size >= most:
             return w, value
-        if w.size + coarse.sum() > _MOST_POINTS:
-            if floor > 0.3:
-                return w, value
-            floor *= 3
-            continue
-        middle = (w[:-1][coarse] + w[1:][coarse]) / 2
+        if w.size + places.size > most:
+            places = places[: 50 + places.size // 8]
+        middle = (w[places] + w[places + 1]) / 2
         order = np.argsort(np.concatenate([w, middle]))
         value = np.concatenate([value, loop(middle)])[order]
         w = np.concatenate([w, middle])[order]

@@ -123,7 +123,7 @@ def robust_performance(
         s = on_axis(w, plant)
         return np.asarray(np.linalg.det(np.eye(n_y) + plant(s) @ controller(s)) - 1, dtype=np.complex128)
 
-    w, _ = follow(determinant, rates.grid(per_decade=12), rates.dead_time, step=0.5, floor=0.1)
+    w, _ = follow(determinant, rates.grid(per_decade=12), rates.dead_time, step=0.5, floor=0.1, most=1500)
     rest = _REST * rates.slowest
     w = np.concatenate([[rest], w])
     N = system(w)
