@@ -1,10 +1,12 @@
 """Robustness: margins, uncertainty and performance weights, structured singular values, robust performance."""
 
 from trueplant.robust.blocks import Block, Full, Repeated, diagonal
+from trueplant.robust.disk import multiloop_disk_margin
 from trueplant.robust.generalised import generalised_plant, perturbed_plant, uncertainty_blocks
 from trueplant.robust.margins import Margins, margins, niederlinski, rga
 from trueplant.robust.mu import MuResult, mu
-from trueplant.robust.performance import Peak, Robustness, robust_performance
+from trueplant.robust.peaks import Peak
+from trueplant.robust.performance import Robustness, robust_performance
 from trueplant.robust.skewed import worst_gain
 from trueplant.robust.weights import (
     covariance_weight,
@@ -29,6 +31,7 @@ __all__ = [
     "generalised_plant",
     "margins",
     "mu",
+    "multiloop_disk_margin",
     "niederlinski",
     "performance_weight",
     "perturbed_plant",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,28 +18,15 @@ from trueplant.robust.generalised import (
     uncertainty_blocks,
     weighted_channels,
 )
-from trueplant.robust.grid import follow, on_axis, rates_of
+from trueplant.robust.grid import on_axis, rates_of
 from trueplant.robust.mu import mu
+from trueplant.robust.peaks import Peak, loop_grid, sharpened
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-Bounds = Callable[[ComplexArray], tuple[Array, Array]]
 
 _REST = 1e-9
 """Of the slowest rate: the frequency that stands for the limit omega -> 0."""
-
-
-@dataclass(frozen=True)
-class Peak:
-    """The largest value over frequency, bounded from both sides."""
-
-    lower: float
-    upper: float
-    frequency: float
-    """rad per time unit; 0 for the limit omega -> 0, nan where the loop is unstable."""
-
-    def __repr__(self) -> str:
-        return f"{self.upper:.4g} at {self.frequency:.4g} (at least {self.lower:.4g})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,12 +105,7 @@ def robust_performance(
 
     rates = rates_of(plant, controller, (*own, *asked))
 
-    def determinant(w: Array) -> ComplexArray:
-        """det(I + G Q) - 1: where it turns, so do S and N."""
-        s = on_axis(w, plant)
-        return np.asarray(np.linalg.det(np.eye(n_y) + plant(s) @ controller(s)) - 1, dtype=np.complex128)
-
-    w, _ = follow(determinant, rates.grid(per_decade=12), rates.dead_time, step=0.5, floor=0.1, most=1500)
+    w = loop_grid(plant, controller, rates)
     rest = _REST * rates.slowest
     w = np.concatenate([[rest], w])
     N = system(w)
@@ -134,7 +116,7 @@ def robust_performance(
         if upper[0] > 5 * grows and upper[0] > 1:
             peaks.append(Peak(np.inf, np.inf, 0.0))
         else:
-            peaks.append(_sharpened(bounds, system, w, lower, upper))
+            peaks.append(sharpened(bounds, system, w, lower, upper))
         curves.append(np.stack([lower, upper], axis=1))
     frequency = peaks[2].frequency or rest
     worst = mu(system(np.array([frequency])), all_blocks).delta[0, :n_w, :n_z]
@@ -150,29 +132,3 @@ def robust_performance(
         worst=worst,
         worst_frequency=frequency,
     )
-
-
-def _sharpened(
-    bounds: Bounds, system: Callable[[Array], ComplexArray], w: Array, lower: Array, upper: Array, rivals: int = 5
-) -> Peak:
-    """The peak of the upper bound between the points of the grid."""
-    k = int(np.argmax(upper))
-    best = Peak(float(lower[k]), float(upper[k]), float(w[k]) if k else 0.0)
-    inner = np.flatnonzero((upper[1:-1] >= upper[:-2]) & (upper[1:-1] >= upper[2:])) + 1
-    tops = inner[np.argsort(upper[inner])[::-1][:rivals]]
-    # a peak that is low on the grid may still be the highest between its points, one that is far below is not
-    tops = tops[upper[tops] > 0.8 * best.upper]
-    low, high = w[tops - 1], w[tops + 1]
-    spread = 1.0
-    while tops.size and spread > 1e-6 and np.max(high / low) > 1 + 1e-9:
-        points = low[:, None] * (high / low)[:, None] ** np.linspace(0, 1, 9)
-        below, above = (b.reshape(points.shape) for b in bounds(system(points.ravel())))
-        at = np.clip(np.argmax(above, axis=1), 1, 7)
-        rows = np.arange(len(tops))
-        top = np.unravel_index(np.argmax(above), above.shape)
-        if above[top] > best.upper * (1 + 1e-9):
-            best = Peak(float(below[top]), float(above[top]), float(points[top]))
-        low, high = points[rows, at - 1], points[rows, at + 1]
-        ends = np.minimum(above[rows, at - 1], above[rows, at + 1])
-        spread = float(np.max(1 - ends / above[rows, at]))
-    return best
