@@ -27,6 +27,8 @@ class Evidence:
     plant: Array
     covariance: Array
     answered: tuple[bool, ...]
+    strictest: float | None = None
+    """p-value of another test of the same question (likelihood ratio, absence), if there is one: the larger counts."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,8 @@ def _joint_p(evidence: Evidence, tested: Sequence[int]) -> float:
     values, vectors = np.linalg.eigh(normal)
     use = values > 1e-12
     rotated = (vectors.T @ (shift / scale))[use]
-    return float(chi2.sf(np.sum(rotated**2 / values[use]), int(use.sum())))
+    wald = float(chi2.sf(np.sum(rotated**2 / values[use]), int(use.sum())))
+    return wald if evidence.strictest is None else max(wald, evidence.strictest)
 
 
 def judge(

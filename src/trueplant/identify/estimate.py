@@ -49,9 +49,8 @@ def noise_signals(fit: RowFit) -> tuple[list[Array], list[BoolArray]]:
 def fit_noise(fit: RowFit, order: int | None, limit: int) -> Array:
     """AR coefficients of the output error of a fit; the order is chosen where none is given."""
     signals, valid = noise_signals(fit)
-    energy = sum(
-        float(np.sum(np.where(ok, row_y, 0.0) ** 2)) for (row_y, ok) in map(fit.row.measured, range(len(signals)))
-    )
+    measured = [y[ok] for y, ok in map(fit.row.measured, range(len(signals)))]
+    energy = sum(float(np.sum((y - y.mean()) ** 2)) for y in measured if y.size)
     if sum(float(s @ s) for s in signals) <= 1e-18 * energy:
         return np.zeros(0)  # free of noise: what is left is rounding
     chosen = choose_order(signals, valid, limit) if order is None else order

@@ -177,7 +177,8 @@ def fit_row(
         if settled or point.cost <= 1e-24 * max(_energy(row), 1e-300):
             converged = True
             break
-    used = max(point.count - int(moving.sum()) - len(row.pieces), 1)
+    nuisance = sum(row.nuisance(theta, k).shape[1] for k in range(len(row.pieces)))
+    used = max(point.count - int(moving.sum()) - nuisance, 1)
     information = point.information.copy()
     frozen = np.flatnonzero(~moving)
     information[frozen, :] = information[:, frozen] = 0.0

@@ -50,6 +50,14 @@ def as_wide_as(covariance: Array, index: int, value: float, ends: tuple[float, f
     return widened
 
 
+def widened(ends: tuple[float, float], value: float, variance: float, confidence: float) -> tuple[float, float]:
+    """An interval with further, independent variance added to each side; an end at a bound of 0 stays there."""
+    extra = norm.ppf(0.5 + confidence / 2) ** 2 * variance
+    low = value - np.sqrt((value - ends[0]) ** 2 + extra)
+    high = value + np.sqrt((ends[1] - value) ** 2 + extra)
+    return (max(float(low), 0.0) if ends[0] >= 0 else float(low)), float(high)
+
+
 def _end(fit: RowFit, index: int, side: int, z: float, sigma: float, low: float, high: float, rounds: int) -> float:
     centre = float(fit.theta[index])
     bound = low if side < 0 else high

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trueplant.identify.estimate import UNDERMODELLED, Options, estimate_row
 from trueplant.identify.fit import RowFit
-from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval
+from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval, widened
 from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.runs import Runs, combine_runs, compare_runs, refit_noise
 from trueplant.identify.search import felt_lag, lag_of
@@ -24,6 +24,8 @@ SAMPLES_PER_LAG = 80
 ENOUGH_SAMPLES = 1000
 FEWEST_SAMPLES = 2.5
 """Lag and dead time together must span this many samples to be told from each other and from none."""
+ROUNDING = 1e-6
+"""Relative standard error below which no estimate from recorded numbers is believed."""
 UNKNOWN = 1e30
 """A standard error beyond this says that there was no information at all."""
 WEAKLY_KNOWN = "its standard error is more than half of its size: the data say too little about it"
@@ -58,13 +60,18 @@ def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_int
     `specs` are all elements of the matrix: rows that share a stride can be compared.
     """
     h = segments[0].h
-    held = max(1, round(update_interval / h)) if np.isfinite(update_interval) else 1
+    held = samples_per_update(update_interval, h)
     answers = [
         lag_of(spec.structure.names, np.array(spec.start)) + _dead(spec) for spec in specs if spec.start is not None
     ]
     samples = sum(len(segment) for segment in segments)
     wanted = int(min((a for a in answers if a > 0), default=0.0) / SAMPLES_PER_LAG / h)
-    return max(held, min(max(wanted, 1), max(1, samples // ENOUGH_SAMPLES)))
+    return held * max(1, min(wanted, samples // ENOUGH_SAMPLES) // held)
+
+
+def samples_per_update(update_interval: float, h: float) -> int:
+    """For how many samples PV is held, at least 1."""
+    return max(1, round(update_interval / h)) if np.isfinite(update_interval) else 1
 
 
 def _dead(spec: Spec) -> float:
@@ -81,16 +88,19 @@ def identify_output(
     *,
     confidence: float = 0.95,
     stride: int = 1,
+    update: int = 1,
+    timing: float = 0.0,
     time_scale: float | None = None,
     options: Options | None = None,
 ) -> OutputEstimate | None:
     """Estimate the elements `specs` of one output; None where this output has no usable data.
 
     Time unit and shapes are those of the segments. `held` elements keep their declared value.
-    `stride` is the number of samples from one prediction error to the next (`choose_stride`), `time_scale`
-    where the search for elements that the model lacks begins.
+    `update` is the number of samples for which PV is held, `stride` the number of samples from one prediction error to the next (`choose_stride`), `time_scale`
+    where the search for elements that the model lacks begins. `timing` is the standard error of the instants at
+    which OP acts or PV is read, which no fit can see: it is added to that of every dead time.
     """
-    pieces = pieces_of(segments, output, held)
+    pieces = pieces_of(segments, output, held, update)
     if not pieces or not specs:
         return None
     row = Row(tuple(specs), pieces, stride)
@@ -105,12 +115,15 @@ def identify_output(
     # What the choice of the noise model moves is not known better than that, unless the runs have shown their spread.
     shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
     covariance = covariance + np.diag(np.where(shown, 0.0, shifts**2))
+    dead = np.array([name.startswith("dead") for spec in row.specs for name in spec.structure.names])
+    known_to = (ROUNDING * np.abs(theta)) ** 2 + np.where(dead, timing**2, 0.0)
+    covariance = covariance + np.diag(known_to)
     intervals = normal_intervals(theta, covariance, confidence)
     low, high = fit.row.bounds()
     intervals = np.clip(intervals, np.where(np.isfinite(low), low, -np.inf)[:, None], high[:, None])
     if not np.any(shifts) and (runs is None or runs.agree):
         for index in _profiled(fit):
-            ends = profile_interval(fit, index, confidence)
+            ends = widened(profile_interval(fit, index, confidence), float(theta[index]), known_to[index], confidence)
             covariance = as_wide_as(covariance, index, float(theta[index]), ends, confidence)
             intervals[index] = ends
     return OutputEstimate(output, fit, theta, covariance, intervals, runs, moved, tests, validate(fit))

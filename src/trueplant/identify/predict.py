@@ -65,6 +65,15 @@ class Piece:
     def span(self) -> float:
         return self.h * (self.y.size - 1)
 
+    def from_sample(self, first: int, end: int | None = None) -> Piece:
+        """The piece from one sample on (to another)."""
+        if first == 0 and end is None:
+            return self
+        part = slice(first, end)
+        inputs = self.inputs[:, part]
+        inputs = np.ascontiguousarray(inputs - inputs[:, :1])
+        return replace(self, y=self.y[part], valid=self.valid[part], inputs=inputs)
+
     @cached_property
     def starts_at_rest(self) -> bool:
         """True if no input moves during the first samples and the output does not drift meanwhile."""
@@ -78,8 +87,14 @@ class Piece:
         return bool(abs(np.median(late) - np.median(early)) <= spread + 1e-9 * np.ptp(self.y))
 
 
-def pieces_of(segments: Sequence[Segment], output: int, held: Sequence[Held] = ()) -> tuple[Piece, ...]:
-    """The segments in which this output was measured at all."""
+def pieces_of(
+    segments: Sequence[Segment], output: int, held: Sequence[Held] = (), update: int = 1
+) -> tuple[Piece, ...]:
+    """The segments in which this output was measured at all.
+
+    `update` is the number of samples for which a historian or instrument holds each PV; pieces then begin with
+    a fresh one, so that every `update`-th sample is fresh.
+    """
     pieces = []
     for segment in segments:
         valid = np.isfinite(segment.y[:, output])
@@ -91,8 +106,17 @@ def pieces_of(segments: Sequence[Segment], output: int, held: Sequence[Held] = (
         y = np.where(valid, segment.y[:, output], 0.0)
         for element in held:
             y = y - sampled_response(element.system, inputs[element.column], segment.h, hold[element.column])
-        pieces.append(Piece(segment.experiment, segment.h, np.where(valid, y, 0.0), valid, inputs, hold))
+        whole = Piece(segment.experiment, segment.h, np.where(valid, y, 0.0), valid, inputs, hold)
+        pieces.append(whole.from_sample(_first_update(segment.y[:, output], update)))
     return tuple(pieces)
+
+
+def _first_update(y: Array, update: int) -> int:
+    """The sample, below `update`, from which on every `update`-th one is fresh: where most changes fall."""
+    if update <= 1:
+        return 0
+    changed = np.flatnonzero(np.abs(np.diff(y)) > 0) + 1
+    return int(np.argmax(np.bincount(changed % update, minlength=update)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import chi2, norm, t
 
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.noise import fit_ar
@@ -93,6 +93,11 @@ def combine_runs(pooled: RowFit, runs: Runs) -> tuple[Array, Array]:
         total += weight
         moment += weight @ theta
     combined = np.linalg.pinv(total, rcond=1e-13, hermitian=True)
+    if len(runs.theta) > 2:
+        # The spread is itself an estimate from few runs (Hartung and Knapp 2001): the t quantile instead of the normal.
+        few = float(t.ppf(0.975, len(runs.theta) - 1) / norm.ppf(0.975))
+        scale = np.where(runs.between > 0, few, 1.0)
+        combined = combined * np.outer(scale, scale)
     low, high = pooled.row.bounds()
     return np.clip(combined @ moment, low, high), np.asarray(combined)
 

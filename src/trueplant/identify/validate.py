@@ -66,8 +66,8 @@ def validate(fit: RowFit) -> Validation | None:
         kind = "last third"
         longest = max(pieces, key=lambda p: p.y.size)
         cut = 2 * longest.y.size // 3
-        train = (_part(longest, slice(0, cut)),)
-        test = (_part(longest, slice(cut, None)),)
+        train = (longest.from_sample(0, cut),)
+        test = (longest.from_sample(cut),)
     row = replace(fit.row, pieces=train)
     samples = sum(int(row.measured(k)[1].sum()) for k in range(len(train)))
     if samples < 4 * (fit.theta.size + fit.ar.size) or min(t.y.size for t in test) < 3 * fit.theta.size:
@@ -76,12 +76,6 @@ def validate(fit: RowFit) -> Validation | None:
     # Data that say little about some parameter would condemn the plant for that: it keeps its value there.
     scores = [_score(fit, theta, test) for theta in (trained.theta, fit.theta)]
     return Validation(kind, *scores)
-
-
-def _part(piece: Piece, part: slice) -> Piece:
-    inputs = piece.inputs[:, part]
-    inputs = np.ascontiguousarray(inputs - inputs[:, :1])
-    return Piece(piece.experiment, piece.h, piece.y[part], piece.valid[part], inputs, piece.hold)
 
 
 def _score(fit: RowFit, theta: Array, pieces: tuple[Piece, ...]) -> float:

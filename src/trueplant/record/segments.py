@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -111,7 +111,7 @@ def _on_grid(
         grid = t[0] + clock.h * np.arange(int(np.floor((t[-1] - t[0]) / clock.h + 1e-9)) + 1)
         latest = np.searchsorted(t, grid + 1e-9 * clock.h, side="right") - 1
         placed = np.column_stack([_between(grid, t, column, _NEAR * clock.h) for column in y[piece].T])
-    return Segment(
+    segment = Segment(
         experiment=experiment,
         h=clock.h,
         t=grid,
@@ -123,6 +123,23 @@ def _on_grid(
         hold=record.hold,
         closed=record.closed,
     )
+    if clock.uniform:
+        return segment
+    # What acts from one instant of the grid to the next is the mean of what was held meanwhile.
+    means = (_mean_held(grid, clock.h, t, x[piece]) for x in (u, r))
+    mean_u, mean_r = (np.where(np.isfinite(m), m, x) for m, x in zip(means, (segment.u, segment.r), strict=True))
+    return replace(segment, u=mean_u, r=mean_r)
+
+
+def _mean_held(grid: Array, h: float, t: Array, x: Array) -> Array:
+    """(N, n) mean over [grid, grid + h) of signals that hold each sample's value until the next."""
+    step = np.diff(t, append=t[-1] + h)
+    area = np.vstack([np.zeros(x.shape[1]), np.cumsum(x * step[:, None], axis=0)])
+    edges = np.append(t, t[-1] + h)
+    ends = np.minimum(np.append(grid, grid[-1] + h), edges[-1])
+    until = np.column_stack([np.interp(ends, edges, column) for column in area.T])
+    width = np.maximum(np.diff(ends), 1e-12 * h)
+    return np.asarray(np.diff(until, axis=0) / width[:, None])
 
 
 def _between(grid: Array, t: Array, y: Array, farthest: float) -> Array:

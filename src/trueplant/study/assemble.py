@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant import detect
-from trueplant.identify import OutputEstimate, Spec, unanswered
+from trueplant.identify import OutputEstimate, Spec, absence_p, likelihood_ratio_p, unanswered
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
@@ -173,6 +173,7 @@ def _elements(
                 found[p].theta,
                 found[p].covariance,
                 tuple(k not in found[p].reasons for k in range(len(found[p].theta))),
+                _other_p(estimates[p[0]], found[p]),
             )
             for p in places
         ],
@@ -191,8 +192,38 @@ def _elements(
     return tuple(elements)
 
 
+def _other_p(estimate: OutputEstimate, found: Found) -> float | None:
+    """The same question by the likelihood: have the answered parameters the model's values, is the element absent?"""
+    fit = estimate.fit
+    m = next(m for m, spec in enumerate(fit.row.specs) if spec is found.spec)
+    start = fit.row.slices[m].start
+    if found.spec.start is None:
+        return absence_p(fit, m)
+    told = [k for k, model in enumerate(found.model) if model is not None and k not in found.reasons]
+    if not told:
+        return None
+    index = start + np.array(told)
+    return likelihood_ratio_p(fit, index, np.array([found.model[k] for k in told], dtype=float))
+
+
 def _held_element(study: Study, i: int, j: int) -> Element:
     formula = to_formula(study.model[i, j])
+    if (i, j) in study.specs:
+        why = f"the PV of {study.project.output_names[i]} cannot be used in these data"
+        return Element(
+            study.project.output_names[i],
+            study.columns[j],
+            str(study.specs[i, j].structure),
+            formula,
+            None,
+            None,
+            (),
+            "not identifiable",
+            why,
+            None,
+            Importance(None, "open loop"),
+            "D",
+        )
     return Element(
         study.project.output_names[i],
         study.columns[j],
@@ -290,11 +321,12 @@ def _importance(study: Study, plant: TransferMatrix) -> tuple[Array, str]:
     s = 1j * model_frequencies(study, plant)
     model = study.model(s)
     delta = plant(s) - model
-    controller = study.project.controller(0) if study.project.experiments[0].closed else None
+    k = study.loop_experiment
+    controller = None if k is None else study.project.controller(k)
     n_u = len(study.project.inputs)
-    if controller is None:
+    if k is None or controller is None:
         return detect.importance_open_loop(delta, model), "open loop"
-    law = controller.linearised(np.nanmean(study.screened[0].record.y, axis=0))(s)
+    law = controller.linearised(np.nanmean(study.screened[k].record.y, axis=0))(s)
     sensitivity = np.linalg.inv(np.eye(model.shape[1]) + model[:, :, :n_u] @ law)
     loop = detect.importance_in_loop(delta[:, :, :n_u], law @ sensitivity)
     rest = detect.importance_open_loop(delta, model)[:, n_u:]
@@ -305,7 +337,7 @@ def _controller_notes(consistency: Sequence[Mapping[str, Any]]) -> list[Reason]:
     return [
         Reason("controller", str(entry["message"]), f"{entry['experiment']}, {entry['input']}")
         for entry in consistency
-        if entry["confirmed"] is False
+        if entry["confirmed"] is not True
     ]
 
 
@@ -316,7 +348,18 @@ def _notes(
     found: Mapping[tuple[int, int], Found],
 ) -> list[Reason]:
     """What the reader should know although an answer was possible."""
+    from trueplant.study.pipeline import faster_scan
+
     notes = [*setpoint_rank_note(study), *_controller_notes(consistency)]
+    if faster_scan(study):
+        notes.append(
+            Reason(
+                "scan",
+                "the declared controller writes OP more often than it was recorded: what it did between two samples is "
+                "not in the data, and every dead time is uncertain by half a sample, which its interval includes. "
+                "Export the record at the controller's scan",
+            )
+        )
     names = study.project.output_names
     experiments = {segment.experiment for segment in study.segments}
     for i, estimate in estimates.items():
@@ -326,7 +369,8 @@ def _notes(
                 Reason(
                     "runs-disagree",
                     "the experiments disagree by more than their residuals justify: the variance between runs was "
-                    "estimated and added, and the intervals speak of their mean",
+                    "estimated and added, and the intervals speak of their mean"
+                    + (". From two runs that variance is hardly known" if len(runs.experiments) == 2 else ""),
                     names[i],
                 )
             )

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.stats import chi2
 
 from trueplant.record import Segment
 from trueplant.study.result import Reason
@@ -15,13 +17,18 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+SIGNIFICANT = 1e-3
+"""Of the answer of PV to set-points, for a record to count as excited at all."""
+BANK, OWN_PAST, LARGEST = 6, 10, 20_000
+"""Lags tried, samples of PV's own past, samples looked at."""
+
 
 def why_not_informative(study: Study) -> list[Reason]:
     """Reasons with the code "no-excitation" if no experiment excites the plant; else what limits the answer."""
     segments = study.segments
     if not segments:
         return []
-    if any(_excited(segment) for segment in segments):
+    if any(excited(segment) for segment in segments):
         return []
     closed = [segment for segment in segments if segment.closed]
     if not closed:
@@ -34,6 +41,15 @@ def why_not_informative(study: Study) -> list[Reason]:
                 "well a model fits: add the set-point columns (sp = ...), or an experiment in open loop",
             )
         ]
+    if any(setpoint_moves(segment).size for segment in closed):
+        return [
+            Reason(
+                "no-excitation",
+                "the set-points move too little: what PV does after their changes cannot be told from what disturbances "
+                "do to it anyway, and in closed loop these show the controller (-1/Q) as much as the plant. Use a "
+                "record with larger or more set-point changes",
+            )
+        ]
     return [
         Reason(
             "no-excitation",
@@ -43,8 +59,44 @@ def why_not_informative(study: Study) -> list[Reason]:
     ]
 
 
-def _excited(segment: Segment) -> bool:
-    return setpoint_moves(segment).size > 0 if segment.closed else bool(np.any(np.ptp(segment.u, axis=0) > 0))
+def excited(segment: Segment) -> bool:
+    """Does something moved from outside (set-points, in open loop OP) show in some PV beyond chance?"""
+    if segment.closed:
+        sources = segment.r[:, np.isfinite(segment.r).all(axis=0)]
+    else:
+        sources = segment.u
+    sources = sources[:, np.ptp(sources, axis=0) > 0]
+    if sources.shape[1] == 0:
+        return False
+    p = [_answer_p(segment.y[:, i], sources) for i in range(segment.y.shape[1])]
+    return min(p) * len(p) < SIGNIFICANT
+
+
+def _answer_p(y: Array, sources: Array) -> float:
+    """p-value that y, given its own past, does not answer to the sources through any of a bank of lags."""
+    good = np.isfinite(y)
+    if good.sum() < 10 or np.ptp(y[good]) == 0:
+        return 1.0
+    step = max(1, y.size // LARGEST)
+    filled = np.interp(np.arange(y.size), np.flatnonzero(good), y[good])[::step]
+    x = (sources - sources[0])[::step]
+    n, order = filled.size, min(OWN_PAST, filled.size // 10)
+    poles = np.exp(-1 / np.geomspace(2.0, max(n / 10, 4.0), BANK))
+    bank = np.column_stack([lfilter([0.0, 1 - a], [1.0, -a], x, axis=0) for a in poles])[order:]
+    past = np.column_stack([filled[order - k : n - k] for k in range(1, order + 1)] + [np.ones(n - order)])
+    now = filled[order:]
+
+    def power(columns: Array) -> float:
+        scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        return float(np.sum((now - scaled @ np.linalg.lstsq(scaled, now, rcond=1e-10)[0]) ** 2))
+
+    full = np.hstack([past, bank])
+    left = max(n - order - full.shape[1], 1)
+    own = power(past)
+    if own <= 1e-20 * float(np.sum(now**2)):
+        return 0.0  # free of noise
+    ratio = left * np.log(own / max(power(full), 1e-300))
+    return float(chi2.sf(max(ratio, 0.0), bank.shape[1]))
 
 
 def setpoint_moves(segment: Segment) -> Array:

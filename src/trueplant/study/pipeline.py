@@ -11,7 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.errors import ProjectError
-from trueplant.identify import Held, OutputEstimate, Spec, choose_stride, identify_output, unanswered
+from trueplant.identify import (
+    Held,
+    OutputEstimate,
+    Row,
+    Spec,
+    choose_stride,
+    fit_row,
+    identify_output,
+    samples_per_update,
+    unanswered,
+)
 from trueplant.identify.search import lag_of
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.lti.structure import Structure, structure_of
@@ -45,6 +55,16 @@ class Study:
     @property
     def segments(self) -> tuple[Segment, ...]:
         return tuple(segment for s in self.screened if s.refusal is None for segment in s.segments)
+
+    @property
+    def loop_experiment(self) -> int | None:
+        """The experiment whose controller stands for today's loop: the last usable closed one that declares it."""
+        usable = [
+            k
+            for k, (plan, s) in enumerate(zip(self.project.experiments, self.screened, strict=True))
+            if plan.closed and s.refusal is None and self.project.controller(k) is not None
+        ]
+        return usable[-1] if usable else None
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -191,6 +211,8 @@ def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
     usable = [s for s in study.screened if s.refusal is None]
     updates = [float(np.max(s.update_interval)) for s in usable if s.update_interval.size]
     stride = choose_stride(study.segments, list(study.specs.values()), max(updates, default=0.0))
+    update = samples_per_update(max(updates, default=0.0), study.segments[0].h)
+    timing = timing_error(study, max(updates, default=0.0))
     known = [lag_of(s.structure.names, np.array(s.start)) for s in study.specs.values() if s.start is not None]
     scales = [lag for lag in known if lag > 0]
     estimates = {}
@@ -209,6 +231,8 @@ def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
             held,
             confidence=study.project.analysis.confidence,
             stride=stride,
+            update=update,
+            timing=timing,
             time_scale=float(np.median(scales)) if scales else None,
         )
         if found is not None:
@@ -216,25 +240,76 @@ def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
     return estimates
 
 
+def timing_error(study: Study, update_interval: float) -> float:
+    """Standard error of the instants at which OP acts and PV is read, as far as the data show that it is there."""
+    h = study.segments[0].h
+    samples = update_interval / h
+    stale = update_interval / 2 if samples > 1.05 and abs(samples - round(samples)) > 0.05 else 0.0
+    return max(stale, h / 2 if faster_scan(study) else 0.0)
+
+
+def faster_scan(study: Study) -> bool:
+    """Does a declared controller write OP more often than it was recorded?"""
+    if not study.segments:
+        return False
+    h = study.segments[0].h
+    scans = [
+        law.sample_time
+        for plan in study.project.experiments
+        if plan.closed
+        for law in plan.controllers
+        if law.sample_time is not None
+    ]
+    return any(scan < 0.99 * h for scan in scans)
+
+
 def plant_matrix(study: Study, estimates: Mapping[int, OutputEstimate]) -> TransferMatrix:
     """The plant as it is now believed to be.
 
-    Parameters that the data do not answer keep the model's value where it has one; elements of which nothing
-    is answered stay as they were.
+    Elements of which nothing is answered stay as they were. Where a part of an element is not answered, the
+    others were estimated along with it and do not fit its old value: the whole estimate is taken, or the open
+    parameters are put back to the model's and the rest is fitted again, whichever simulates the record better.
     """
     rows: list[Sequence[TransferFunction]] = []
     for i in range(study.model.shape[0]):
         row = [study.model[i, j] for j in range(study.model.shape[1])]
         if i in estimates:
-            found = estimates[i]
-            reasons = unanswered(found)
-            for spec, part in zip(found.row.specs, found.row.slices, strict=True):
-                open_ones = [k - part.start for k in range(part.start, part.stop) if k in reasons]
-                if len(open_ones) == part.stop - part.start:
-                    continue
-                theta = found.theta[part].copy()
-                if spec.start is not None:
-                    theta[open_ones] = np.array(spec.start)[open_ones]
-                row[spec.column] = spec.structure.transfer(theta)
+            theta, silent = _believed(estimates[i])
+            for m, (spec, part) in enumerate(zip(estimates[i].row.specs, estimates[i].row.slices, strict=True)):
+                if m not in silent:
+                    row[spec.column] = spec.structure.transfer(theta[part])
         rows.append(row)
     return TransferMatrix(tuple(tuple(row) for row in rows), study.model.time_unit)
+
+
+def _believed(found: OutputEstimate) -> tuple[Array, set[int]]:
+    """Parameters of a row, and the elements of which nothing is answered."""
+    reasons = unanswered(found)
+    fit, theta = found.fit, found.theta
+    silent: set[int] = set()
+    back: dict[int, float] = {}
+    for m, (spec, part) in enumerate(zip(found.row.specs, found.row.slices, strict=True)):
+        open_ones = [k for k in range(part.start, part.stop) if k in reasons]
+        if len(open_ones) == part.stop - part.start:
+            silent.add(m)
+            # A silent element that the model lacks is left out: its gain is 0.
+            gains = range(part.start, part.start + spec.structure.delayed)
+            back |= {k: 0.0 for k in gains} if spec.start is None else dict(zip(open_ones, spec.start, strict=True))
+        elif spec.start is not None:
+            back |= {k: spec.start[k - part.start] for k in open_ones}
+    if not back:
+        return theta, silent
+    start, free = theta.copy(), fit.free.copy()
+    start[list(back)], free[list(back)] = list(back.values()), False
+    again = fit_row(fit.row, start, fit.ar, weights=fit.weights, free=free, reweight=False)
+    if silent or _output_error(again.row, again.theta) < _output_error(fit.row, theta):
+        return again.theta, silent
+    return theta, silent
+
+
+def _output_error(row: Row, theta: Array) -> float:
+    """Sum of squares of the simulation error, offsets and free responses fitted."""
+    none = np.zeros(0)
+    size = row.size
+    held = fit_row(row, theta, none, free=np.zeros(size, dtype=bool), reweight=False, iterations=0)
+    return held.cost

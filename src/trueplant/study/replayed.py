@@ -46,13 +46,14 @@ def _entry(
         try:
             error = _replay_error(controller, segment, study, k, i)
         except LoopError as problem:
-            return entry | {"confirmed": None, "rms": None, "message": f"cannot be replayed: {problem}"}
+            return entry | {"confirmed": None, "rms": None, "message": f"the controller cannot be checked: {problem}"}
         if error is not None:
             errors.append(error)
             times.append(segment.t)
             moved.append(segment.u[:, i])
     if not errors:
-        return entry | {"confirmed": None, "rms": None, "message": "set-point or PV is missing: it cannot be replayed"}
+        why = study.screened[k].refusal or "set-point or PV is missing"
+        return entry | {"confirmed": None, "rms": None, "message": f"the controller cannot be checked: {why}"}
     e, t, u = np.concatenate(errors), np.concatenate(times), np.concatenate(moved)
     rms = float(np.sqrt(np.mean(e**2)))
     scale = float(np.std(u)) or 1.0

@@ -21,14 +21,14 @@ KEYS = ("gain_margin", "phase_margin", "delay_margin", "Ms", "Mt")
 def robustness_of(study: Study, plant: TransferMatrix) -> dict[str, Any]:
     """Margins of each loop, the others closed, on model and plant; empty without a declared controller.
 
-    The controller is that of the last closed experiment, linearised about the mean PV where it acts on a
+    The controller is that of the last usable closed experiment, linearised about the mean PV where it acts on a
     transformed one.
     """
-    closed = [k for k, plan in enumerate(study.project.experiments) if plan.closed]
-    controller = study.project.controller(closed[-1]) if closed else None
-    if controller is None:
+    k = study.loop_experiment
+    controller = None if k is None else study.project.controller(k)
+    if k is None or controller is None:
         return {}
-    controller = controller.linearised(np.nanmean(study.screened[closed[-1]].record.y, axis=0))
+    controller = controller.linearised(np.nanmean(study.screened[k].record.y, axis=0))
     n_u = len(study.project.inputs)
     loops = sorted({i for i, _ in controller.entries})
     found = {
@@ -37,7 +37,7 @@ def robustness_of(study: Study, plant: TransferMatrix) -> dict[str, Any]:
     }
     rows = zip(found["model"], found["plant"], strict=True)
     return {
-        "controller_of": study.project.experiments[closed[-1]].name,
+        "controller_of": study.project.experiments[k].name,
         "margins": found,
         "worse": [on_plant["input"] for on_model, on_plant in rows if _worse(on_model, on_plant)],
     }
