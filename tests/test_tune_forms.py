@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from trueplant.errors import LoopError
 from trueplant.loop import PID
-from trueplant.tune.forms import Notation, Settings, converted, pid_of, settings_of
+from trueplant.tune.forms import Notation, Settings, converted, pid_of, series_ratio, settings_of
 
 S = 1j * np.geomspace(1e-3, 1e3, 40) + 0.01
 positive = st.floats(0.01, 100.0)
@@ -41,6 +41,15 @@ def test_unfiltered_ideal_has_a_series_form_exactly_from_four_derivative_times(k
     elif ratio < 4 * (1 - 1e-9):
         with pytest.raises(LoopError, match="Ti >= 4 Td"):
             converted(pid, "series")
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.1, 0.5])
+def test_shortest_integral_time_with_a_series_form(alpha):
+    ratio = series_ratio(alpha)
+    pid = PID(Kc=1.0, Ti=ratio * (1 + 1e-9) * 3, Td=3.0, alpha=alpha)
+    same_law(converted(pid, "series"), pid)
+    with pytest.raises(LoopError, match="no series form"):
+        converted(PID(Kc=1.0, Ti=ratio * (1 - 1e-6) * 3, Td=3.0, alpha=alpha), "series")
 
 
 def test_known_series_to_ideal_conversion():

@@ -9,6 +9,7 @@ from trueplant.loop import PID, Controller, sensitivity, unstable_poles
 from trueplant.lti import TransferMatrix, tf
 from trueplant.robust.margins import margins
 from trueplant.tune import rules
+from trueplant.tune.forms import series_ratio
 from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.reduce import Reduced, half_rule
 from trueplant.tune.response import ultimate
@@ -153,7 +154,7 @@ def test_largest_integral_gain_holds_both_limits(formula, kind):
     pid = max_ki(g, 1.6, kind)
     found = margins(*loop(g, pid))
     assert max(found.Ms, found.Mt) == pytest.approx(1.6, rel=2e-3)
-    assert not pid.Td or pid.Ti >= 4 * pid.Td * (1 - 1e-9)
+    assert not pid.Td or pid.Ti >= series_ratio(0.1) * pid.Td * (1 - 1e-9)
 
 
 def test_no_settings_nearby_hold_the_limits_with_a_larger_integral_gain():
@@ -163,6 +164,16 @@ def test_no_settings_nearby_hold_the_limits_with_a_larger_integral_gain():
     for kp in pid.Kc * np.linspace(0.7, 1.3, 25):
         found = margins(*loop(g, PID(Kc=kp, Ti=kp / ki)))
         assert max(found.Ms, found.Mt) > 1.5
+
+
+def test_a_light_resonance_is_not_overlooked():
+    g = tf("exp(-0.5 s)/((s^2 + 0.01 s + 1)(3 s + 1))")
+    assert margins(*loop(g, max_ki(g, 1.6))).Ms == pytest.approx(1.6, rel=2e-3)
+
+
+def test_an_unstable_plant_is_refused():
+    with pytest.raises(LoopError, match="unstable in open loop"):
+        max_ki(tf("exp(-0.1 s)/(s - 1)"))
 
 
 def test_unbounded_gain_is_refused():
@@ -197,7 +208,7 @@ def test_shaped_loop_crosses_where_asked(kind, crossover):
     assert found.phase_margin == pytest.approx(50.0, abs=1e-3)
     assert crossover is None or found.phase_margin_frequency == pytest.approx(crossover, rel=1e-6)
     if kind == "PID":
-        assert pid.Ti == pytest.approx(4 * pid.Td)
+        assert pid.Ti == pytest.approx(series_ratio(0.1) * pid.Td)
 
 
 def test_impossible_phase_is_refused():

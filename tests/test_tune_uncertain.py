@@ -34,7 +34,7 @@ def test_draws_have_the_covariance_and_stay_in_bounds():
 
 @pytest.mark.parametrize("pid", [PID(Kc=-0.9, Ti=2.5), PID(Kc=-1.2, Ti=2.0, Td=0.4, alpha=0.1)])
 def test_holding_agrees_with_the_margins_of_each_loop(pid):
-    draws = draw_parameters(FOPDT, MEAN, 4 * COV, 60, 5)
+    draws = draw_parameters(FOPDT, MEAN, 4 * COV, 30, 5)
     found = holds(FOPDT, draws, pid, 1.6)
     expected = []
     for p in draws:
@@ -59,7 +59,7 @@ def test_the_share_holds_for_plants_never_seen(kind):
 
 def test_the_promise_is_kept_as_often_as_its_confidence_says():
     kept = 0
-    fresh = draw_parameters(FOPDT, MEAN, COV, 4000, 99)
+    fresh = draw_parameters(FOPDT, MEAN, COV, 1500, 99)
     for seed in range(20):
         draws = draw_parameters(FOPDT, MEAN, COV, 160, 1000 + seed)
         found = tune_uncertain(FOPDT, draws, share=0.9, confidence=0.8)

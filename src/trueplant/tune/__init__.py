@@ -6,6 +6,7 @@ from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.optimal import optimal
 from trueplant.tune.reduce import Reduced, half_rule, matched, reduced
 from trueplant.tune.response import frequencies, ultimate
+from trueplant.tune.retune import METHODS, Retuned, retune
 from trueplant.tune.rules import (
     amigo,
     cohen_coon,
@@ -18,19 +19,24 @@ from trueplant.tune.rules import (
     tyreus_luyben,
     ziegler_nichols,
 )
+from trueplant.tune.several import BLT, blt, sequential
 from trueplant.tune.shaping import loop_shaping, pole_placement
 from trueplant.tune.uncertain import UncertainTuning, draw_parameters, holds, tune_uncertain
 
 __all__ = [
+    "BLT",
+    "METHODS",
     "Comparison",
     "Limits",
     "LoopMetrics",
     "Notation",
     "Reduced",
+    "Retuned",
     "Settings",
     "StepMetrics",
     "UncertainTuning",
     "amigo",
+    "blt",
     "cohen_coon",
     "compare",
     "converted",
@@ -51,6 +57,8 @@ __all__ = [
     "pole_placement",
     "reaction_curve",
     "reduced",
+    "retune",
+    "sequential",
     "settings_of",
     "simc",
     "step_metrics",

@@ -41,6 +41,11 @@ def converted(pid: PID, form: str) -> PID:
     return replace(same, form=form, Kp=None, Ki=0.0, Kd=0.0, Tf=0.0, Kc=gain, Ti=ti, Td=td, alpha=alpha)
 
 
+def series_ratio(alpha: float) -> float:
+    """Smallest Ti/Td of an ideal controller with a series form: 4 without filter, 4.2 with alpha 0.1."""
+    return float(2 + alpha + 2 * np.sqrt(1 + alpha))
+
+
 def _ideal(kp: float, ki: float, kd: float) -> tuple[float, float | None, float]:
     if kp == 0 and (ki or kd):
         raise LoopError("a law without P has no ideal form: keep it parallel")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from trueplant.errors import LoopError
 from trueplant.loop import PID
+from trueplant.tune.forms import series_ratio
 from trueplant.tune.response import Plant, axis, grid_for, sign_of, ultimate
 
 Array = NDArray[np.float64]
@@ -129,11 +130,12 @@ def max_ki(
 ) -> PID:
     """PI or ideal PID with the largest integral gain whose peaks of S and T stay within the limits.
 
-    limits: a number limits both Ms and Mt. A PID has Ti >= 4 Td, so that it has a series form too; without this the
-    largest ki gives an oscillating loop. plant: stable but for integrators; a `TransferFunction`, or a response
-    with its grid w.
+    limits: a number limits both Ms and Mt. A PID is kept to Ti/Td for which it has a series form too (4.2 with
+    alpha 0.1); without this the largest ki gives an oscillating loop. plant: stable but for integrators; a
+    `TransferFunction`, or a response with its grid w.
 
-    Raises LoopError where the limits never bind (no dead time and few lags): no gain is largest there.
+    Raises LoopError where the limits never bind (no dead time and few lags): no gain is largest there; and for a plant
+    that is unstable in open loop.
     """
     if kind not in ("PI", "PID"):
         raise LoopError(f'kind must be "PI" or "PID", not {kind!r}')
@@ -150,7 +152,7 @@ def max_ki(
 
         def limit(kp: float) -> float:
             ki = float(discs.integral_limit(shape, kp)[0])
-            return min(ki, kp / (4 * td)) if td else ki
+            return min(ki, kp / (series_ratio(alpha) * td)) if td else ki
 
         return best_kp(limit, top)
 

@@ -25,7 +25,7 @@ def axis(w: Array) -> ComplexArray:
 
 
 def frequencies(elements: Iterable[TransferFunction], per_decade: int = 400) -> Array:
-    """Grid (n_w,) in rad per time unit, from a thousandth of the slowest rate to 50 times the fastest."""
+    """Grid (n_w,) in rad per time unit, 0.001 times the slowest rate to 50 times the fastest, more at resonances."""
     terms = [term for g in elements for term in g.terms]
     roots = np.concatenate([np.zeros(0, complex), *(np.roots(p) for t in terms for p in (t.num, t.den))])
     delays = np.array([t.dead_time for t in terms if t.dead_time > 0])
@@ -34,7 +34,11 @@ def frequencies(elements: Iterable[TransferFunction], per_decade: int = 400) -> 
     if rates.size == 0:
         rates = np.ones(1)
     low, high = 1e-3 * rates.min(), 50 * rates.max()
-    return np.geomspace(low, high, int(np.ceil(per_decade * np.log10(high / low))))
+    w = np.geomspace(low, high, int(np.ceil(per_decade * np.log10(high / low))))
+    light = roots[np.abs(roots.real) < 0.3 * roots.imag]
+    offset = np.abs(light.real)[:, None] * np.geomspace(0.05, 20, 30)
+    near = np.concatenate([light.imag[:, None] + offset, light.imag[:, None] - offset]).ravel()
+    return np.unique(np.concatenate([w, near[(near > low) & (near < high)]]))
 
 
 def ultimate(plant: Plant, w: Array | None = None) -> tuple[float, float]:
@@ -91,4 +95,7 @@ def grid_for(plant: Plant, w: Array | None) -> Array:
         return w
     if not isinstance(plant, TransferFunction):
         raise LoopError("give a grid of frequencies w together with a plant that is not a TransferFunction")
+    poles = plant.poles
+    if np.any(poles.real > 1e-9 * np.abs(poles)):
+        raise LoopError(f"{plant} is unstable in open loop: this tuning is for plants that are stable or integrate")
     return frequencies([plant])

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, unstable_poles
 from trueplant.lti import TransferFunction, TransferMatrix
+from trueplant.tune.forms import series_ratio
 from trueplant.tune.response import frequencies, ultimate
 
 Array = NDArray[np.float64]
@@ -52,11 +53,12 @@ def loop_shaping(
     kind: str = "PI",
     alpha: float = 0.1,
 ) -> PID:
-    """PI, or ideal PID with Ti = 4 Td, whose loop crosses 1 at `crossover` with that phase margin in degrees.
+    """PI, or ideal PID, whose loop crosses 1 at `crossover` with that phase margin in degrees.
 
     The response of the controller there is exp(j (phase margin - 180 deg))/G, exactly (Astrom and Hagglund 1995,
-    section 4.3). Without a crossover (rad per time unit) the one with the largest integral gain is taken, found on
-    the plant's grid of frequencies below its first -180 degrees.
+    section 4.3); a PID has the shortest Ti relative to Td with a series form (4 Td without filter). Without a
+    crossover (rad per time unit) the one with the largest integral gain is taken, found on the plant's grid of
+    frequencies below its first -180 degrees.
 
     Raises LoopError where such a controller would need gains of different sign, or is unstable.
     """
@@ -75,7 +77,7 @@ def loop_shaping(
             f"{'at any' if crossover is None else 'at that'} crossover: ask for less phase or a lower crossover"
         )
     k = int(np.argmax(np.where(allowed, kp / ti, -np.inf)))
-    td = float(ti[k]) / 4 if kind == "PID" else 0.0
+    td = float(ti[k]) / series_ratio(alpha) if kind == "PID" else 0.0
     pid = PID(Kc=sign * float(kp[k]), Ti=float(ti[k]), Td=td, alpha=alpha)
     return _stable(g, pid, "the loop with that crossover is unstable, it crosses 1 again: choose a lower crossover")
 
@@ -95,9 +97,9 @@ def _pi_through(needed: ComplexArray, w: Array) -> tuple[Array, Array]:
 
 
 def _pid_through(needed: ComplexArray, w: Array, alpha: float) -> tuple[Array, Array]:
-    """The same for a PID with Ti = 4 Td: the angle of 1 + 1/(j x) + (j x/4)/(1 + j alpha x/4) at x = w Ti."""
+    """The same for a PID with Td = c Ti: the angle of 1 + 1/(j x) + j c x/(1 + j alpha c x) at x = w Ti."""
     x = np.geomspace(1e-3, 1e3, 4000)
-    law = 1 + 1 / (1j * x) + (0.25j * x) / (1 + 0.25j * alpha * x)
+    law = _shape(x, alpha)[0]
     # the angle rises from -90 degrees to a maximum; only that branch is used
     top = int(np.argmax(np.angle(law)))
     wanted = np.angle(needed)
@@ -112,8 +114,9 @@ def _pid_through(needed: ComplexArray, w: Array, alpha: float) -> tuple[Array, A
 
 
 def _shape(x: Array, alpha: float) -> tuple[ComplexArray, ComplexArray]:
-    lag = 1 + 0.25j * alpha * x
-    return np.asarray(1 - 1j / x + 0.25j * x / lag), np.asarray(1j / x**2 + 0.25j / lag**2)
+    c = 1j / series_ratio(alpha)
+    lag = 1 + c * alpha * x
+    return np.asarray(1 - 1j / x + c * x / lag), np.asarray(1j / x**2 + c / lag**2)
 
 
 def _stable(g: TransferFunction, pid: PID, message: str) -> PID:

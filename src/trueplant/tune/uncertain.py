@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID
 from trueplant.lti import Structure
+from trueplant.tune.forms import series_ratio
 from trueplant.tune.integral import Discs, Limits, best_kp, best_td, max_ki
 from trueplant.tune.response import axis, frequencies, ultimate
 
@@ -110,8 +111,10 @@ def holds(structure: Structure, parameters: ArrayLike, pid: PID, limits: Limits 
     sign = float(np.sign(kp))
     w = _grid(structure, p)
     discs = Discs.of(sign * responses(structure, p, w), w, bounds)
-    allowed = _allowed(discs, discs.shape(pid.Td, pid.alpha), abs(kp))
-    return np.asarray((np.sign(_gain(structure, p)) == sign) & (allowed >= abs(ki) * (1 - 1e-9)))
+    shape = discs.shape(pid.Td, pid.alpha)
+    fits = discs.proportional_limit(shape) > abs(kp)
+    fits &= discs.integral_limit(shape, abs(kp)) >= abs(ki) * (1 - 1e-9)
+    return np.asarray(fits & (np.sign(_gain(structure, p)) == sign))
 
 
 def _grid(structure: Structure, parameters: Array) -> Array:
@@ -123,7 +126,10 @@ def _grid(structure: Structure, parameters: Array) -> Array:
     except LoopError:
         return frequencies(plants, per_decade=_PER_DECADE)
     low, high = found.min() / 300, found.max() * 20
-    return np.geomspace(low, high, int(np.ceil(_PER_DECADE * np.log10(high / low))))
+    damping = [parameters[:, k].min() for k, name in enumerate(structure.names) if name.startswith("zeta")]
+    # half the width of the sharpest resonance
+    density = max(_PER_DECADE, 2 * np.log(10) / max(min(damping, default=1.0), 0.005))
+    return np.geomspace(low, high, int(np.ceil(density * np.log10(high / low))))
 
 
 def tune_uncertain(
@@ -181,7 +187,7 @@ def tune_uncertain(
         def limit(kp: float) -> float:
             allowed = np.where(edge > kp, choosing.integral_limit(shape, kp), 0.0)
             ki = float(np.quantile(allowed, low, method="lower"))
-            return min(ki, kp / (4 * td)) if td else ki
+            return min(ki, kp / (series_ratio(alpha) * td)) if td else ki
 
         return best_kp(limit, top, zooms=3)
 
@@ -204,22 +210,17 @@ def tune_uncertain(
     )
 
 
-def _allowed(discs: Discs, shape: ComplexArray, kp: float) -> Array:
-    """Largest ki of each plant at kp, 0 where kp alone is too much."""
-    fits = discs.proportional_limit(shape) > kp
-    return np.asarray(np.where(fits, discs.integral_limit(shape, kp), 0.0))
-
-
 def _proven(discs: Discs, kp: float, ki: float, shape: ComplexArray, rank: int) -> tuple[float, float]:
     """The liveliest of these settings, slowed down step by step, that no more than `rank` plants fail; ki 0 if none.
 
     The steps are tested from the slowest on and the first failure ends it, so that testing many costs no
     confidence (fixed sequence). Slowing down keeps the damping: kp falls with the factor and ki with its square.
     """
-    proven = 0.0
+    proven, edge = 0.0, discs.proportional_limit(shape)
     for factor in np.linspace(_SLOWEST, 1.0, _SLOWDOWNS):
-        failed = int(np.sum(_allowed(discs, shape, kp * factor) < ki * factor**2 * (1 - 1e-9)))
-        if failed > rank:
+        slower = kp * factor
+        holding = (edge > slower) & (discs.integral_limit(shape, slower) >= ki * factor**2 * (1 - 1e-9))
+        if np.sum(~holding) > rank:
             break
         proven = float(factor)
     return kp * (proven or 1.0), ki * proven**2
