@@ -140,6 +140,26 @@ def test_zeros_triangles_and_bad_scaling(matrix, blocks, value):
     assert np.all(np.isnan(result.delta)) == (value == 0)
 
 
+def test_unitary_matrices_have_the_size_one():
+    """Every singular value is largest: hard for the lower bound, which must still be proved and near."""
+    blocks = STRUCTURES["2 numbers and a matrix"]
+    M = np.linalg.qr(random_matrices(blocks, 100, seed=8))[0]
+    result = mu(M, blocks)
+    assert result.upper == pytest.approx(1.0, rel=1e-9)
+    assert np.median(result.lower) > 0.999 and np.min(result.lower) > 0.95
+    check_proofs(M, blocks, result)
+
+
+@pytest.mark.parametrize("spread", [1e-12, 1e-6])
+def test_elements_of_very_different_size(spread):
+    blocks = STRUCTURES["2 numbers and a matrix"]
+    M = random_matrices(blocks, 100, seed=9)
+    M *= spread ** np.random.default_rng(10).uniform(size=M.shape)
+    result = mu(M, blocks)
+    assert np.all(result.lower > 0.999 * result.upper)
+    check_proofs(M, blocks, result)
+
+
 def test_zero_among_others():
     M = random_matrices(diagonal(2), 3, seed=7)
     M[1] = 0

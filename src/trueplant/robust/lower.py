@@ -3,7 +3,8 @@
 Each Q that is tried gives a Delta = Q/lambda with det(I - M Delta) = 0 to rounding, lambda an eigenvalue of M Q, so the
 bound holds whatever the search does. The search is the power iteration of Packard, Fan and Doyle (1988), started from
 the singular vectors of the scaled matrix: at the best scaling some unit vector in the span of the largest ones has
-equal parts in the rows and columns of every block when the upper bound is exact.
+equal parts in the rows and columns of every block when the upper bound is exact. Where more than two of them agree, as
+for a unitary matrix, the search may stop short by some per cent, which the distance to the upper bound then shows.
 """
 
 from __future__ import annotations
