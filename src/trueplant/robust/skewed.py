@@ -36,8 +36,8 @@ def worst_gain(N: ArrayLike, blocks: Sequence[Block], fixed: int) -> tuple[Array
     def solved(side: str) -> Array:
         """Bisection and secants in log m, all frequencies at once."""
         value = np.full(len(matrices), np.inf)
-        todo = np.flatnonzero(getattr(inner, side) < 1)
-        if todo.size == 0:
+        pending = np.flatnonzero(getattr(inner, side) < 1)
+        if pending.size == 0:
             return value
 
         def excess(m: Array, which: NDArray[np.intp]) -> Array:
@@ -45,25 +45,25 @@ def worst_gain(N: ArrayLike, blocks: Sequence[Block], fixed: int) -> tuple[Array
             scaled[:, n_z:] /= m[:, None, None]
             return np.asarray(np.log(np.maximum(getattr(mu(scaled, blocks), side), 1e-300)))
 
-        low = np.maximum(getattr(rest, side)[todo], 1e-12 * np.max(np.abs(matrices[todo]), axis=(1, 2)))
+        low = np.maximum(getattr(rest, side)[pending], 1e-12 * np.max(np.abs(matrices[pending]), axis=(1, 2)))
         low = np.maximum(low, 1e-300)
-        high, f_low = 2 * low, np.maximum(excess(low, todo), 0.0)
-        f_high = excess(high, todo)
+        high, f_low = 2 * low, np.maximum(excess(low, pending), 0.0)
+        f_high = excess(high, pending)
         while np.any(f_high > 0):
             up = f_high > 0
             low[up], f_low[up] = high[up], f_high[up]
             high[up] *= 4
-            f_high[up] = excess(high[up], todo[up])
+            f_high[up] = excess(high[up], pending[up])
         a, b = np.log(low), np.log(high)
         for turn in range(60):
             share = np.clip(f_low / np.maximum(f_low - f_high, 1e-300), 0.02, 0.98) if turn % 3 else 0.5
             middle = a + share * (b - a)
-            f = excess(np.exp(middle), todo)
+            f = excess(np.exp(middle), pending)
             a, f_low = np.where(f > 0, middle, a), np.where(f > 0, f, f_low)
             b, f_high = np.where(f > 0, b, middle), np.where(f > 0, f_high, f)
             if np.max(b - a) < _PRECISION:
                 break
-        value[todo] = np.exp(b if side == "upper" else a)
+        value[pending] = np.exp(b if side == "upper" else a)
         return value
 
     return solved("lower"), solved("upper")

@@ -152,17 +152,17 @@ class _Search(ABC):
         # far from the minimum a scaling may change by e in one step
         step = step * np.minimum(1.0, 2.0 / np.maximum(np.max(np.abs(step), axis=1), 1e-300))[:, None]
         new = M.copy(), left.copy(), right.copy()
-        todo = np.arange(len(M))
+        pending = np.arange(len(M))
         for _ in range(10):
-            trial = self.moved(step[todo], M[todo], left[todo], right[todo])
+            trial = self.moved(step[pending], M[pending], left[pending], right[pending])
             reached = _centre(_eigenvalues(trial[0]), t)[1]
-            good = reached <= value[todo] + 1e-10 * np.abs(value[todo])
+            good = reached <= value[pending] + 1e-10 * np.abs(value[pending])
             for kept, found in zip(new, trial, strict=True):
-                kept[todo[good]] = found[good]
-            todo = todo[~good]
-            if todo.size == 0:
+                kept[pending[good]] = found[good]
+            pending = pending[~good]
+            if pending.size == 0:
                 break
-            step[todo] /= 2
+            step[pending] /= 2
         return *new, decrement
 
 
