@@ -47,8 +47,16 @@ def test_limits_hold_for_a_sampled_controller_nearly():
 def test_no_answer_is_explained():
     found = {one.method: one for one in retune(tf("2/(8 s + 1)"), PID(Kc=1.0, Ti=5.0))}
     assert found["lambda"].pid is not None
-    for name in ("ziegler-nichols", "cohen-coon", "simc", "max-ki", "optimal-iae", "pole-placement"):
+    for name in ("ziegler-nichols", "cohen-coon", "simc", "max-ki", "optimal-iae", "pole-placement", "loop-shaping"):
         assert found[name].pid is None and len(found[name].note) > 20
+
+
+def test_a_closed_loop_time_serves_plants_without_dead_time():
+    g = tf("2/(8 s + 1)")
+    for one in retune(g, PID(Kc=1.0, Ti=5.0), ["simc", "imc", "lambda"], closed_loop_time=2.0):
+        assert one.pid is not None, one.note
+        # Kc 2, Ti 8: a closed loop of first order with that time, exactly
+        assert (one.pid.Kc, one.pid.Ti) == pytest.approx((2.0, 8.0))
 
 
 def test_a_form_without_equivalent_is_kept_and_said():

@@ -6,7 +6,7 @@ from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.optimal import optimal
 from trueplant.tune.reduce import Reduced, half_rule, matched, reduced
 from trueplant.tune.response import frequencies, ultimate
-from trueplant.tune.retune import METHODS, Retuned, retune
+from trueplant.tune.retune import METHODS, Choices, Retuned, retune
 from trueplant.tune.rules import (
     amigo,
     cohen_coon,
@@ -26,6 +26,7 @@ from trueplant.tune.uncertain import UncertainTuning, draw_parameters, holds, tu
 __all__ = [
     "BLT",
     "METHODS",
+    "Choices",
     "Comparison",
     "Limits",
     "LoopMetrics",

@@ -156,8 +156,11 @@ def max_ki(
 
         return best_kp(limit, top)
 
-    td = best_td(lambda x: tuned(x, coarse)[1], ultimate(plant, coarse)[1]) if kind == "PID" else 0.0
+    td = 0.0
     kp, ki = tuned(td, coarse)
+    if kind == "PID":
+        td = best_td(lambda x: tuned(x, coarse)[1], ultimate(plant, coarse)[1])
+        kp, ki = tuned(td, coarse)
     # kp is far more sensitive to the grid than ki: once more, with many points where the limits bind
     loop = sign * plant(axis(coarse)) * (kp * _shape(coarse, td, alpha) + ki / axis(coarse))
     near = 1.02 / np.abs(1 + loop) > bounds.Ms

@@ -14,7 +14,7 @@ from trueplant.tune import rules
 from trueplant.tune.forms import converted
 from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.optimal import optimal
-from trueplant.tune.reduce import reduced
+from trueplant.tune.reduce import Reduced, reduced
 from trueplant.tune.response import ultimate
 from trueplant.tune.shaping import loop_shaping, pole_placement
 
@@ -30,55 +30,74 @@ class Retuned:
     """Why there is none, or what is different from the controller at hand; else empty."""
 
 
-Rule = Callable[[TransferFunction, str, float, Limits], PID]
+_LIMITS = Limits(1.59, 1.59)
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What rules leave open."""
+
+    kind: str = "PI"
+    alpha: float = 0.1
+    limits: Limits = _LIMITS
+    closed_loop_time: float | None = None
+    """tauc or lambda of SIMC, IMC and lambda tuning; None for each rule's own."""
+
+
+Rule = Callable[[TransferFunction, Choices], PID]
 
 
 def _ultimate_rule(rule: Callable[[float, float, str, float], PID]) -> Rule:
-    return lambda g, kind, alpha, limits: rule(*ultimate(g), kind, alpha)
+    return lambda g, c: rule(*ultimate(g), c.kind, c.alpha)
+
+
+def _first_order(rule: Callable[[Reduced, str, float], PID]) -> Rule:
+    return lambda g, c: rule(reduced(g), c.kind, c.alpha)
+
+
+def _timed(rule: Callable[[Reduced, float | None, str, float], PID], most: int = 2) -> Rule:
+    """PID from a model of order `most`, PI from the first order."""
+    return lambda g, c: rule(reduced(g, most if c.kind == "PID" else 1), c.closed_loop_time, c.kind, c.alpha)
 
 
 def _minimum(criterion: str) -> Rule:
-    return lambda g, kind, alpha, limits: rules.minimum_error(reduced(g), criterion, "load", kind, alpha)
+    return lambda g, c: rules.minimum_error(reduced(g), criterion, "load", c.kind, c.alpha)
 
 
 def _optimal(criterion: str) -> Rule:
-    return lambda g, kind, alpha, limits: optimal(g, criterion, "load", kind, limits, alpha)
+    return lambda g, c: optimal(g, criterion, "load", c.kind, c.limits, c.alpha)
 
 
-def _placed(g: TransferFunction, kind: str, alpha: float, limits: Limits) -> PID:
+def _placed(g: TransferFunction, choices: Choices) -> PID:
     """Poles at half the inverse of the effective dead time, damping 0.7, the third at twice that frequency."""
     theta = reduced(g).dead_time
     if not theta > 0:
         raise LoopError("without dead time the poles can lie anywhere: use pole_placement with a frequency of your own")
-    if kind == "PID":
-        return pole_placement(g, 0.5 / theta, 0.7, 1 / theta, alpha * theta / 3)
+    if choices.kind == "PID":
+        return pole_placement(g, 0.5 / theta, 0.7, 1 / theta, choices.alpha * theta / 3)
     return pole_placement(g, 0.5 / theta, 0.7)
 
 
 METHODS: dict[str, Rule] = {
     "ziegler-nichols": _ultimate_rule(rules.ziegler_nichols),
     "tyreus-luyben": _ultimate_rule(rules.tyreus_luyben),
-    "reaction-curve": lambda g, kind, alpha, limits: rules.reaction_curve(reduced(g), kind, alpha),
-    "cohen-coon": lambda g, kind, alpha, limits: rules.cohen_coon(reduced(g), kind, alpha),
-    "imc": lambda g, kind, alpha, limits: rules.imc(reduced(g, _order(kind)), None, kind, alpha),
-    "lambda": lambda g, kind, alpha, limits: rules.lambda_tuning(reduced(g)),
-    "simc": lambda g, kind, alpha, limits: rules.simc(reduced(g, _order(kind)), None, kind, alpha),
-    "improved-simc": lambda g, kind, alpha, limits: rules.improved_simc(reduced(g), None, kind, alpha),
-    "amigo": lambda g, kind, alpha, limits: rules.amigo(reduced(g), kind, alpha),
+    "reaction-curve": _first_order(rules.reaction_curve),
+    "cohen-coon": _first_order(rules.cohen_coon),
+    "imc": _timed(rules.imc),
+    "lambda": lambda g, c: rules.lambda_tuning(reduced(g), c.closed_loop_time),
+    "simc": _timed(rules.simc),
+    "improved-simc": _timed(rules.improved_simc, 1),
+    "amigo": _first_order(rules.amigo),
     "minimum-iae": _minimum("IAE"),
     "minimum-itae": _minimum("ITAE"),
     "minimum-ise": _minimum("ISE"),
     "optimal-iae": _optimal("IAE"),
     "optimal-itae": _optimal("ITAE"),
-    "max-ki": lambda g, kind, alpha, limits: max_ki(g, limits, kind, alpha),
+    "max-ki": lambda g, c: max_ki(g, c.limits, c.kind, c.alpha),
     "pole-placement": _placed,
-    "loop-shaping": lambda g, kind, alpha, limits: loop_shaping(g, 60.0, None, kind, alpha),
+    "loop-shaping": lambda g, c: loop_shaping(g, 60.0, None, c.kind, c.alpha),
 }
 """The rules by name, with their default choices. Lambda tuning always gives a PI."""
-
-
-def _order(kind: str) -> int:
-    return 2 if kind == "PID" else 1
 
 
 def retune(
@@ -88,13 +107,14 @@ def retune(
     *,
     kind: str | None = None,
     limits: Limits | None = None,
+    closed_loop_time: float | None = None,
 ) -> tuple[Retuned, ...]:
     """Settings for one loop by several rules, by default all in `METHODS`.
 
     like: the controller at hand. Its form, derivative filter, scan, limits and the rest are kept, only gains and times
     change; half its scan counts as dead time. kind: "PI" or "PID", by default as `like`. limits on Ms and Mt (1.59
-    each by default) are for the rules that take them. A rule without an answer for this plant, or that leaves it
-    unstable, says so in its note.
+    each by default) and closed_loop_time (tauc, lambda) are for the rules that take them. A rule without an answer
+    for this plant, or that leaves it unstable, says so in its note.
 
     Raises LoopError for unknown names, and for a controller with a pv_transform: linearise it first.
     """
@@ -109,15 +129,13 @@ def retune(
     if like.form == "parallel" and kd and tf and like.Kp:
         alpha = float(np.clip(tf * abs(like.Kp) / abs(like.Kd), 0.01, 1.0))
     seen = g * TransferFunction.rational([1.0], [1.0], (like.sample_time or 0.0) / 2)
-    wanted, bounds = kind or ("PID" if kd else "PI"), limits or Limits(1.59, 1.59)
-    return tuple(_one(name, g, seen, like, wanted, alpha, bounds) for name in chosen)
+    choices = Choices(kind or ("PID" if kd else "PI"), alpha, limits or _LIMITS, closed_loop_time)
+    return tuple(_one(name, g, seen, like, choices) for name in chosen)
 
 
-def _one(
-    name: str, g: TransferFunction, seen: TransferFunction, like: PID, kind: str, alpha: float, limits: Limits
-) -> Retuned:
+def _one(name: str, g: TransferFunction, seen: TransferFunction, like: PID, choices: Choices) -> Retuned:
     try:
-        pid = METHODS[name](seen, kind, alpha, limits)
+        pid = METHODS[name](seen, choices)
     except LoopError as error:
         return Retuned(name, None, str(error))
     note = ""

@@ -85,9 +85,9 @@ def loop_shaping(
 def _below_180(g: TransferFunction) -> Array:
     w = frequencies([g])
     try:
-        return w[w < 2 * np.pi / ultimate(g)[1]]
-    except LoopError:
-        return w
+        return w[w < 2 * np.pi / ultimate(g, w)[1]]
+    except LoopError as error:
+        raise LoopError("no crossover is best where the phase never reaches -180 degrees: give one") from error
 
 
 def _pi_through(needed: ComplexArray, w: Array) -> tuple[Array, Array]:
