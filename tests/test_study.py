@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
+import pytest
 
 from simulated import BLT, WOOD_BERRY, coloured, random_switching, wood_berry
-from trueplant.loop import Simulation, simulate
+from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix, sampled_response, to_formula
 from trueplant.study import Project, Result, run
 
@@ -175,6 +177,94 @@ def test_an_element_that_was_left_out_is_named(tmp_path):
     result = run(Project.from_toml(Project(**tables).to_toml(), tmp_path))
     notes = [note.message for note in result.notes if note.code == "undermodelled"]
     assert any("missing element from reflux" in message for message in notes)
+
+
+LAG = TransferMatrix.of([["2 exp(-13.4 s)/(60 s + 1)"]])
+
+
+def single(folder: Path, simulation: Simulation, tf: str = "2 exp(-13.4 s)/(60 s + 1)", **model: Any) -> Result:
+    """One loop, time in seconds, no controller declared."""
+    columns = {"t": simulation.t, "sp": simulation.r[:, 0], "op": simulation.u[:, 0], "pv": simulation.y[:, 0]}
+    pl.DataFrame(columns).write_csv(folder / "one.csv")
+    made = Project(
+        time_unit="s",
+        data={"files": ["one.csv"], "time": "t"},
+        output=[{"name": "y", "pv": "pv", "sp": "sp"}],
+        input=[{"name": "u", "op": "op"}],
+        model=[{"output": "y", "input": "u", "tf": tf, **model}],
+    )
+    return run(Project.from_toml(made.to_toml(), folder))
+
+
+def one_loop(
+    seed: int, plant: TransferMatrix = LAG, samples: int = 3000, std: float = 0.1, size: float = 1.0
+) -> Simulation:
+    rng = np.random.default_rng(seed)
+    law = Controller.diagonal([PID(Kc=1.0, Ti=60.0, sample_time=1.0)])
+    r = size * random_switching(rng, samples, 1, 150.0)
+    return simulate(plant, law, r, 1.0, v=coloured(rng, samples, 1, [1, -0.8], [1], std))
+
+
+@pytest.mark.parametrize("phase", [0, 2, 4])
+def test_a_pv_held_by_the_historian_does_not_move_the_dead_time(tmp_path, phase):
+    simulation = one_loop(0)
+    k = np.arange(3000)
+    held = simulation.y[np.maximum((k - phase) // 5 * 5 + phase, 0)]
+    result = single(tmp_path, dataclasses.replace(simulation, y=held))
+    low, high = result.elements[0].parameters[2].ci
+    assert low < 13.4 < high
+    assert result.elements[0].verdict == "unchanged"
+
+
+@pytest.mark.parametrize("size", [1e-5, 0.004])
+def test_setpoints_that_hardly_move_are_refused(tmp_path, size):
+    for seed in range(3):
+        result = single(tmp_path, one_loop(seed, size=size, std=0.5))
+        assert result.status == "refused"
+        assert "move too little" in result.reasons[0].message
+
+
+def test_records_without_noise_are_unchanged(tmp_path):
+    for seed in range(3):
+        result = single(tmp_path, one_loop(seed, std=0.0))
+        assert result.elements[0].verdict == "unchanged"
+
+
+def test_equal_lags_raise_no_alarm(tmp_path):
+    plant = TransferMatrix.of([["2 exp(-5 s)/(8 s + 1)^2"]])
+    alarms = sum(
+        single(tmp_path, one_loop(50 + k, plant, 1500), "2 exp(-5 s)/(8 s + 1)^2").elements[0].verdict == "changed"
+        for k in range(20)
+    )
+    assert alarms <= 4  # of 20 at the 5 % level: more happen once in 400 times
+
+
+def test_an_absent_element_that_is_asked_for_raises_no_alarm(tmp_path):
+    plant = TransferMatrix(((WOOD_BERRY[0, 0], WOOD_BERRY[0, 1] * 0.0), WOOD_BERRY.elements[1]))
+    alarms = 0
+    for seed in range(15):
+        written(tmp_path, "record.csv", wood_berry(400 + seed, samples=1500, plant=plant))
+        made = project(tmp_path)
+        elements = [e.model_dump(exclude_unset=True) for e in made.model]
+        elements[1] |= {"tf": "0", "structure": "fopdt"}
+        tables = made.model_dump(by_alias=True, exclude_unset=True) | {"model": elements}
+        result = run(Project.from_toml(Project(**tables).to_toml(), tmp_path))
+        alarms += ("steam", "top") in changed(result)
+    assert alarms <= 3
+
+
+def test_a_scan_faster_than_the_record_widens_the_dead_time(tmp_path):
+    rng = np.random.default_rng(5)
+    fine = [PID(Kc=0.375, Ti=8.29, sample_time=0.1), PID(Kc=-0.0754, Ti=23.6, sample_time=0.1)]
+    r = np.repeat(random_switching(rng, 2000, 2, 20.0), 10, axis=0)
+    v = np.repeat(coloured(rng, 2000, 2, [1, -0.8], [1], 0.2), 10, axis=0)
+    simulation = simulate(WOOD_BERRY, Controller.diagonal(fine), r, 0.1, v=v, record_every=10)
+    written(tmp_path, "record.csv", simulation)
+    result = run(project(tmp_path, controller=[law | {"sample_time": 0.1} for law in CONTROLLERS]))
+    assert any(note.code == "scan" for note in result.notes)
+    for found, true in zip(result.elements, [1.4, 3.4, 7.4, 3.4], strict=True):
+        low, high = found.parameters[2].ci
+        assert low < true < high
 
 
 def test_margins_on_model_and_plant(tmp_path):

@@ -54,7 +54,7 @@ def test_the_change_that_matters_most_comes_first():
     big = _element("y2", "u2", weight=2.0)
     said = _result(small, big, _element("y1", "u2", "unchanged")).headline
     assert said.index("u2 -> y2") < said.index("u1 -> y1")
-    assert said.endswith("1 element as the model says.")
+    assert said.endswith("1 element with no change found.")
 
 
 def test_many_changes_are_counted():
@@ -84,10 +84,15 @@ def test_joint_change_without_a_single_parameter():
 
 def test_unchanged_plant():
     kept = _element(verdict="unchanged")
-    assert _result(kept).headline.startswith(
-        "The plant has not changed: no difference from the model was found in heater 2"
-    )
+    assert _result(kept).headline == "No change was found in heater 2 -> temperature 2."
     assert "all 2 elements" in _result(kept, kept).headline
+
+
+def test_no_change_found_says_what_could_hide():
+    gain = _parameter("gain", "degC/%", 2.0, 2.1, 0.2, changed=False)
+    said = _result(_element(verdict="unchanged", parameters=(gain,))).headline
+    largest = 100 * max(abs(end - 2.0) for end in gain.ci) / 2.0
+    assert f"a change of a gain by {largest:.2g} % would still fit these data" in said
 
 
 def test_what_could_not_be_judged_is_said():

@@ -95,10 +95,11 @@ def identify_output(
 ) -> OutputEstimate | None:
     """Estimate the elements `specs` of one output; None where this output has no usable data.
 
-    Time unit and shapes are those of the segments. `held` elements keep their declared value.
-    `update` is the number of samples for which PV is held, `stride` the number of samples from one prediction error to the next (`choose_stride`), `time_scale`
-    where the search for elements that the model lacks begins. `timing` is the standard error of the instants at
-    which OP acts or PV is read, which no fit can see: it is added to that of every dead time.
+    Time unit and shapes are those of the segments. `held` elements keep their declared value. `update` is the
+    number of samples for which PV is held, `stride` the number from one prediction error to the next
+    (`choose_stride`), `time_scale` where the search for elements that the model lacks begins. `timing` is the
+    standard error of the instants at which OP acts or PV is read, which no fit can see: it is added to that of
+    every dead time.
     """
     pieces = pieces_of(segments, output, held, update)
     if not pieces or not specs:

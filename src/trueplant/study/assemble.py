@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trueplant import detect
 from trueplant.identify import OutputEstimate, Spec, absence_p, likelihood_ratio_p, unanswered
+from trueplant.identify.crossed import TIMES, crossed_outputs
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
@@ -361,6 +362,18 @@ def _notes(
             )
         )
     names = study.project.output_names
+    closed = any(segment.closed for segment in study.segments)
+    for i, others in crossed_outputs(estimates).items() if closed else ():
+        told = ", ".join(names[j] for j in others)
+        notes.append(
+            Reason(
+                "crossed",
+                f"a disturbance reaches {told} before it reaches {names[i]}, and the controllers act on it in between: "
+                f"estimates for {names[i]} may be off by that, and their standard errors were multiplied by "
+                f"{TIMES:g}. A measured disturbance (or an experiment in open loop) would cure it",
+                names[i],
+            )
+        )
     experiments = {segment.experiment for segment in study.segments}
     for i, estimate in estimates.items():
         runs = estimate.runs

@@ -45,9 +45,9 @@ def why_not_informative(study: Study) -> list[Reason]:
         return [
             Reason(
                 "no-excitation",
-                "the set-points move too little: what PV does after their changes cannot be told from what disturbances "
-                "do to it anyway, and in closed loop these show the controller (-1/Q) as much as the plant. Use a "
-                "record with larger or more set-point changes",
+                "the set-points move too little: what PV does after their changes cannot be told from what "
+                "disturbances do to it anyway, and in closed loop these show the controller (-1/Q) as much as the "
+                "plant. Use a record with larger or more set-point changes",
             )
         ]
     return [
@@ -61,10 +61,7 @@ def why_not_informative(study: Study) -> list[Reason]:
 
 def excited(segment: Segment) -> bool:
     """Does something moved from outside (set-points, in open loop OP) show in some PV beyond chance?"""
-    if segment.closed:
-        sources = segment.r[:, np.isfinite(segment.r).all(axis=0)]
-    else:
-        sources = segment.u
+    sources = segment.r[:, np.isfinite(segment.r).all(axis=0)] if segment.closed else segment.u
     sources = sources[:, np.ptp(sources, axis=0) > 0]
     if sources.shape[1] == 0:
         return False

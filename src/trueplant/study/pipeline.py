@@ -22,6 +22,7 @@ from trueplant.identify import (
     samples_per_update,
     unanswered,
 )
+from trueplant.identify.crossed import crossed_outputs, less_sure
 from trueplant.identify.search import lag_of
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.lti.structure import Structure, structure_of
@@ -237,6 +238,9 @@ def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
         )
         if found is not None:
             estimates[i] = found
+    if any(segment.closed for segment in study.segments):
+        for i in crossed_outputs(estimates):
+            estimates[i] = less_sure(estimates[i], study.project.analysis.confidence)
     return estimates
 
 

@@ -41,17 +41,31 @@ def headline(result: Result) -> str:
         if len(changed) > 1:
             text += f" {_also(changed[1:])}"
         if kept:
-            text += f" {_count(kept, 'element')} as the model says."
+            text += f" {_count(kept, 'element')} with no change found."
     elif kept:
         whole = "" if open_ones else "all " if kept > 1 else ""
         where = f"{whole}{_count(kept, 'element')}" if kept > 1 or open_ones else _arrow(result.elements[0])
-        text = f"The plant has not changed: no difference from the model was found in {where}."
+        text = f"No change was found in {where}{_hidden([e for e in result.elements if e.verdict == 'unchanged'])}."
+        tolerance = result.provenance.get("settings", {}).get("tolerance_percent")
+        if tolerance and any(
+            p.p_adjusted is not None and p.p_adjusted < 0.05 for e in result.elements for p in e.parameters
+        ):
+            text += f" Differences beyond chance are there, but none above the tolerance of {tolerance:g} %."
     else:
         text = "No verdict is possible: none of the elements can be told from these data."
     if open_ones and (changed or kept):
         text += f" {_count(len(open_ones), 'element')} could not be judged ({', '.join(map(_arrow, open_ones[:3]))}"
         text += f" and {len(open_ones) - 3} more)." if len(open_ones) > 3 else ")."
     return text
+
+
+def _hidden(elements: Sequence[Element]) -> str:
+    """How large a change of a gain could be without being found."""
+    gains = [p for e in elements for p in e.parameters if p.name.startswith("gain") and p.model and p.ci is not None]
+    reach = [100 * max(abs(end - p.model) for end in p.ci or ()) / abs(p.model) for p in gains if p.model]
+    if not reach or not math.isfinite(max(reach)):
+        return ""
+    return f"; a change of a gain by {max(reach):.2g} % would still fit these data"
 
 
 def _weight(element: Element) -> tuple[float, float]:

@@ -91,7 +91,7 @@ def _shape(w: Array, td: float, alpha: float) -> ComplexArray:
     return np.asarray(1 + td * s / (alpha * td * s + 1))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _integral_limits(centre: ComplexArray, radius: Array, w: Array, free: ComplexArray) -> Array:
     least = np.full(centre.shape[0], np.inf)
     for p in range(centre.shape[0]):
