@@ -290,3 +290,29 @@ def test_margins_on_model_and_plant(tmp_path):
     assert abs(rows["model"]["Ms"] - 1.398) < 0.001
     assert abs(rows["plant"]["Ms"] - 1.398) < 0.05
     assert result.robustness["worse"] == []
+
+
+@pytest.mark.parametrize(("variant", "peak"), [("printed", 4.964), ("eq37", 1.426)])
+def test_the_mill_loses_robust_performance(tmp_path, variant, peak):
+    """Paper, Figure 4 and theory: 0.9728 at 0.889 rad/min on the model; the plants' values are the limits at rest.
+
+    Simulated without noise, so that the plant is found to rounding.
+    """
+    from trueplant import plants
+
+    case = plants.mill(variant)
+    assert case.plant is not None
+    h = 0.037
+    r = random_switching(np.random.default_rng(1), 8000, 2, 5 / h)
+    written(tmp_path, "record.csv", simulate(case.plant, case.controller, r, h))
+    law = [{"input": "reflux", "output": "top", "Kc": -2.0, "Ti": 3.3}]
+    law.append({"input": "steam", "output": "bottom", "Kc": 0.42, "Ti": 5.2})
+    weights = {"wI": {"gain_percent": 10.0, "dead_time": 0.2}, "wP": "(0.45 s + 0.05)/s"}
+    result = run(project(tmp_path, case.model, controller=law, robustness=weights))
+    model, plant = result.robustness["peaks"]["model"], result.robustness["peaks"]["plant"]
+    assert abs(model["RP"]["upper"] - 0.9728) < 1e-4
+    assert abs(model["RP"]["frequency"] - 0.889) < 2e-3
+    assert model["robust_performance_holds"]
+    assert abs(plant["RP"]["upper"] - peak) < 2e-3
+    assert plant["RP"]["frequency"] == 0.0
+    assert any(note.code == "robust-performance" for note in result.notes)

@@ -109,6 +109,13 @@ def assemble(
         )
         for name in robustness.get("worse", ())
     ]
+    if robustness.get("peaks", {}).get("plant", {}).get("robust_performance_holds") is False:
+        notes.append(
+            Reason(
+                "robust-performance",
+                "with today's controller robust performance does not hold on the plant as estimated",
+            )
+        )
     return Result(
         status="ok" if answered else "refused",
         reasons=tuple(reasons),

@@ -9,8 +9,9 @@ import numpy as np
 
 from trueplant.errors import LoopError
 from trueplant.loop import Controller
-from trueplant.lti import TransferMatrix
-from trueplant.robust import margins
+from trueplant.lti import TransferMatrix, tf
+from trueplant.robust import gain_and_dead_time_weight, margins, performance_weight, robust_performance
+from trueplant.study.project_parts import PerformanceNumbers, UncertaintyNumbers
 
 if TYPE_CHECKING:
     from trueplant.study.pipeline import Study
@@ -36,11 +37,39 @@ def robustness_of(study: Study, plant: TransferMatrix) -> dict[str, Any]:
         for name, matrix in (("model", study.model), ("plant", plant))
     }
     rows = zip(found["model"], found["plant"], strict=True)
-    return {
+    weighted = _weighted(study, controller, {"model": study.model, "plant": plant})
+    return weighted | {
         "controller_of": study.project.experiments[k].name,
         "margins": found,
         "worse": [on_plant["input"] for on_model, on_plant in rows if _worse(on_model, on_plant)],
     }
+
+
+def _weighted(study: Study, controller: Controller, systems: dict[str, TransferMatrix]) -> dict[str, Any]:
+    """NP, RS and RP with the declared weights (28)-(32), per-channel input uncertainty; empty without both weights."""
+    declared = study.project.robustness
+    if declared is None or declared.wI is None or declared.wP is None:
+        return {}
+    uncertainty, performance = (_weights(given) for given in (declared.wI, declared.wP))
+    peaks = {}
+    for name, matrix in systems.items():
+        found = robust_performance(_first(matrix, len(study.project.inputs)), controller, uncertainty, performance)
+        peaks[name] = {"stable": found.stable, "robust_performance_holds": found.passes} | {
+            test: {"lower": peak.lower, "upper": peak.upper, "frequency": peak.frequency}
+            for test, peak in (("NP", found.NP), ("RS", found.RS), ("RP", found.RP))
+        }
+    return {"peaks": peaks}
+
+
+def _weights(given: Any) -> Any:
+    """Weights as `robust` takes them: one, or one a channel."""
+    if isinstance(given, list):
+        return [_weights(one) for one in given]
+    if isinstance(given, UncertaintyNumbers):
+        return gain_and_dead_time_weight(given.gain_percent / 100, given.dead_time)
+    if isinstance(given, PerformanceNumbers):
+        return performance_weight(given.bandwidth, given.M, given.A)
+    return tf(given)
 
 
 def _first(matrix: TransferMatrix, n_u: int) -> TransferMatrix:
