@@ -253,6 +253,19 @@ def test_an_absent_element_that_is_asked_for_raises_no_alarm(tmp_path):
     assert alarms <= 3
 
 
+def test_gaps_raise_no_alarm(tmp_path):
+    """Eight of every sixty samples lost, at the same place of set-point, OP and PV."""
+    alarms = 0
+    for seed in range(15):
+        whole = one_loop(300 + seed, TransferMatrix.of([["2 exp(-3.4 s)/(15 s + 1)"]]), 1200)
+        keep = np.arange(1200) % 60 < 52
+        cut = dataclasses.replace(whole, t=whole.t[keep], r=whole.r[keep], u=whole.u[keep], y=whole.y[keep])
+        result = single(tmp_path, cut, "2 exp(-3.4 s)/(15 s + 1)")
+        assert len(result.data[0]["used"]) == 20
+        alarms += result.elements[0].verdict == "changed"
+    assert alarms <= 3
+
+
 def test_a_scan_faster_than_the_record_widens_the_dead_time(tmp_path):
     rng = np.random.default_rng(5)
     fine = [PID(Kc=0.375, Ti=8.29, sample_time=0.1), PID(Kc=-0.0754, Ti=23.6, sample_time=0.1)]

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ BoolArray = NDArray[np.bool_]
 
 FASTEST_LAG = 0.05
 """In samples."""
+MOST_JOINED = 60
+"""Segments in one piece: each costs a free response."""
 QUIET_SAMPLES = 20
 """A start is at rest only if the inputs stood still for this many samples."""
 
@@ -60,6 +63,8 @@ class Piece:
     inputs: Array
     """(n_columns, N)."""
     hold: tuple[str, ...]
+    restarts: tuple[int, ...] = ()
+    """Samples at which a gap in the inputs ends: what they did in it, and so the state, is not known."""
 
     @property
     def span(self) -> float:
@@ -72,7 +77,9 @@ class Piece:
         part = slice(first, end)
         inputs = self.inputs[:, part]
         inputs = np.ascontiguousarray(inputs - inputs[:, :1])
-        return replace(self, y=self.y[part], valid=self.valid[part], inputs=inputs)
+        last = self.y.size if end is None else end
+        restarts = tuple(k - first for k in self.restarts if first < k < last)
+        return replace(self, y=self.y[part], valid=self.valid[part], inputs=inputs, restarts=restarts)
 
     @cached_property
     def starts_at_rest(self) -> bool:
@@ -92,23 +99,67 @@ def pieces_of(
 ) -> tuple[Piece, ...]:
     """The segments in which this output was measured at all.
 
-    `update` is the number of samples for which a historian or instrument holds each PV; pieces then begin with
-    a fresh one, so that every `update`-th sample is fresh.
+    Segments of one experiment on one grid become one piece, so that they share an operating point. `update` is the
+    number of samples for which a historian or instrument holds each PV; pieces then begin with a fresh one, so that
+    every `update`-th sample is fresh.
     """
+    measured = [segment for segment in segments if np.isfinite(segment.y[:, output]).sum() >= 2]
     pieces = []
-    for segment in segments:
-        valid = np.isfinite(segment.y[:, output])
-        if valid.sum() < 2:
-            continue
-        inputs = np.column_stack([segment.u, segment.d])
+    for group in _groups(measured):
+        whole, restarts = _joined(group)
+        valid = np.isfinite(whole.y[:, output])
+        inputs = np.column_stack([whole.u, whole.d])
         inputs = np.ascontiguousarray((inputs - inputs[0]).T)
-        hold = segment.hold + ("linear",) * segment.d.shape[1]
-        y = np.where(valid, segment.y[:, output], 0.0)
+        hold = whole.hold + ("linear",) * whole.d.shape[1]
+        y = np.where(valid, whole.y[:, output], 0.0)
         for element in held:
-            y = y - sampled_response(element.system, inputs[element.column], segment.h, hold[element.column])
-        whole = Piece(segment.experiment, segment.h, np.where(valid, y, 0.0), valid, inputs, hold)
-        pieces.append(whole.from_sample(_first_update(segment.y[:, output], update)))
+            y = y - sampled_response(element.system, inputs[element.column], whole.h, hold[element.column])
+        piece = Piece(whole.experiment, whole.h, np.where(valid, y, 0.0), valid, inputs, hold, restarts)
+        pieces.append(piece.from_sample(_first_update(whole.y[:, output], update)))
     return tuple(pieces)
+
+
+def _groups(segments: Sequence[Segment]) -> list[list[Segment]]:
+    """Segments that can be joined: same experiment, gaps of whole samples and no longer than what they separate."""
+    groups: list[list[Segment]] = []
+    for segment in segments:
+        before = groups[-1][-1] if groups else None
+        if before is not None and before.experiment == segment.experiment and len(groups[-1]) < MOST_JOINED:
+            missing = (segment.t[0] - before.t[-1]) / before.h
+            if 0.5 < missing < max(len(segment), len(before)) and abs(missing - round(missing)) < 0.05:
+                groups[-1].append(segment)
+                continue
+        groups.append([segment])
+    return groups
+
+
+def _joined(group: Sequence[Segment]) -> tuple[Segment, tuple[int, ...]]:
+    """One segment, inputs held and outputs missing in its gaps, and the samples at which the gaps end."""
+    first = group[0]
+    if len(group) == 1:
+        return first, ()
+    starts = [round((segment.t[0] - first.t[0]) / first.h) for segment in group]
+    size = starts[-1] + len(group[-1])
+    index = np.full(size, -1)
+    for k, (start, segment) in enumerate(zip(starts, group, strict=True)):
+        index[start : start + len(segment)] = np.arange(len(segment)) + sum(len(s) for s in group[:k])
+    last = np.maximum.accumulate(index)
+    there = index >= 0
+
+    def laid(name: str, missing: bool = False) -> NDArray[Any]:
+        values = np.concatenate([getattr(segment, name) for segment in group])[last]
+        return np.where(there[:, None], values, np.nan) if missing else values
+
+    whole = replace(
+        first,
+        t=first.t[0] + first.h * np.arange(size),
+        r=laid("r"),
+        u=laid("u"),
+        y=laid("y", missing=True),
+        d=laid("d"),
+        free=laid("free"),
+    )
+    return whole, tuple(starts[1:])
 
 
 def _first_update(y: Array, update: int) -> int:
@@ -163,9 +214,12 @@ class Row:
         dead = max((v for name, v in zip(names, theta, strict=True) if name.startswith("dead")), default=0.0)
         pieces = []
         for piece in self.pieces:
-            unseen = 0 if piece.starts_at_rest else min(int(np.ceil(dead / piece.h)), piece.y.size // 5)
+            unseen = int(np.ceil(dead / piece.h)) + 1  # the dead time may turn out a little longer
             valid = piece.valid.copy()
-            valid[:unseen] = False
+            if not piece.starts_at_rest:
+                valid[: min(unseen, piece.y.size // 5)] = False
+            for start in piece.restarts:
+                valid[start : start + min(unseen, piece.y.size // 5)] = False
             pieces.append(replace(piece, valid=valid, y=np.where(valid, piece.y, 0.0)))
         return replace(self, pieces=tuple(pieces))
 
@@ -192,55 +246,57 @@ class Row:
         return total, gradient.T
 
     def nuisance(self, theta: Array, k: int) -> Array:
-        """Columns (n, n_z) of piece k: offset, then the free response of every mode unless at rest."""
-        piece = self.pieces[k]
-        t = piece.h * np.arange(0, piece.y.size, self.stride)
-        columns: list[Array] = [np.ones(t.size)]
-        if self.rests(k):
-            return np.column_stack(columns)
-        for spec, part in zip(self.specs, self.slices, strict=True):
-            for name, value, following in zip(
-                spec.structure.names, theta[part], np.append(theta[part][1:], 0.0), strict=True
-            ):
-                if name.startswith("tau"):
-                    columns.append(np.exp(-t / value))
-                elif name.startswith("omega0"):
-                    damping = np.exp(-min(following, 1.0) * value * t)
-                    frequency = value * np.sqrt(max(1 - following**2, 0.0))
-                    columns += [damping * np.cos(frequency * t), damping * np.sin(frequency * t)]
-            if spec.structure.integrators:
-                columns.append(np.asarray(t / max(piece.span, piece.h)))
-        return np.column_stack(columns)
+        """Columns (n, n_z) of piece k: offset, then the free response of every mode where the past is not known."""
+        columns = [column for column, _ in self._free_responses(theta, k)]
+        return np.column_stack([np.ones(len(self._times(k))), *columns])
 
     def nuisance_gradient(self, theta: Array, k: int, weights: Array) -> Array:
         """Derivative (n, size) of `nuisance @ weights` by theta: only lags and pairs move the columns."""
-        piece = self.pieces[k]
-        out = np.zeros((len(range(0, piece.y.size, self.stride)), self.size))
-        if self.rests(k):
-            return out
-        t = piece.h * np.arange(0, piece.y.size, self.stride)
-        column = 1  # after the offset
-        for spec, part in zip(self.specs, self.slices, strict=True):
-            names = spec.structure.names
-            for m, name in enumerate(names):
-                index = part.start + m
-                if name.startswith("tau"):
-                    tau = theta[index]
-                    out[:, index] = weights[column] * t / tau**2 * np.exp(-t / tau)
-                    column += 1
-                elif name.startswith("omega0"):
-                    out[:, index : index + 2] = self._pair_gradient(theta, k, weights, index)
-                    column += 2
-            column += bool(spec.structure.integrators)
+        out = np.zeros((len(self._times(k)), self.size))
+        for weight, (_, derivatives) in zip(weights[1:], self._free_responses(theta, k), strict=True):
+            for index, derivative in derivatives.items():
+                out[:, index] += weight * derivative
         return out
 
-    def _pair_gradient(self, theta: Array, k: int, weights: Array, index: int) -> Array:
-        """Derivative (n, 2) by the frequency and the damping of one pair, by differences."""
-        base = self.nuisance(theta, k) @ weights
-        columns = []
-        for moved in (index, index + 1):
-            step = 1e-6 * abs(theta[moved])
-            shifted = theta.copy()
-            shifted[moved] += step
-            columns.append((self.nuisance(shifted, k) @ weights - base) / step)
-        return np.column_stack(columns)
+    def _times(self, k: int) -> Array:
+        piece = self.pieces[k]
+        return np.asarray(piece.h * np.arange(0, piece.y.size, self.stride))
+
+    def _free_responses(self, theta: Array, k: int) -> list[tuple[Array, dict[int, Array]]]:
+        """Each mode's free response from each start with an unknown past, with its derivatives by theta."""
+        piece, t = self.pieces[k], self._times(k)
+        starts = ([] if self.rests(k) else [0]) + list(piece.restarts)
+        found: list[tuple[Array, dict[int, Array]]] = []
+        for start in starts:
+            since = t - start * piece.h
+            began = since >= -1e-9 * piece.h
+            clock = np.where(began, since, 0.0)
+            for spec, part in zip(self.specs, self.slices, strict=True):
+                for m, name in enumerate(spec.structure.names):
+                    index = part.start + m
+                    if name.startswith("tau"):
+                        decay = np.where(began, np.exp(-clock / theta[index]), 0.0)
+                        found.append((decay, {index: decay * clock / theta[index] ** 2}))
+                    elif name.startswith("omega0"):
+                        found += _pair_responses(theta[index], theta[index + 1], index, clock, began)
+                if spec.structure.integrators:
+                    # At the start OP's operating point is not known; after a gap the level.
+                    level = began.astype(float) if start else clock / max(piece.span, piece.h)
+                    found.append((level, {}))
+        return found
+
+
+def _pair_responses(
+    omega0: float, zeta: float, index: int, t: Array, began: BoolArray
+) -> list[tuple[Array, dict[int, Array]]]:
+    """The two free responses of a complex pair, with derivatives by differences."""
+
+    def both(w: float, z: float) -> Array:
+        damping = np.where(began, np.exp(-min(z, 1.0) * w * t), 0.0)
+        angle = w * np.sqrt(max(1 - z**2, 0.0)) * t
+        return np.array([damping * np.cos(angle), damping * np.sin(angle)])
+
+    base, step = both(omega0, zeta), 1e-6
+    by_w = (both(omega0 * (1 + step), zeta) - base) / (step * omega0)
+    by_z = (both(omega0, zeta * (1 + step)) - base) / (step * zeta)
+    return [(base[c], {index: by_w[c], index + 1: by_z[c]}) for c in range(2)]

@@ -36,8 +36,9 @@ def simulate_piece(piece: Piece, systems: Sequence[tuple[int, TransferFunction]]
         total += sampled_response(system, piece.inputs[column], piece.h, piece.hold[column])
     t = piece.h * np.arange(piece.y.size)
     columns = [np.ones(t.size)]
-    if not piece.starts_at_rest:
-        columns += [np.exp(-t / lag) for lag in lags if lag > 0]
+    for start in ([] if piece.starts_at_rest else [0]) + list(piece.restarts):
+        since = t - piece.h * start
+        columns += [np.where(since >= 0, np.exp(-np.maximum(since, 0) / lag), 0.0) for lag in lags if lag > 0]
     z = np.column_stack(columns)
     out: Array = total + z @ _nuisance_weights(z[piece.valid], (piece.y - total)[piece.valid])
     return out

@@ -159,12 +159,12 @@ def _trend(study: Study, k: int, plant: TransferMatrix) -> Trend:
     simulated = {label: np.full(record.y.shape, np.nan) for label in ("model", "plant")}
     if screened.refusal is None:
         for i in range(record.y.shape[1]):
-            usable = [s for s in screened.segments if np.isfinite(s.y[:, i]).sum() >= 2]
-            for segment, piece in zip(usable, pieces_of(usable, i), strict=True):
+            for segment in screened.segments:
                 inside = (record.t >= segment.t[0]) & (record.t <= segment.t[-1])
-                for label, matrix in (("model", study.model), ("plant", plant)):
-                    y = simulate_row(matrix, i, piece)
-                    simulated[label][inside, i] = np.interp(record.t[inside], segment.t, y)
+                for piece in pieces_of([segment], i):
+                    for label, matrix in (("model", study.model), ("plant", plant)):
+                        y = simulate_row(matrix, i, piece)
+                        simulated[label][inside, i] = np.interp(record.t[inside], segment.t, y)
     findings = [*record.notes, *screened.findings]
     return Trend(
         name=study.project.experiments[k].name,
