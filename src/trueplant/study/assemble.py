@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from trueplant import detect
 from trueplant.identify import OutputEstimate, Spec, absence_p, likelihood_ratio_p, unanswered
-from trueplant.identify.crossed import TIMES, crossed_outputs
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
-from trueplant.study.informative import setpoint_rank_note
+from trueplant.study.notes import controller_notes, notes_of
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
 from trueplant.study.robustness import robustness_of
 
@@ -85,7 +84,7 @@ def assemble(
     plant = plant_matrix(study, estimates)
     elements = _elements(study, estimates, found, plant)
     answered = any(p.plant is not None for e in elements for p in e.parameters)
-    notes = [*study.notes, *_notes(study, estimates, consistency, found)]
+    notes = [*study.notes, *notes_of(study, estimates, consistency)]
     if not answered:
         reasons = [*reasons, Reason("not-identifiable", "no parameter of any element can be told from these data")]
         reasons += [
@@ -157,7 +156,7 @@ def refused(study: Study, reasons: Sequence[Reason], consistency: Sequence[Mappi
         data=data_tables(study),
         elements=elements,
         methods={"controller_consistency": list(consistency)} if consistency else {},
-        notes=(*study.notes, *_controller_notes(consistency)),
+        notes=(*study.notes, *controller_notes(consistency)),
         plant_toml=study.project.to_toml(),
     )
 
@@ -339,82 +338,3 @@ def _importance(study: Study, plant: TransferMatrix) -> tuple[Array, str]:
     loop = detect.importance_in_loop(delta[:, :, :n_u], law @ sensitivity)
     rest = detect.importance_open_loop(delta, model)[:, n_u:]
     return np.hstack([loop, rest]), "loop"
-
-
-def _controller_notes(consistency: Sequence[Mapping[str, Any]]) -> list[Reason]:
-    return [
-        Reason("controller", str(entry["message"]), f"{entry['experiment']}, {entry['input']}")
-        for entry in consistency
-        if entry["confirmed"] is not True
-    ]
-
-
-def _notes(
-    study: Study,
-    estimates: Mapping[int, OutputEstimate],
-    consistency: Sequence[Mapping[str, Any]],
-    found: Mapping[tuple[int, int], Found],
-) -> list[Reason]:
-    """What the reader should know although an answer was possible."""
-    from trueplant.study.pipeline import faster_scan
-
-    notes = [*setpoint_rank_note(study), *_controller_notes(consistency)]
-    if faster_scan(study):
-        notes.append(
-            Reason(
-                "scan",
-                "the declared controller writes OP more often than it was recorded: what it did between two samples is "
-                "not in the data, and every dead time is uncertain by half a sample, which its interval includes. "
-                "Export the record at the controller's scan",
-            )
-        )
-    names = study.project.output_names
-    closed = any(segment.closed for segment in study.segments)
-    for i, others in crossed_outputs(estimates).items() if closed else ():
-        told = ", ".join(names[j] for j in others)
-        notes.append(
-            Reason(
-                "crossed",
-                f"a disturbance reaches {told} before it reaches {names[i]}, and the controllers act on it in between: "
-                f"estimates for {names[i]} may be off by that, and their standard errors were multiplied by "
-                f"{TIMES:g}. A measured disturbance (or an experiment in open loop) would cure it",
-                names[i],
-            )
-        )
-    experiments = {segment.experiment for segment in study.segments}
-    for i, estimate in estimates.items():
-        runs = estimate.runs
-        if runs is not None and not runs.agree:
-            notes.append(
-                Reason(
-                    "runs-disagree",
-                    "the experiments disagree by more than their residuals justify: the variance between runs was "
-                    "estimated and added, and the intervals speak of their mean"
-                    + (". From two runs that variance is hardly known" if len(runs.experiments) == 2 else ""),
-                    names[i],
-                )
-            )
-        follows = [study.columns[j] for j, p in enumerate(estimate.tests.cross_p) if p < 1e-3]
-        if follows:
-            absent = [name for j, name in enumerate(study.columns) if name in follows and _absent(study, i, j)]
-            advice = (
-                f'ask for the missing element from {", ".join(absent)} (tf = "0" with a structure)'
-                if absent
-                else "the structure is simpler than the plant; intervals are widened by what other noise models say"
-            )
-            notes.append(
-                Reason("undermodelled", f"the prediction errors still follow {', '.join(follows)}: {advice}", names[i])
-            )
-    if len(experiments) == 1:
-        notes.append(
-            Reason(
-                "one-experiment",
-                "the intervals rest on one experiment: how far another run of the same plant would differ is not in "
-                "them; give several experiments together to have that added",
-            )
-        )
-    return notes
-
-
-def _absent(study: Study, i: int, j: int) -> bool:
-    return (i, j) not in study.specs and study.model[i, j].is_zero

@@ -1,0 +1,92 @@
+"""What the reader of a result should know although an answer was possible."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from trueplant.identify import OutputEstimate
+from trueplant.identify.crossed import TIMES, crossed_outputs
+from trueplant.study.informative import setpoint_rank_note
+from trueplant.study.result import Reason
+
+if TYPE_CHECKING:
+    from trueplant.study.pipeline import Study
+
+
+def controller_notes(consistency: Sequence[Mapping[str, Any]]) -> list[Reason]:
+    return [
+        Reason("controller", str(entry["message"]), f"{entry['experiment']}, {entry['input']}")
+        for entry in consistency
+        if entry["confirmed"] is not True
+    ]
+
+
+def notes_of(
+    study: Study,
+    estimates: Mapping[int, OutputEstimate],
+    consistency: Sequence[Mapping[str, Any]],
+) -> list[Reason]:
+    """What the reader should know although an answer was possible."""
+    from trueplant.study.pipeline import faster_scan
+
+    notes = [*setpoint_rank_note(study), *controller_notes(consistency)]
+    if faster_scan(study):
+        notes.append(
+            Reason(
+                "scan",
+                "the declared controller writes OP more often than it was recorded: what it did between two samples is "
+                "not in the data, and every dead time is uncertain by half a sample, which its interval includes. "
+                "Export the record at the controller's scan",
+            )
+        )
+    names = study.project.output_names
+    closed = any(segment.closed for segment in study.segments)
+    for i, others in crossed_outputs(estimates).items() if closed else ():
+        told = ", ".join(names[j] for j in others)
+        notes.append(
+            Reason(
+                "crossed",
+                f"a disturbance reaches {told} before it reaches {names[i]}, and the controllers act on it in between: "
+                f"estimates for {names[i]} may be off by that, and their standard errors were multiplied by "
+                f"{TIMES:g}. A measured disturbance (or an experiment in open loop) would cure it",
+                names[i],
+            )
+        )
+    experiments = {segment.experiment for segment in study.segments}
+    for i, estimate in estimates.items():
+        runs = estimate.runs
+        if runs is not None and not runs.agree:
+            notes.append(
+                Reason(
+                    "runs-disagree",
+                    "the experiments disagree by more than their residuals justify: the variance between runs was "
+                    "estimated and added, and the intervals speak of their mean"
+                    + (". From two runs that variance is hardly known" if len(runs.experiments) == 2 else ""),
+                    names[i],
+                )
+            )
+        follows = [study.columns[j] for j, p in enumerate(estimate.tests.cross_p) if p < 1e-3]
+        if follows:
+            absent = [name for j, name in enumerate(study.columns) if name in follows and _absent(study, i, j)]
+            advice = (
+                f'ask for the missing element from {", ".join(absent)} (tf = "0" with a structure)'
+                if absent
+                else "the structure is simpler than the plant; intervals are widened by what other noise models say"
+            )
+            notes.append(
+                Reason("undermodelled", f"the prediction errors still follow {', '.join(follows)}: {advice}", names[i])
+            )
+    if len(experiments) == 1:
+        notes.append(
+            Reason(
+                "one-experiment",
+                "the intervals rest on one experiment: how far another run of the same plant would differ is not in "
+                "them; give several experiments together to have that added",
+            )
+        )
+    return notes
+
+
+def _absent(study: Study, i: int, j: int) -> bool:
+    return (i, j) not in study.specs and study.model[i, j].is_zero
