@@ -7,7 +7,7 @@ not know.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -50,7 +50,7 @@ def _foretells(t: Array, e: Array, s: Array, x: Array) -> float:
     return float(chi2.sf(a.size * float(np.sum(correlation**2)), LAGS))
 
 
-def less_sure(estimate: OutputEstimate, confidence: float) -> OutputEstimate:
+def less_sure(estimate: OutputEstimate, others: Sequence[int], confidence: float) -> OutputEstimate:
     """The estimate with its standard errors and intervals as wide as such disturbances ask for."""
     extra = (TIMES**2 - 1) * np.diag(estimate.covariance)
     intervals = np.array(
@@ -59,4 +59,5 @@ def less_sure(estimate: OutputEstimate, confidence: float) -> OutputEstimate:
             for (low, high), value, more in zip(estimate.intervals, estimate.theta, extra, strict=True)
         ]
     )
-    return replace(estimate, covariance=estimate.covariance * TIMES**2, intervals=intervals)
+    covariance = estimate.covariance * TIMES**2
+    return replace(estimate, covariance=covariance, intervals=intervals, foretold_by=tuple(others))

@@ -46,12 +46,6 @@ class RowFit:
         return float(self.count * np.log(max(self.cost, 1e-300) / self.count))
 
     @property
-    def criterion(self) -> float:
-        """Bayesian information criterion, nuisance terms included."""
-        nuisance = sum(self.row.nuisance(self.theta, k).shape[1] for k in range(len(self.row.pieces)))
-        return float(self.deviance + np.log(self.count) * (self.theta.size + self.ar.size + nuisance))
-
-    @property
     def covariance(self) -> Array:
         """(size, size) of theta; a variance beyond all measure where the data say nothing."""
         n = self.theta.size
@@ -177,8 +171,7 @@ def fit_row(
         if settled or point.cost <= 1e-24 * max(_energy(row), 1e-300):
             converged = True
             break
-    nuisance = sum(row.nuisance(theta, k).shape[1] for k in range(len(row.pieces)))
-    used = max(point.count - int(moving.sum()) - nuisance, 1)
+    used = max(point.count - int(moving.sum()) - row.nuisance_count(theta), 1)
     information = point.information.copy()
     frozen = np.flatnonzero(~moving)
     information[frozen, :] = information[:, frozen] = 0.0

@@ -37,14 +37,9 @@ def likelihood_ratio_p(fit: RowFit, index: Array, values: Array) -> float:
     free = fit.free.copy()
     free[index] = False
     held = fit_row(fit.row, theta, fit.ar, weights=fit.weights, free=free, reweight=False)
-    left = max(fit.count - fit.theta.size - fit.ar.size - nuisance_count(fit), 1)
+    left = max(fit.count - fit.theta.size - fit.ar.size - fit.row.nuisance_count(fit.theta), 1)
     ratio = left * np.log(max(held.cost, 1e-300) / max(fit.cost, 1e-300))
     return float(chi2.sf(max(ratio, 0.0), len(index)))
-
-
-def nuisance_count(fit: RowFit) -> int:
-    """Offsets and free responses that were estimated along."""
-    return sum(fit.row.nuisance(fit.theta, k).shape[1] for k in range(len(fit.row.pieces)))
 
 
 def absence_p(fit: RowFit, m: int) -> float:
@@ -53,6 +48,6 @@ def absence_p(fit: RowFit, m: int) -> float:
     row = replace(fit.row, specs=tuple(fit.row.specs[k] for k in kept))
     parts = [fit.theta[fit.row.slices[k]] for k in kept]
     without = fit_row(row, np.concatenate([np.zeros(0), *parts]), fit.ar, weights=fit.weights, reweight=False)
-    left = max(fit.count - fit.theta.size - fit.ar.size - nuisance_count(fit), 1)
+    left = max(fit.count - fit.theta.size - fit.ar.size - fit.row.nuisance_count(fit.theta), 1)
     ratio = left * np.log(max(without.cost, 1e-300) / max(fit.cost, 1e-300))
     return float(chi2.sf(max(ratio, 0.0), SEARCHED + len(fit.row.specs[m].structure.names)))

@@ -48,6 +48,8 @@ class OutputEstimate:
     """Parameters whose estimate moves beyond its interval with the order of the noise model."""
     tests: ResidualTests
     validation: Validation | None
+    foretold_by: tuple[int, ...] = ()
+    """Other outputs whose past prediction errors foretell this one's (`crossed`); the covariance counts that."""
 
     @property
     def row(self) -> Row:

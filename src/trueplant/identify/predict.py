@@ -250,6 +250,10 @@ class Row:
         columns = [column for column, _ in self._free_responses(theta, k)]
         return np.column_stack([np.ones(len(self._times(k))), *columns])
 
+    def nuisance_count(self, theta: Array) -> int:
+        """Offsets and free responses over all pieces, which are estimated along."""
+        return sum(self.nuisance(theta, k).shape[1] for k in range(len(self.pieces)))
+
     def nuisance_gradient(self, theta: Array, k: int, weights: Array) -> Array:
         """Derivative (n, size) of `nuisance @ weights` by theta: only lags and pairs move the columns."""
         out = np.zeros((len(self._times(k)), self.size))

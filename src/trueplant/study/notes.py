@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from trueplant.identify import OutputEstimate
-from trueplant.identify.crossed import TIMES, crossed_outputs
+from trueplant.identify.crossed import TIMES
 from trueplant.study.informative import setpoint_rank_note
 from trueplant.study.result import Reason
 
@@ -41,20 +41,19 @@ def notes_of(
             )
         )
     names = study.project.output_names
-    closed = any(segment.closed for segment in study.segments)
-    for i, others in crossed_outputs(estimates).items() if closed else ():
-        told = ", ".join(names[j] for j in others)
-        notes.append(
-            Reason(
-                "crossed",
-                f"a disturbance reaches {told} before it reaches {names[i]}, and the controllers act on it in between: "
-                f"estimates for {names[i]} may be off by that, and their standard errors were multiplied by "
-                f"{TIMES:g}. A measured disturbance (or an experiment in open loop) would cure it",
-                names[i],
-            )
-        )
     experiments = {segment.experiment for segment in study.segments}
     for i, estimate in estimates.items():
+        if estimate.foretold_by:
+            told = ", ".join(names[j] for j in estimate.foretold_by)
+            notes.append(
+                Reason(
+                    "crossed",
+                    f"a disturbance reaches {told} before it reaches {names[i]}, and the controllers act on it in "
+                    f"between: estimates for {names[i]} may be off by that, and their standard errors were multiplied "
+                    f"by {TIMES:g}. A measured disturbance (or an experiment in open loop) would cure it",
+                    names[i],
+                )
+            )
         runs = estimate.runs
         if runs is not None and not runs.agree:
             notes.append(

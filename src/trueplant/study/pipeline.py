@@ -239,8 +239,8 @@ def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
         if found is not None:
             estimates[i] = found
     if any(segment.closed for segment in study.segments):
-        for i in crossed_outputs(estimates):
-            estimates[i] = less_sure(estimates[i], study.project.analysis.confidence)
+        for i, others in crossed_outputs(estimates).items():
+            estimates[i] = less_sure(estimates[i], others, study.project.analysis.confidence)
     return estimates
 
 
