@@ -110,7 +110,7 @@ def identify_output(
     fit = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
     runs = compare_runs(fit)
     if runs is not None and not runs.agree:
-        theta, covariance = combine_runs(fit, runs)
+        theta, covariance = combine_runs(fit, runs, confidence)
     else:
         theta, covariance = fit.theta, fit.covariance
     tests = residual_tests(fit, confidence)

@@ -80,7 +80,7 @@ def compare_runs(pooled: RowFit, significance: float = 0.05) -> Runs | None:
     return Runs(experiments, theta, covariance, p_value, np.zeros(n) if agree else between, agree)
 
 
-def combine_runs(pooled: RowFit, runs: Runs) -> tuple[Array, Array]:
+def combine_runs(pooled: RowFit, runs: Runs, confidence: float = 0.95) -> tuple[Array, Array]:
     """Mean of the runs and its covariance, weighted by within- and between-run variance.
 
     Runs that say next to nothing about a parameter leave it to the others through their covariance.
@@ -95,7 +95,8 @@ def combine_runs(pooled: RowFit, runs: Runs) -> tuple[Array, Array]:
     combined = np.linalg.pinv(total, rcond=1e-13, hermitian=True)
     if len(runs.theta) > 2:
         # The spread is itself an estimate from few runs (Hartung and Knapp 2001): the t quantile instead of the normal.
-        few = float(t.ppf(0.975, len(runs.theta) - 1) / norm.ppf(0.975))
+        tail = 0.5 + confidence / 2
+        few = float(t.ppf(tail, len(runs.theta) - 1) / norm.ppf(tail))
         scale = np.where(runs.between > 0, few, 1.0)
         combined = combined * np.outer(scale, scale)
     low, high = pooled.row.bounds()

@@ -46,10 +46,10 @@ def headline(result: Result) -> str:
         whole = "" if open_ones else "all " if kept > 1 else ""
         where = f"{whole}{_count(kept, 'element')}" if kept > 1 or open_ones else _arrow(result.elements[0])
         text = f"No change was found in {where}{_hidden([e for e in result.elements if e.verdict == 'unchanged'])}."
-        tolerance = result.provenance.get("settings", {}).get("tolerance_percent")
-        if tolerance and any(
-            p.p_adjusted is not None and p.p_adjusted < 0.05 for e in result.elements for p in e.parameters
-        ):
+        settings = result.provenance.get("settings", {})
+        tolerance, level = settings.get("tolerance_percent"), 1 - settings.get("confidence", 0.95)
+        p_values = [p.p_adjusted for e in result.elements for p in e.parameters if p.p_adjusted is not None]
+        if tolerance and min(p_values, default=1.0) < level:
             text += f" Differences beyond chance are there, but none above the tolerance of {tolerance:g} %."
     else:
         text = "No verdict is possible: none of the elements can be told from these data."
