@@ -10,17 +10,33 @@ import pytest
 
 from trueplant.errors import UsageError
 from trueplant.loop import check_loop, complementary, sensitivity, simulate
-from trueplant.plants import mill, rao_garnier, shell_3x3, splitter, wood_berry
+from trueplant.plants import (
+    mill,
+    quadruple_tank,
+    rao_garnier,
+    shell_3x3,
+    skogestad_distillation,
+    spinning_satellite,
+    splitter,
+    wardle_wood,
+    wood_berry,
+)
+from trueplant.robust import gain_and_dead_time_weight, margins, performance_weight
+from trueplant.tune import blt
 
 
-@pytest.mark.parametrize("module", ["mill", "columns", "rao_garnier"])
+@pytest.mark.parametrize("module", ["mill", "columns", "rao_garnier", "tanks", "satellite"])
 def test_examples_in_the_documentation_hold(module):
     outcome = doctest.testmod(importlib.import_module(f"trueplant.plants.{module}"))
     assert outcome.attempted > 0
     assert outcome.failed == 0
 
 
-@pytest.mark.parametrize("case", [mill(), mill("eq37"), splitter(), wood_berry(), shell_3x3()], ids=lambda c: c.name)
+SOUND = [mill(), mill("eq37"), splitter(), wood_berry(), shell_3x3(), wardle_wood(), skogestad_distillation()]
+SOUND += [quadruple_tank(), spinning_satellite()]
+
+
+@pytest.mark.parametrize("case", SOUND, ids=lambda c: c.name)
 def test_every_published_loop_is_a_sound_one(case):
     assert len(case.outputs) == case.model.shape[0]
     assert len(case.inputs) == case.model.shape[1]
@@ -83,6 +99,30 @@ def test_rao_garnier_starts_the_wrong_way():
     y = simulate(case.model, None, np.zeros((500, 1)), 0.01, u=np.ones((500, 1))).y[:, 0]
     assert y[:20].min() < -0.5
     assert case.model.dc_gain == pytest.approx(1.0)
+
+
+def test_mill_carries_table_1_and_its_weights():
+    for case in (mill(), mill("eq37")):
+        assert case.input_nominal == (65, 45) and case.input_limits == ((60, 70), (40, 50))
+        assert case.output_nominal == (70, 150) and case.output_limits == ((68, 72), (140, 170))
+        s = 1j * np.geomspace(1e-3, 1e2, 30)
+        # (31) is the weight of 10 % gain and 0.2 min dead-time error, (32) asks for a bandwidth of 0.05 rad/min
+        assert np.allclose(case.uncertainty(s), gain_and_dead_time_weight(0.1, 0.2)(s), rtol=1e-12)
+        assert np.allclose(case.performance(s), performance_weight(0.05, 1 / 0.45)(s), rtol=1e-12)
+
+
+def test_wardle_wood_settings_are_those_of_the_blt_rule():
+    case = wardle_wood()
+    found = blt(case.model)
+    for own, computed in zip(case.controller.entries.values(), found.controller.entries.values(), strict=True):
+        assert computed.Kc == pytest.approx(own.Kc, rel=0.01)
+        assert computed.Ti == pytest.approx(own.Ti, rel=0.01)
+
+
+def test_one_loop_of_the_satellite_tells_nothing_of_both():
+    case = spinning_satellite()
+    alone = margins(case.model, case.controller, loop=0, others="closed")
+    assert alone.gain_margin == np.inf and alone.phase_margin == pytest.approx(90, abs=1e-6)
 
 
 def test_unknown_variant_of_the_mill_is_named():

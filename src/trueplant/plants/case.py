@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from trueplant.loop import Controller
-from trueplant.lti import TransferMatrix
+from trueplant.lti import TransferFunction, TransferMatrix
 
 Limits = tuple[float, float]
 
@@ -32,3 +32,7 @@ class Case:
     input_limits: tuple[Limits, ...] | None = None
     disturbance: TransferMatrix | None = None
     """Measured disturbances to outputs."""
+    uncertainty: TransferFunction | None = None
+    """Weight wI of the relative uncertainty of each input channel, where the reference gives one."""
+    performance: TransferFunction | None = None
+    """Weight wP of the sensitivity in each output channel."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from trueplant.loop import PID, Controller
-from trueplant.lti import TransferMatrix
+import numpy as np
+
+from trueplant.loop import PID, Controller, Linear
+from trueplant.lti import TransferFunction, TransferMatrix, tf
 from trueplant.plants.case import Case
 
 
@@ -71,6 +73,81 @@ def wood_berry() -> Case:
         outputs=(("distillate_methanol", "%"), ("bottoms_methanol", "%")),
         inputs=(("reflux", "lb/min"), ("steam", "lb/min")),
         disturbance=TransferMatrix.of([["3.8 exp(-8.1 s)/(14.9 s + 1)"], ["4.9 exp(-3.4 s)/(13.2 s + 1)"]], "min"),
+    )
+
+
+def wardle_wood() -> Case:
+    """Wardle and Wood's column under the PI settings of Luyben's BLT rule.
+
+    Wardle, A. P. and Wood, R. M. (1969), I. Chem. E. Symp. Ser. 32, 6:68-6:81; settings from Luyben, W. L. (1986),
+    Ind. Eng. Chem. Process Des. Dev. 25, 654-660.
+
+    The first relative gain is 2.69:
+
+    >>> from trueplant.robust import rga
+    >>> print(round(float(rga(wardle_wood().model.dc_gain)[0, 0]), 2))
+    2.69
+    """
+    return Case(
+        name="wardle_wood",
+        reference="Wardle and Wood (1969), I. Chem. E. Symp. Ser. 32, 6:68; PI: Luyben (1986), Ind. Eng. Chem. Process "
+        "Des. Dev. 25, 654",
+        model=TransferMatrix.of(
+            [
+                ["0.126 exp(-6 s)/(60 s + 1)", "-0.101 exp(-12 s)/((48 s + 1)(45 s + 1))"],
+                ["0.094 exp(-8 s)/(38 s + 1)", "-0.12 exp(-8 s)/(35 s + 1)"],
+            ],
+            "min",
+        ),
+        plant=None,
+        controller=Controller.diagonal([PID(Kc=27.4, Ti=41.4), PID(Kc=-13.3, Ti=52.9)]),
+        time_unit="min",
+        outputs=(("top_composition", ""), ("bottom_composition", "")),
+        inputs=(("reflux", ""), ("vapour_boilup", "")),
+    )
+
+
+def skogestad_distillation() -> Case:
+    """Skogestad and Postlethwaite's high-purity distillation column in the LV configuration, inverse-based controller.
+
+    Skogestad, S. and Postlethwaite, I. (2005), Multivariable Feedback Control, 2nd ed., Wiley: the simplified model of
+    sections 3.7.2 and 8.11, all signals scaled. The controller is 0.7/s G^-1 there; its integral is 1/(s + 1e-5) here,
+    so that it has a value at rest.
+
+    Condition number 141.7 and first relative gain 35.1: nearly singular, and so not robust against input errors. At
+    the 61 frequencies of the reference robust performance is 5.7726, although nominal performance is 0.5:
+
+    >>> import numpy as np
+    >>> from trueplant.robust import Full, diagonal, generalised_plant, mu, rga
+    >>> case = skogestad_distillation()
+    >>> gain = case.model.dc_gain
+    >>> print(round(float(np.linalg.cond(gain)), 1), round(float(rga(gain)[0, 0]), 1))
+    141.7 35.1
+    >>> s = 1j * np.logspace(-3, 3, 61)
+    >>> N = generalised_plant(case.model, case.controller, case.uncertainty, case.performance, s)
+    >>> print(round(float(mu(N, (*diagonal(2), Full(2))).upper.max()), 4))
+    5.7726
+    >>> print(round(float(np.linalg.norm(N[:, 2:, 2:], 2, (1, 2)).max()), 3))
+    0.5
+    """
+    gain = np.array([[87.8, -86.4], [108.2, -109.6]])
+    inverse = 0.7 * np.linalg.inv(gain)
+    laws = {
+        (i, j): Linear(TransferFunction.rational(inverse[i, j] * np.array([75.0, 1.0]), [1.0, 1e-5]))
+        for i in range(2)
+        for j in range(2)
+    }
+    return Case(
+        name="skogestad_distillation",
+        reference="Skogestad and Postlethwaite (2005), Multivariable Feedback Control, 2nd ed., 3.7.2 and 8.11",
+        model=TransferMatrix.of([[f"{k}/(75 s + 1)" for k in row] for row in gain], "min"),
+        plant=None,
+        controller=Controller(laws, 2, 2),
+        time_unit="min",
+        outputs=(("top_composition", ""), ("bottom_composition", "")),
+        inputs=(("reflux", ""), ("boilup", "")),
+        uncertainty=tf("(s + 0.2)/(0.5 s + 1)"),
+        performance=tf("0.5 (10 s + 1)/(10 s + 1e-5)"),
     )
 
 

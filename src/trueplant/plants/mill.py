@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from trueplant.errors import UsageError
 from trueplant.loop import PID, Controller
-from trueplant.lti import TransferMatrix
+from trueplant.lti import TransferMatrix, tf
 from trueplant.plants.case import Case
 
 RECYCLE_FACTOR = {"printed": 1.1014, "eq37": 1.0137}
@@ -16,7 +16,7 @@ def mill(variant: str = "printed") -> Case:
 
     In print, (34) and (37) contradict each other: (37)'s -0.0066 needs the factor 1.0137 in (34) where 1.1014
     stands. `variant` is "printed" for 1.1014 or "eq37" for 1.0137. With 1.1014 the loop needs some 200 min to
-    settle. Nominal values and limits are Table 1 of the reference.
+    settle. Nominal values and limits are Table 1 of the reference, the weights its (31) and (32).
 
     The mismatch of the last element is ``-0.0809/(s + 0.2857)`` without its dead time, as (37) prints:
 
@@ -52,4 +52,6 @@ def mill(variant: str = "printed") -> Case:
         input_nominal=(65.0, 45.0),
         output_limits=((68.0, 72.0), (140.0, 170.0)),
         input_limits=((60.0, 70.0), (40.0, 50.0)),
+        uncertainty=tf("(0.21 s + 0.1)/(0.1 s + 1)"),
+        performance=tf("(0.45 s + 0.05)/s"),
     )
