@@ -1,5 +1,6 @@
 """Which elements changed, and whether it matters."""
 
+from trueplant.detect.elements import Found, elements_found, judge_elements, verdicts
 from trueplant.detect.verdict import (
     Evidence,
     ParameterVerdict,
@@ -13,11 +14,15 @@ from trueplant.detect.verdict import (
 
 __all__ = [
     "Evidence",
+    "Found",
     "ParameterVerdict",
     "Verdict",
+    "elements_found",
     "grade",
     "holm",
     "importance_in_loop",
     "importance_open_loop",
     "judge",
+    "judge_elements",
+    "verdicts",
 ]

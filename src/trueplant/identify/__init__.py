@@ -4,6 +4,7 @@ from trueplant.identify.equation_error import equation_error, paper_route
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
+from trueplant.identify.matrix import identify_matrix, specs_of
 from trueplant.identify.output import OutputEstimate, choose_stride, identify_output, samples_per_update, unanswered
 from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.validate import fit_percent, simulate_piece
@@ -21,11 +22,13 @@ __all__ = [
     "estimate_row",
     "fit_percent",
     "fit_row",
+    "identify_matrix",
     "identify_output",
     "likelihood_ratio_p",
     "paper_route",
     "pieces_of",
     "samples_per_update",
     "simulate_piece",
+    "specs_of",
     "unanswered",
 ]

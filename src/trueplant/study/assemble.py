@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trueplant import detect
-from trueplant.identify import OutputEstimate, Spec, absence_p, likelihood_ratio_p, unanswered
+from trueplant.detect import Found
+from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
@@ -26,50 +26,6 @@ Array = NDArray[np.float64]
 KEPT = "kept at its declared value (estimate = false)"
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """One estimated element, cut out of the estimate of its output."""
-
-    spec: Spec
-    theta: Array
-    covariance: Array
-    intervals: Array
-    reasons: Mapping[int, str]
-    model: tuple[float | None, ...]
-
-
-def elements_found(study: Study, estimates: Mapping[int, OutputEstimate]) -> dict[tuple[int, int], Found]:
-    """Each estimated element by its place in the matrix, parameters with tau1 >= tau2 >= ..."""
-    found = {}
-    for i, estimate in estimates.items():
-        reasons = unanswered(estimate)
-        for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
-            order = spec.structure.sorted(estimate.theta[part])
-            index = part.start + order
-            found[i, spec.column] = Found(
-                spec,
-                estimate.theta[index],
-                estimate.covariance[np.ix_(index, index)],
-                estimate.intervals[index],
-                {k: reasons[int(place)] for k, place in enumerate(index) if int(place) in reasons},
-                _model_values(study, i, spec),
-            )
-    return found
-
-
-def _model_values(study: Study, i: int, spec: Spec) -> tuple[float | None, ...]:
-    """What the model says of each parameter; an element that it lacks has no gain and no dynamics."""
-    from trueplant.lti.structure import structure_of
-
-    names = spec.structure.names
-    system = study.model[i, spec.column]
-    if system.is_zero:
-        return tuple(0.0 if name.startswith(("gain", "slope")) else None for name in names)
-    own, values = structure_of(system)
-    known = dict(zip(own.names, values, strict=True))
-    return tuple(float(known[name]) if name in known else None for name in names)
-
-
 def assemble(
     study: Study,
     estimates: Mapping[int, OutputEstimate],
@@ -80,7 +36,7 @@ def assemble(
     """The result of an analysis that answered at least in part; refused if no parameter is answered."""
     from trueplant.study.pipeline import plant_matrix
 
-    found = elements_found(study, estimates)
+    found = detect.elements_found(study.model, estimates)
     plant = plant_matrix(study, estimates)
     elements = _elements(study, estimates, found, plant)
     answered = any(p.plant is not None for e in elements for p in e.parameters)
@@ -172,45 +128,17 @@ def _elements(
     plant: TransferMatrix,
 ) -> tuple[Element, ...]:
     settings = study.project.analysis
-    places = sorted(found)
-    verdicts = detect.judge(
-        [
-            detect.Evidence(
-                found[p].model,
-                found[p].theta,
-                found[p].covariance,
-                tuple(k not in found[p].reasons for k in range(len(found[p].theta))),
-                _other_p(estimates[p[0]], found[p]),
-            )
-            for p in places
-        ],
-        settings.confidence,
-        settings.tolerance_percent,
-    )
+    verdicts = detect.judge_elements(found, estimates, settings.confidence, settings.tolerance_percent)
     importance = _importance(study, plant)
     elements = []
     for i in range(study.model.shape[0]):
         for j in range(study.model.shape[1]):
             if (i, j) in found:
-                verdict = verdicts[places.index((i, j))]
-                elements.append(_element(study, estimates[i], found[i, j], verdict, plant[i, j], i, j, importance))
+                judged = verdicts[i, j]
+                elements.append(_element(study, estimates[i], found[i, j], judged, plant[i, j], i, j, importance))
             elif not study.model[i, j].is_zero:
                 elements.append(_held_element(study, i, j))
     return tuple(elements)
-
-
-def _other_p(estimate: OutputEstimate, found: Found) -> float | None:
-    """The same question by the likelihood: have the answered parameters the model's values, is the element absent?"""
-    fit = estimate.fit
-    m = next(m for m, spec in enumerate(fit.row.specs) if spec is found.spec)
-    start = fit.row.slices[m].start
-    if found.spec.start is None:
-        return absence_p(fit, m)
-    told = [k for k, model in enumerate(found.model) if model is not None and k not in found.reasons]
-    if not told:
-        return None
-    index = start + np.array(told)
-    return likelihood_ratio_p(fit, index, np.array([found.model[k] for k in told], dtype=float))
 
 
 def _held_element(study: Study, i: int, j: int) -> Element:

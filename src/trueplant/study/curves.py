@@ -19,7 +19,7 @@ from trueplant.study.datatables import simulate_row
 from trueplant.study.result import Curves, Residuals, Trend
 
 if TYPE_CHECKING:
-    from trueplant.study.assemble import Found
+    from trueplant.detect import Found
     from trueplant.study.pipeline import Study
 
 Array = NDArray[np.float64]

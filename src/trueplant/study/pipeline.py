@@ -11,18 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.errors import ProjectError
-from trueplant.identify import (
-    Held,
-    OutputEstimate,
-    Row,
-    Spec,
-    choose_stride,
-    fit_row,
-    identify_output,
-    samples_per_update,
-    unanswered,
-)
-from trueplant.identify.crossed import crossed_outputs, less_sure
+from trueplant.identify import OutputEstimate, Row, Spec, fit_row, identify_matrix, unanswered
 from trueplant.identify.search import lag_of
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.lti.structure import Structure, structure_of
@@ -211,37 +200,16 @@ def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
     """The estimate of each output that has elements to estimate and data to do it from."""
     usable = [s for s in study.screened if s.refusal is None]
     updates = [float(np.max(s.update_interval)) for s in usable if s.update_interval.size]
-    stride = choose_stride(study.segments, list(study.specs.values()), max(updates, default=0.0))
-    update = samples_per_update(max(updates, default=0.0), study.segments[0].h)
-    timing = timing_error(study, max(updates, default=0.0))
-    known = [lag_of(s.structure.names, np.array(s.start)) for s in study.specs.values() if s.start is not None]
-    scales = [lag for lag in known if lag > 0]
-    estimates = {}
-    for i, name in enumerate(study.project.output_names):
-        specs = [spec for (row, _), spec in sorted(study.specs.items()) if row == i]
-        held = [
-            Held(j, study.model[i, j])
-            for j in range(study.model.shape[1])
-            if (i, j) not in study.specs and not study.model[i, j].is_zero
-        ]
-        say(f"estimating {name}")
-        found = identify_output(
-            study.segments,
-            i,
-            specs,
-            held,
-            confidence=study.project.analysis.confidence,
-            stride=stride,
-            update=update,
-            timing=timing,
-            time_scale=float(np.median(scales)) if scales else None,
-        )
-        if found is not None:
-            estimates[i] = found
-    if any(segment.closed for segment in study.segments):
-        for i, others in crossed_outputs(estimates).items():
-            estimates[i] = less_sure(estimates[i], others, study.project.analysis.confidence)
-    return estimates
+    interval = max(updates, default=0.0)
+    return identify_matrix(
+        study.segments,
+        study.model,
+        study.specs,
+        confidence=study.project.analysis.confidence,
+        update_interval=interval,
+        timing=timing_error(study, interval),
+        tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
+    )
 
 
 def timing_error(study: Study, update_interval: float) -> float:
@@ -278,7 +246,7 @@ def plant_matrix(study: Study, estimates: Mapping[int, OutputEstimate]) -> Trans
     for i in range(study.model.shape[0]):
         row = [study.model[i, j] for j in range(study.model.shape[1])]
         if i in estimates:
-            theta, silent = _believed(estimates[i])
+            theta, silent = believed(estimates[i])
             for m, (spec, part) in enumerate(zip(estimates[i].row.specs, estimates[i].row.slices, strict=True)):
                 if m not in silent:
                     row[spec.column] = spec.structure.transfer(theta[part])
@@ -286,7 +254,7 @@ def plant_matrix(study: Study, estimates: Mapping[int, OutputEstimate]) -> Trans
     return TransferMatrix(tuple(tuple(row) for row in rows), study.model.time_unit)
 
 
-def _believed(found: OutputEstimate) -> tuple[Array, set[int]]:
+def believed(found: OutputEstimate) -> tuple[Array, set[int]]:
     """Parameters of a row, and the elements of which nothing is answered."""
     reasons = unanswered(found)
     fit, theta = found.fit, found.theta

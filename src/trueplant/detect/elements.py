@@ -1,0 +1,121 @@
+"""From the estimates of all outputs to a verdict on each element."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.detect.verdict import Evidence, Verdict, judge
+from trueplant.identify import (
+    OutputEstimate,
+    Spec,
+    absence_p,
+    identify_matrix,
+    likelihood_ratio_p,
+    specs_of,
+    unanswered,
+)
+from trueplant.lti import TransferMatrix
+from trueplant.lti.structure import structure_of
+from trueplant.record import Segment
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """One estimated element, cut out of the estimate of its output."""
+
+    spec: Spec
+    theta: Array
+    covariance: Array
+    intervals: Array
+    reasons: Mapping[int, str]
+    """Parameters that are not answered, by their place in theta."""
+    model: tuple[float | None, ...]
+
+
+def elements_found(model: TransferMatrix, estimates: Mapping[int, OutputEstimate]) -> dict[tuple[int, int], Found]:
+    """Each estimated element by its place in the matrix, parameters with tau1 >= tau2 >= ..."""
+    found = {}
+    for i, estimate in estimates.items():
+        reasons = unanswered(estimate)
+        for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
+            order = spec.structure.sorted(estimate.theta[part])
+            index = part.start + order
+            found[i, spec.column] = Found(
+                spec,
+                estimate.theta[index],
+                estimate.covariance[np.ix_(index, index)],
+                estimate.intervals[index],
+                {k: reasons[int(place)] for k, place in enumerate(index) if int(place) in reasons},
+                _model_values(model, i, spec),
+            )
+    return found
+
+
+def _model_values(model: TransferMatrix, i: int, spec: Spec) -> tuple[float | None, ...]:
+    """What the model says of each parameter; an element that it lacks has no gain and no dynamics."""
+    names = spec.structure.names
+    system = model[i, spec.column]
+    if system.is_zero:
+        return tuple(0.0 if name.startswith(("gain", "slope")) else None for name in names)
+    own, values = structure_of(system)
+    known = dict(zip(own.names, values, strict=True))
+    return tuple(float(known[name]) if name in known else None for name in names)
+
+
+def judge_elements(
+    found: Mapping[tuple[int, int], Found],
+    estimates: Mapping[int, OutputEstimate],
+    confidence: float = 0.95,
+    tolerance_percent: float = 0.0,
+) -> dict[tuple[int, int], Verdict]:
+    """The verdict on each element, familywise over all of them: Wald's test and the likelihood have to agree."""
+    places = sorted(found)
+    evidence = [
+        Evidence(
+            found[p].model,
+            found[p].theta,
+            found[p].covariance,
+            tuple(k not in found[p].reasons for k in range(len(found[p].theta))),
+            _other_p(estimates[p[0]], found[p]),
+        )
+        for p in places
+    ]
+    return dict(zip(places, judge(evidence, confidence, tolerance_percent), strict=True))
+
+
+def _other_p(estimate: OutputEstimate, found: Found) -> float | None:
+    """The same question by the likelihood: have the answered parameters the model's values, is the element absent?"""
+    fit = estimate.fit
+    m = next(m for m, spec in enumerate(fit.row.specs) if spec is found.spec)
+    start = fit.row.slices[m].start
+    if found.spec.start is None:
+        return absence_p(fit, m)
+    told = [k for k, model in enumerate(found.model) if model is not None and k not in found.reasons]
+    if not told:
+        return None
+    index = start + np.array(told)
+    return likelihood_ratio_p(fit, index, np.array([found.model[k] for k in told], dtype=float))
+
+
+def verdicts(
+    segments: Sequence[Segment],
+    model: TransferMatrix,
+    specs: Mapping[tuple[int, int], Spec] | None = None,
+    *,
+    confidence: float = 0.95,
+    tolerance_percent: float = 0.0,
+) -> dict[tuple[int, int], Verdict]:
+    """Which elements of the plant are no longer the model's: {(output, input): verdict}, from segments alone.
+
+    `model` (n_y, n_u) in the segments' time unit; `specs` are the elements to estimate, by default all that the
+    model has. This is the test that `trueplant run` makes, for Python users and for studies over many records.
+    """
+    asked = specs_of(model) if specs is None else specs
+    estimates = identify_matrix(segments, model, asked, confidence=confidence)
+    return judge_elements(elements_found(model, estimates), estimates, confidence, tolerance_percent)

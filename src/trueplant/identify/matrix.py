@@ -1,0 +1,71 @@
+"""All outputs of a plant estimated, and what disturbances that reach several of them do to that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from trueplant.identify.crossed import crossed_outputs, less_sure
+from trueplant.identify.output import OutputEstimate, choose_stride, identify_output, samples_per_update
+from trueplant.identify.predict import Held, Spec
+from trueplant.identify.search import lag_of
+from trueplant.lti.structure import structure_of
+from trueplant.lti.transfer import TransferMatrix
+from trueplant.record.types import Segment
+
+
+def specs_of(model: TransferMatrix) -> dict[tuple[int, int], Spec]:
+    """Every element that the model has, in the model's own structure and starting from its parameters."""
+    specs = {}
+    for i, row in enumerate(model.elements):
+        for j, system in enumerate(row):
+            if not system.is_zero:
+                structure, values = structure_of(system)
+                specs[i, j] = Spec(j, structure, tuple(values))
+    return specs
+
+
+def identify_matrix(
+    segments: Sequence[Segment],
+    model: TransferMatrix,
+    specs: Mapping[tuple[int, int], Spec],
+    *,
+    confidence: float = 0.95,
+    update_interval: float = 0.0,
+    timing: float = 0.0,
+    tell: Callable[[int], None] | None = None,
+) -> dict[int, OutputEstimate]:
+    """The estimate of each output that has elements to estimate and data to do it from.
+
+    `model` (n_y, n_u + n_d) holds the elements that are not in `specs` at their values. `update_interval` is the
+    time between real updates of PV, `timing` the standard error of the instants (`identify_output`). `tell` is
+    told the number of each output before it is estimated.
+    """
+    stride = choose_stride(segments, list(specs.values()), update_interval)
+    update = samples_per_update(update_interval, segments[0].h)
+    known = [lag_of(s.structure.names, np.array(s.start)) for s in specs.values() if s.start is not None]
+    scales = [lag for lag in known if lag > 0]
+    estimates = {}
+    for i in range(model.shape[0]):
+        own = [spec for (row, _), spec in sorted(specs.items()) if row == i]
+        held = [Held(j, model[i, j]) for j in range(model.shape[1]) if (i, j) not in specs and not model[i, j].is_zero]
+        if tell is not None:
+            tell(i)
+        found = identify_output(
+            segments,
+            i,
+            own,
+            held,
+            confidence=confidence,
+            stride=stride,
+            update=update,
+            timing=timing,
+            time_scale=float(np.median(scales)) if scales else None,
+        )
+        if found is not None:
+            estimates[i] = found
+    if any(segment.closed for segment in segments):
+        for i, others in crossed_outputs(estimates).items():
+            estimates[i] = less_sure(estimates[i], others, confidence)
+    return estimates
