@@ -26,6 +26,8 @@ FEWEST_SAMPLES = 2.5
 """Lag and dead time together must span this many samples to be told from each other and from none."""
 ROUNDING = 1e-6
 """Relative standard error below which no estimate from recorded numbers is believed."""
+PLAUSIBLE = 2.0
+"""A noise model whose prediction errors have more than this times the variance is no rival: nobody would choose it."""
 UNKNOWN = 1e30
 """A standard error beyond this says that there was no information at all."""
 WEAKLY_KNOWN = "its standard error is more than half of its size: the data say too little about it"
@@ -165,6 +167,7 @@ def _order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> t
         other = refit_noise(fit, order)
         shift = np.abs(other.theta - fit.theta)
         beyond = (shift > 3 * np.minimum(sigma, np.sqrt(np.diag(other.covariance)))) & (shift > scale / 3)
+        beyond &= other.variance < PLAUSIBLE * fit.variance
         for index in np.flatnonzero(beyond):
             moved.setdefault(
                 int(index),
