@@ -13,6 +13,7 @@ from trueplant.robust.weights import (
     covering_weight,
     gain_and_dead_time_weight,
     performance_weight,
+    set_weight,
     uncertainty_weight,
 )
 
@@ -37,6 +38,7 @@ __all__ = [
     "perturbed_plant",
     "rga",
     "robust_performance",
+    "set_weight",
     "uncertainty_blocks",
     "uncertainty_weight",
     "worst_gain",

@@ -95,14 +95,37 @@ def covariance_weight(
     nominal = response(theta)
     # along the axes of the ellipsoid, by central differences of a hundredth of a standard deviation
     step = 0.01
-    changes = np.stack([(response(theta + step * a) - response(theta - step * a)) / (2 * step) for a in axes.T], axis=1)
-    if kind == "input":
-        changes = np.asarray(np.linalg.solve(nominal[:, None], changes), dtype=np.complex128)
-    elif kind == "output":
-        changes = changes @ np.linalg.inv(nominal)[:, None]
-    flat = changes.reshape(*changes.shape[:2], -1)
+    changes = np.stack([(response(theta + step * a) - response(theta - step * a)) / (2 * step) for a in axes.T])
+    along = _relative(changes, nominal, kind)
+    flat = along.reshape(*along.shape[:2], -1).swapaxes(0, 1)
     gram = (flat @ flat.conj().swapaxes(1, 2)).real
     return np.asarray(np.sqrt(chi2.ppf(confidence, theta.size) * np.linalg.eigvalsh(gram)[:, -1]))
+
+
+def set_weight(nominal: ArrayLike, members: ArrayLike, kind: str = "output") -> Array:
+    """Size of the model error (n_s,) that a set of known plants asks for: the largest sigma_max over its members.
+
+    nominal: G (n_s, n_y, n_u), members: (n_m, n_s, n_y, n_u), such as plants identified in several runs or drawn from
+    an estimate. The error is G_k - G for kind "additive", G^-1 (G_k - G) for "input" and (G_k - G) G^-1 for "output"
+    (square plants): with `covering_weight` a weight under which every one of these plants lies in the set
+    (Skogestad and Postlethwaite 2005, section 7.4.2). Raises UsageError.
+    """
+    G, plants = np.asarray(nominal, dtype=np.complex128), np.asarray(members, dtype=np.complex128)
+    if kind not in KINDS:
+        raise UsageError(f"the kind of uncertainty must be one of {', '.join(KINDS)}, not {kind!r}")
+    if G.ndim != 3 or plants.ndim != 4 or plants.shape[1:] != G.shape or plants.shape[0] == 0:
+        raise UsageError(f"a set of plants needs the shape (n_m, {', '.join(map(str, G.shape))}), not {plants.shape}")
+    return np.asarray(np.max(np.linalg.norm(_relative(plants - G, G, kind), ord=2, axis=(2, 3)), axis=0))
+
+
+def _relative(changes: ComplexArray, nominal: ComplexArray, kind: str) -> ComplexArray:
+    """Changes of G (n, n_s, n_y, n_u) as the uncertainty of that kind has them."""
+    if kind == "additive":
+        return changes
+    if nominal.shape[1] != nominal.shape[2]:
+        raise UsageError(f'errors at the {kind} need as many inputs as outputs: take kind "additive"')
+    inverse = np.linalg.inv(nominal)
+    return np.asarray(inverse @ changes if kind == "input" else changes @ inverse, dtype=np.complex128)
 
 
 def covering_weight(w: ArrayLike, magnitude: ArrayLike) -> TransferFunction:
