@@ -65,6 +65,8 @@ class Piece:
     hold: tuple[str, ...]
     restarts: tuple[int, ...] = ()
     """Samples at which a gap in the inputs ends: what they did in it, and so the state, is not known."""
+    start: float = 0.0
+    """Time of the first sample."""
 
     @property
     def span(self) -> float:
@@ -79,7 +81,8 @@ class Piece:
         inputs = np.ascontiguousarray(inputs - inputs[:, :1])
         last = self.y.size if end is None else end
         restarts = tuple(k - first for k in self.restarts if first < k < last)
-        return replace(self, y=self.y[part], valid=self.valid[part], inputs=inputs, restarts=restarts)
+        start = self.start + first * self.h
+        return replace(self, y=self.y[part], valid=self.valid[part], inputs=inputs, restarts=restarts, start=start)
 
     @cached_property
     def starts_at_rest(self) -> bool:
@@ -114,7 +117,7 @@ def pieces_of(
         y = np.where(valid, whole.y[:, output], 0.0)
         for element in held:
             y = y - sampled_response(element.system, inputs[element.column], whole.h, hold[element.column])
-        piece = Piece(whole.experiment, whole.h, np.where(valid, y, 0.0), valid, inputs, hold, restarts)
+        piece = Piece(whole.experiment, whole.h, np.where(valid, y, 0.0), valid, inputs, hold, restarts, whole.t[0])
         pieces.append(piece.from_sample(_first_update(whole.y[:, output], update)))
     return tuple(pieces)
 
