@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
 from trueplant.study.notes import controller_notes, notes_of
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
-from trueplant.study.robustness import robustness_of
+from trueplant.study.robustness import LoopToday, robustness_of
 
 if TYPE_CHECKING:
     from trueplant.study.methods import Compared
@@ -57,20 +58,7 @@ def assemble(
         methods["controller_consistency"] = list(consistency)
     notes += [Reason("methods", sentence) for sentence in others.agreement if "disagree" in sentence]
     updated = {(i, j): plant[i, j] for i, j in found}
-    robustness = robustness_of(study, plant) if answered else {}
-    notes += [
-        Reason(
-            "margins", "on the plant as estimated, today's controller leaves this loop unstable or close to it", name
-        )
-        for name in robustness.get("worse", ())
-    ]
-    if robustness.get("peaks", {}).get("plant", {}).get("robust_performance_holds") is False:
-        notes.append(
-            Reason(
-                "robust-performance",
-                "with today's controller robust performance does not hold on the plant as estimated",
-            )
-        )
+    loop = robustness_of(study, plant, estimates) if answered else LoopToday()
     return Result(
         status="ok" if answered else "refused",
         reasons=tuple(reasons),
@@ -79,9 +67,9 @@ def assemble(
         elements=elements,
         fit=fit_rows(study, estimates, plant),
         methods=methods,
-        robustness=robustness,
-        notes=tuple(notes),
-        curves=curves_of(study, estimates, found, plant, others.response),
+        robustness=loop.table,
+        notes=(*notes, *loop.notes),
+        curves=replace(curves_of(study, estimates, found, plant, others.response), mu=loop.mu),
         plant_toml=study.project.with_model(updated).to_toml(),
     )
 
