@@ -169,14 +169,18 @@ def test_an_element_that_the_model_lacks_is_found_when_asked_for(tmp_path):
     assert found.parameters[1].model is None
 
 
-def test_an_element_that_was_left_out_is_named(tmp_path):
+def test_an_element_that_was_left_out_is_named_and_estimated_along(tmp_path):
     written(tmp_path, "record.csv", wood_berry(15))
     made = project(tmp_path)
     elements = [e.model_dump(exclude_unset=True) for e in made.model]
     tables = made.model_dump(by_alias=True, exclude_unset=True) | {"model": elements[:2] + elements[3:]}
     result = run(Project.from_toml(Project(**tables).to_toml(), tmp_path))
-    notes = [note.message for note in result.notes if note.code == "undermodelled"]
-    assert any("missing element from reflux" in message for message in notes)
+    notes = [note.message for note in result.notes if note.code == "missing-element"]
+    assert len(notes) == 1 and notes[0].startswith("reflux moves bottom,")
+    (element,) = (e for e in result.elements if e.input == "reflux" and e.output == "bottom")
+    assert element.verdict == "changed" and element.tf_model == "0"
+    low, high = element.parameters[0].ci
+    assert low < 6.6 < high and high - low < 2
 
 
 LAG = TransferMatrix.of([["2 exp(-13.4 s)/(60 s + 1)"]])

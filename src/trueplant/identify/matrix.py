@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
 from trueplant.identify.crossed import crossed_outputs, less_sure
+from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, choose_stride, identify_output, samples_per_update
 from trueplant.identify.predict import Held, Spec
 from trueplant.identify.search import lag_of
@@ -38,33 +40,37 @@ def identify_matrix(
 ) -> dict[int, OutputEstimate]:
     """The estimate of each output that has elements to estimate and data to do it from.
 
-    `model` (n_y, n_u + n_d) holds the elements that are not in `specs` at their values. `update_interval` is the
-    time between real updates of PV, `timing` the standard error of the instants (`identify_output`). `tell` is
-    told the number of each output before it is estimated.
+    `model` (n_y, n_u + n_d) holds the elements that are not in `specs` at their values; those of its zeros that the
+    record shows to act are estimated along (`with_missing`). `update_interval` is the time between real updates of
+    PV, `timing` the standard error of the instants (`identify_output`). `tell` is told the number of each output
+    before it is estimated.
     """
     stride = choose_stride(segments, list(specs.values()), update_interval)
     update = samples_per_update(update_interval, segments[0].h)
     known = [lag_of(s.structure.names, np.array(s.start)) for s in specs.values() if s.start is not None]
     scales = [lag for lag in known if lag > 0]
+    places = np.ndindex(*model.shape)
+    absent = [place for place in places if place not in specs and model[place].is_zero]
     estimates = {}
     for i in range(model.shape[0]):
         own = [spec for (row, _), spec in sorted(specs.items()) if row == i]
         held = [Held(j, model[i, j]) for j in range(model.shape[1]) if (i, j) not in specs and not model[i, j].is_zero]
         if tell is not None:
             tell(i)
-        found = identify_output(
+        estimate = partial(
+            identify_output,
             segments,
             i,
-            own,
-            held,
+            held=held,
             confidence=confidence,
             stride=stride,
             update=update,
             timing=timing,
             time_scale=float(np.median(scales)) if scales else None,
         )
+        found = estimate(own)
         if found is not None:
-            estimates[i] = found
+            estimates[i] = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
     if any(segment.closed for segment in segments):
         for i, others in crossed_outputs(estimates).items():
             estimates[i] = less_sure(estimates[i], others, confidence)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -86,6 +86,7 @@ def analyse(project: Project, progress: Progress | None = None) -> Result:
     if not estimates:
         reasons.append(Reason("nothing-to-estimate", "no output has both an element to estimate and usable data"))
         return refused(study, reasons, consistency)
+    study = _with_elements_of(study, estimates)
     say("comparing methods")
     others = compare_methods(study, estimates)
     say("putting the result together")
@@ -210,6 +211,21 @@ def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
         timing=timing_error(study, interval),
         tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
     )
+
+
+def _with_elements_of(study: Study, estimates: Mapping[int, OutputEstimate]) -> Study:
+    """The study with the elements that the model lacks and the estimate had to take in."""
+    taken = {(i, spec.column): spec for i, found in estimates.items() for spec in found.row.specs}
+    notes = [
+        Reason(
+            "missing-element",
+            f"{study.columns[j]} moves {study.project.output_names[i]}, which the model does not have: an element of "
+            "first order with dead time was found in the record and estimated along",
+            f"{study.columns[j]} -> {study.project.output_names[i]}",
+        )
+        for i, j in sorted(taken.keys() - study.specs.keys())
+    ]
+    return replace(study, specs=study.specs | taken, notes=(*study.notes, *notes))
 
 
 def timing_error(study: Study, update_interval: float) -> float:
