@@ -1,6 +1,7 @@
 """Controllers for the updated plant: tuning rules, optimal and robust settings, before and after."""
 
 from trueplant.tune.compare import Comparison, LoopMetrics, StepMetrics, compare, loop_metrics, step_metrics
+from trueplant.tune.drawn import DrawnPlants, KnownRow, Peaks, UncertainPlant, common_grid, peaks
 from trueplant.tune.forms import Notation, Settings, converted, pid_of, settings_of
 from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.optimal import optimal
@@ -21,6 +22,7 @@ from trueplant.tune.rules import (
 )
 from trueplant.tune.several import BLT, blt, sequential
 from trueplant.tune.shaping import loop_shaping, pole_placement
+from trueplant.tune.together import LoopTask, TunedTogether, slow_down, tune_together, unseen_dead_time
 from trueplant.tune.uncertain import UncertainTuning, draw_parameters, holds, tune_uncertain
 
 __all__ = [
@@ -28,17 +30,24 @@ __all__ = [
     "METHODS",
     "Choices",
     "Comparison",
+    "DrawnPlants",
+    "KnownRow",
     "Limits",
     "LoopMetrics",
+    "LoopTask",
     "Notation",
+    "Peaks",
     "Reduced",
     "Retuned",
     "Settings",
     "StepMetrics",
+    "TunedTogether",
+    "UncertainPlant",
     "UncertainTuning",
     "amigo",
     "blt",
     "cohen_coon",
+    "common_grid",
     "compare",
     "converted",
     "draw_parameters",
@@ -54,6 +63,7 @@ __all__ = [
     "max_ki",
     "minimum_error",
     "optimal",
+    "peaks",
     "pid_of",
     "pole_placement",
     "reaction_curve",
@@ -62,9 +72,12 @@ __all__ = [
     "sequential",
     "settings_of",
     "simc",
+    "slow_down",
     "step_metrics",
+    "tune_together",
     "tune_uncertain",
     "tyreus_luyben",
     "ultimate",
+    "unseen_dead_time",
     "ziegler_nichols",
 ]

@@ -170,7 +170,7 @@ def tune_uncertain(
         )
     sign = float(signs[0])
     half = p.shape[0] // 2
-    rank = _most_failures(p.shape[0] - half, share, confidence)
+    rank = most_failures(p.shape[0] - half, share, confidence)
     centre = np.median(p, axis=0) if nominal is None else np.asarray(nominal, dtype=float)
     plant = structure.transfer(centre)
     w = _grid(structure, p)
@@ -226,7 +226,7 @@ def _proven(discs: Discs, kp: float, ki: float, shape: ComplexArray, rank: int) 
     return kp * (proven or 1.0), ki * proven**2
 
 
-def _most_failures(count: int, share: float, confidence: float) -> int:
+def most_failures(count: int, share: float, confidence: float) -> int:
     """The most failures among `count` plants that still prove the share with that confidence."""
     from scipy.stats import binom
 
