@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import statistics
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trueplant.report import tables
+from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.numbers import number, probability
 from trueplant.study.result import Curves, Result, Trend
 
 if TYPE_CHECKING:
-    import plotly.graph_objects as go
+    import jinja2
 
 MOST_POINTS, ALL_POINTS, MOST_ROWS = 4000, 200_000, 60
 WORDS = (
@@ -75,67 +73,16 @@ LABELS = {word: word.replace("_", " ").capitalize() for word in WORDS.split()} |
 }
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """A figure as the template needs it: where it goes, what it shows, and plotly's JSON."""
-
-    id: str
-    title: str
-    caption: str
-    height: int
-    json: str
-
-
-class _Book:
-    """Collects the figures in the order in which they appear."""
-
-    def __init__(self) -> None:
-        self.drawn: list[Drawn] = []
-
-    def add(self, figure: go.Figure, title: str, caption: str) -> Drawn:
-        name = f"figure-{len(self.drawn) + 1}"
-        text = figure.to_json(engine="json", validate=False)
-        self.drawn.append(Drawn(name, title, caption, int(figure.layout.height), text))
-        return self.drawn[-1]
-
-    def json(self) -> str:
-        """All figures and both palettes, safe inside a script element."""
-        import json
-
-        from trueplant.report.style import DARK, LIGHT
-
-        book = ",".join(f'"{d.id}":{d.json}' for d in self.drawn)
-        text = f'{{"palettes":{json.dumps({"light": LIGHT, "dark": DARK})},"figures":{{{book}}}}}'
-        return text.replace("<", "\\u003c")
-
-
 def render(result: Result) -> str:
     """The report of `result` as HTML text: no file or address outside of it is needed.
 
     The same result gives the same text. Raises nothing for results without curves, elements or data.
     """
-    import jinja2
-    from markupsafe import Markup
-    from plotly.offline import get_plotlyjs
-
-    from trueplant.report.style import DARK, LIGHT
     from trueplant.study.words import plain
 
-    room = files("trueplant.report")
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(lambda name: room.joinpath(name).read_text(encoding="utf-8")),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"number": number, "probability": probability, "label": _label}
-    environment.tests["spans"] = _is_spans
-    environment.tests["records"] = _is_records
-    book = _Book()
-    scripts = [get_plotlyjs(), room.joinpath("report.js").read_text(encoding="utf-8")]
+    book = Book()
     scale = tables.percent_scale(result.elements)
-    page = environment.get_template("report.html.j2").render(
+    page = environment("trueplant.report").get_template("report.html.j2").render(
         result=result,
         headline=result.headline.replace("->", "→"),  # a line must not break inside the arrow
         confidence=_confidence(result),
@@ -150,22 +97,32 @@ def render(result: Result) -> str:
         grid=_grid(result),
         scale=number(scale),
         figures=_figures(result.curves, book, _z(_confidence(result))) if result.curves is not None else None,
-        book=Markup(book.json()),
-        scripts=[Markup(s) for s in scripts],
-        script_hashes=" ".join(f"'sha256-{_digest(s)}'" for s in scripts),
-        style=Markup(room.joinpath("report.css").read_text(encoding="utf-8")),
-        light=Markup(_variables(LIGHT)),
-        dark=Markup(_variables(DARK)),
+        **frame(book),
     )
     return page + "\n"
 
 
-def _digest(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+def environment(*packages: str) -> jinja2.Environment:
+    """Templates of these packages, the first that has one counting, with the filters that the macros need."""
+    import jinja2
 
+    rooms = [files(package) for package in packages]
 
-def _variables(palette: Mapping[str, str]) -> str:
-    return "".join(f"--{role.replace('_', '-')}:{color};" for role, color in palette.items())
+    def load(name: str) -> str | None:
+        found = next((room.joinpath(name) for room in rooms if room.joinpath(name).is_file()), None)
+        return None if found is None else found.read_text(encoding="utf-8")
+
+    made = jinja2.Environment(
+        loader=jinja2.FunctionLoader(load),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters |= {"number": number, "probability": probability, "label": _label}
+    made.tests["spans"] = _is_spans
+    made.tests["records"] = _is_records
+    return made
 
 
 def _confidence(result: Result) -> float:
@@ -203,7 +160,7 @@ def _grid(result: Result) -> tuple[list[str], list[tuple[str, list[Any]]]]:
     return inputs, [(i, [found.get((i, j)) for j in inputs]) for i in outputs]
 
 
-def _figures(curves: Curves, book: _Book, z: float) -> dict[str, Any]:
+def _figures(curves: Curves, book: Book, z: float) -> dict[str, Any]:
     from trueplant.report import captions, figures
 
     limit = _points(curves)
@@ -272,7 +229,7 @@ def _figures(curves: Curves, book: _Book, z: float) -> dict[str, Any]:
     }
 
 
-def _trend_figures(curves: Curves, trend: Trend, book: _Book, limit: int) -> list[Drawn]:
+def _trend_figures(curves: Curves, trend: Trend, book: Book, limit: int) -> list[Drawn]:
     from trueplant.report import captions, figures
 
     drawn = []
