@@ -132,7 +132,9 @@ def blocks_of(fit: RowFit, row: Row, moves: Array) -> Blocks:
     parts = [_piece_blocks(fit, replace(row, pieces=(piece,)), length, settle) for piece in row.pieces]
     start, end, information, errors = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     last = np.searchsorted(moves, end) - 1
-    since = np.where(last >= 0, start - moves[np.maximum(last, 0)], np.inf) if moves.size else np.full(start.size, np.inf)
+    since = (
+        np.where(last >= 0, start - moves[np.maximum(last, 0)], np.inf) if moves.size else np.full(start.size, np.inf)
+    )
     active = since < settle
     return Blocks(start, end, np.where(active[:, None, None], information, 0.0), errors, active)
 
@@ -233,9 +235,7 @@ def _greedy(blocks: Blocks, demand: Demand, a: int, b: int) -> list[tuple[int, i
     return out
 
 
-def _with_idle(
-    found: list[Stretch], blocks: Blocks, experiment: int, settle: float, what: str
-) -> list[Stretch]:
+def _with_idle(found: list[Stretch], blocks: Blocks, experiment: int, settle: float, what: str) -> list[Stretch]:
     """The stretches, and between them those in which nothing moved or nothing could be used, if they are long."""
     edges = [float(blocks.start[0]), *(x for s in found for x in (s.start, s.end)), float(blocks.end[-1])]
     idle = []
@@ -274,13 +274,12 @@ def cut(blocks: Blocks, start: float, end: float) -> Blocks | None:
     )
 
 
-def part_of(segments: Sequence[Segment], start: float, end: float, output: int) -> list[Segment]:
-    """The segments of one experiment from `start` to before `end`, where this output was measured."""
+def part_of(segments: Sequence[Segment], start: float, end: float) -> list[Segment]:
+    """The segments of one experiment from `start` to before `end`."""
     out = []
     for segment in segments:
         a, b = np.searchsorted(segment.t, [start - 1e-6 * segment.h, end - 1e-6 * segment.h])
-        if b - a < 2 or np.isfinite(segment.y[a:b, output]).sum() < 2:
-            continue
-        whole = {name: getattr(segment, name)[a:b] for name in ("t", "r", "u", "y", "d", "free")}
-        out.append(replace(segment, **whole))
+        if b - a > 1:
+            whole = {name: getattr(segment, name)[a:b] for name in ("t", "r", "u", "y", "d", "free")}
+            out.append(replace(segment, **whole))
     return out

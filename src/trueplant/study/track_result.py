@@ -1,0 +1,142 @@
+"""What tracking returns: frozen data and its JSON form, track.json (schema 1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from trueplant.study.result import Interval, Parameter, Reason
+
+
+@dataclass(frozen=True)
+class WindowElement:
+    """One element in one window, judged against the declared model."""
+
+    input: str
+    verdict: str
+    """ "changed", "unchanged" or "not identifiable"; familywise over the elements of this output in this window."""
+    p_adjusted: float | None
+    parameters: tuple[Parameter, ...]
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of the record of one output: fitted, or refused with the reason. Times on the common axis."""
+
+    output: str
+    experiment: str
+    start: float
+    end: float
+    status: str
+    """ "ok" or "refused"."""
+    reason: str = ""
+    elements: tuple[WindowElement, ...] = ()
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A parameter before and after a change (at the two ends of a drift)."""
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    std_error: float
+    """Of after - before."""
+    ci: Interval
+    """Of after - before."""
+    change_percent: float | None
+    """Of the value before."""
+    p_adjusted: float
+    changed: bool
+
+
+@dataclass(frozen=True)
+class Change:
+    """One element that changed, and since when."""
+
+    output: str
+    input: str
+    kind: str
+    """ "step", "drift", or "undecided" between the two."""
+    time: float | None
+    """Of a step: when PV began to follow the new parameters."""
+    interval: Interval
+    """In which a step lies at the confidence asked for; of a drift the whole stretch."""
+    p_adjusted: float
+    parameters: tuple[Moved, ...]
+
+
+@dataclass(frozen=True)
+class TrackedElement:
+    """The history of one element in a word."""
+
+    output: str
+    input: str
+    history: str
+    """ "constant", "step", "drift", "undecided", or "not identifiable"."""
+    p_adjusted: float | None
+    windows: int
+    """Windows that its history rests on."""
+    scatter: float
+    """Factor on the standard errors that the scatter of the windows asked for; 1 if none."""
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class TrackedExperiment:
+    """Where a record lies on the common time axis."""
+
+    name: str
+    offset: float
+    """Added to the record's own time."""
+    start: str | None
+    """Time stamp of the record's time 0."""
+    span: Interval
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The outcome of tracking. `to_dict` is track.json (schema 1)."""
+
+    status: str
+    """ "ok", or "refused" if no window could be fitted."""
+    reasons: tuple[Reason, ...]
+    notes: tuple[Reason, ...]
+    provenance: Mapping[str, Any]
+    time_unit: str
+    experiments: tuple[TrackedExperiment, ...]
+    windows: tuple[Window, ...] = ()
+    elements: tuple[TrackedElement, ...] = ()
+    changes: tuple[Change, ...] = field(default=())
+
+    @property
+    def headline(self) -> str:
+        """What changed and since when, in a sentence or two."""
+        from trueplant.study.track_words import headline
+
+        return headline(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """track.json as plain Python; numbers that are not finite become None."""
+        from trueplant.study.words import plain
+
+        body = {
+            "schema": 1,
+            "status": self.status,
+            "headline": self.headline,
+            "reasons": self.reasons,
+            "notes": self.notes,
+            "provenance": self.provenance,
+            "time_unit": self.time_unit,
+            "experiments": self.experiments,
+            "elements": self.elements,
+            "changes": self.changes,
+            "windows": self.windows,
+        }
+        converted: dict[str, Any] = plain(body)
+        return converted
+
+    def __repr__(self) -> str:
+        return f"Track({self.status}: {self.headline})"

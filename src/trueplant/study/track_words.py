@@ -1,0 +1,67 @@
+"""A track in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import groupby
+
+from trueplant.study.track_result import Change, Moved, Track
+from trueplant.study.words import number
+
+
+def headline(track: Track) -> str:
+    """What changed and since when, in a sentence or two for the person at the panel."""
+    if track.status == "refused":
+        why = track.reasons[0].message if track.reasons else "the data do not say enough"
+        return f"Nothing can be followed: {why.rstrip('.')}."
+    text = " ".join(change_sentence(change, track.time_unit) for change in track.changes[:3])
+    if len(track.changes) > 3:
+        text += f" {len(track.changes) - 3} more changes were found."
+    steady = [e for e in track.elements if e.history == "constant"]
+    unknown = [e for e in track.elements if e.history == "not identifiable"]
+    if not track.changes and steady:
+        count = f"all {len(steady)} elements" if len(steady) > 1 and not unknown else _count(len(steady), "element")
+        text = f"No change over time was found in {count}."
+    elif steady:
+        text += f" {_count(len(steady), 'element')} without a change."
+    if unknown:
+        text += f" {_count(len(unknown), 'element')} cannot be followed in this record."
+    return text.strip()
+
+
+def change_sentence(change: Change, unit: str) -> str:
+    """Such as: reflux -> top temperature changed in a step at 412 min (401 to 420): gain 3.2 -> 4.1 (+28 %)."""
+    where = f"{_spoken(change.input)} -> {_spoken(change.output)}"
+    low, high = (number(t, 5) for t in change.interval)
+    moved = ", ".join(moved_words(p) for p in change.parameters if p.changed)
+    if change.kind == "step":
+        return f"{where} changed in a step at {number(change.time, 5)} {unit} (between {low} and {high}): {moved}."
+    if change.kind == "drift":
+        return f"{where} drifted from {low} to {high} {unit}: {moved}."
+    return f"{where} changed between {low} and {high} {unit}, in a step or gradually, which these data cannot tell: {moved}."
+
+
+def moved_words(p: Moved) -> str:
+    percent = "" if p.change_percent is None else f" ({p.change_percent:+.0f} %)"
+    unit = f" {p.unit}" if p.unit else ""
+    return f"{_spoken(p.name)} {number(p.before)} -> {number(p.after)}{unit}{percent}"
+
+
+def refused_stretches(track: Track) -> list[tuple[str, str, float, float, str]]:
+    """(outputs, experiment, from, to, reason) of the refused windows, outputs refused alike put together."""
+    refused = [w for w in track.windows if w.status == "refused"]
+    refused.sort(key=lambda w: (w.experiment, w.start, w.end, w.reason))
+    groups = groupby(refused, key=lambda w: (w.experiment, w.start, w.end, w.reason))
+    return [(_listed([w.output for w in same]), *key) for key, same in groups]
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(_spoken(name) for name in names)
+
+
+def _spoken(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _count(n: int, word: str) -> str:
+    return f"{n} {word}{'s' if n != 1 else ''}"
