@@ -1,10 +1,19 @@
 """Controllers for the updated plant: tuning rules, optimal and robust settings, before and after."""
 
-from trueplant.tune.compare import Comparison, LoopMetrics, StepMetrics, compare, loop_metrics, step_metrics
+from trueplant.tune.compare import (
+    Comparison,
+    LoopMetrics,
+    StepMetrics,
+    compare,
+    loop_metrics,
+    step_metrics,
+    step_response,
+)
 from trueplant.tune.drawn import DrawnPlants, KnownRow, Peaks, UncertainPlant, common_grid, peaks
 from trueplant.tune.forms import Notation, Settings, converted, pid_of, settings_of
 from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.optimal import optimal
+from trueplant.tune.propose import ALL_METHODS, CERTAIN, Proposal, propose
 from trueplant.tune.reduce import Reduced, half_rule, matched, reduced
 from trueplant.tune.response import frequencies, ultimate
 from trueplant.tune.retune import METHODS, Choices, Retuned, retune
@@ -22,14 +31,18 @@ from trueplant.tune.rules import (
 )
 from trueplant.tune.several import BLT, blt, sequential
 from trueplant.tune.shaping import loop_shaping, pole_placement
+from trueplant.tune.state_space import Designed, fastest, h2, h_infinity, lqg
 from trueplant.tune.together import LoopTask, TunedTogether, slow_down, tune_together, unseen_dead_time
 from trueplant.tune.uncertain import UncertainTuning, draw_parameters, holds, tune_uncertain
 
 __all__ = [
+    "ALL_METHODS",
     "BLT",
+    "CERTAIN",
     "METHODS",
     "Choices",
     "Comparison",
+    "Designed",
     "DrawnPlants",
     "KnownRow",
     "Limits",
@@ -37,6 +50,7 @@ __all__ = [
     "LoopTask",
     "Notation",
     "Peaks",
+    "Proposal",
     "Reduced",
     "Retuned",
     "Settings",
@@ -51,7 +65,10 @@ __all__ = [
     "compare",
     "converted",
     "draw_parameters",
+    "fastest",
     "frequencies",
+    "h2",
+    "h_infinity",
     "half_rule",
     "holds",
     "imc",
@@ -59,6 +76,7 @@ __all__ = [
     "lambda_tuning",
     "loop_metrics",
     "loop_shaping",
+    "lqg",
     "matched",
     "max_ki",
     "minimum_error",
@@ -66,6 +84,7 @@ __all__ = [
     "peaks",
     "pid_of",
     "pole_placement",
+    "propose",
     "reaction_curve",
     "reduced",
     "retune",
@@ -74,6 +93,7 @@ __all__ = [
     "simc",
     "slow_down",
     "step_metrics",
+    "step_response",
     "tune_together",
     "tune_uncertain",
     "tyreus_luyben",

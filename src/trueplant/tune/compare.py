@@ -93,7 +93,7 @@ def _measured(
         raise LoopError(f'step must be "set-point" or "load", not {step!r}')
     h, count = _span(plant, law, found, horizon)
     while True:
-        t, error, u = _response(plant, law, step, output, input, h, count)
+        t, error, u = step_response(plant, law, step, h, count, output=output, input=input)
         size = float(np.max(np.abs(error)))
         if horizon is not None or np.max(np.abs(error[-count // 5 :])) <= _SETTLED * size:
             break
@@ -117,10 +117,13 @@ def _measured(
     )
 
 
-def _response(
-    plant: TransferMatrix, law: Controller, step: Step, output: int, input: int, h: float, count: int
+def step_response(
+    plant: TransferMatrix, law: Controller, step: Step, h: float, count: int, *, output: int = 0, input: int = 0
 ) -> tuple[Array, Array, Array]:
-    """t, r - y and the OP of `input` (count,)."""
+    """t, r - y of `output` and the OP of `input` (count,) each at steps of h, after a unit step; no limits of OP.
+
+    The other loops are closed and at rest. Raises UnstableLoop where the simulation runs away.
+    """
     r, load = np.zeros((count, plant.shape[0])), np.zeros((count, plant.shape[1]))
     if step == "set-point":
         r[:, output] = 1.0

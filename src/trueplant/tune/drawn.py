@@ -59,6 +59,19 @@ class UncertainPlant:
     steady: Collection[tuple[int, int]] = ()
     """(output, input) of the elements whose gain keeps its sign in every draw: those that a loop is closed over."""
 
+    def first(self, n_u: int) -> UncertainPlant:
+        """The first n_u columns alone, such as the inputs without measured disturbances."""
+        rows = {}
+        for i, row in self.rows.items():
+            kept = [m for m, j in enumerate(row.columns) if j < n_u]
+            if kept:
+                index = np.concatenate([np.arange(row.theta.size)[row.slices[m]] for m in kept])
+                columns, structures = (tuple(x[m] for m in kept) for x in (row.columns, row.structures))
+                rows[i] = KnownRow(columns, structures, row.theta[index], row.covariance[np.ix_(index, index)])
+        elements = tuple(row[:n_u] for row in self.nominal.elements)
+        steady = [(i, j) for i, j in self.steady if j < n_u]
+        return UncertainPlant(TransferMatrix(elements, self.nominal.time_unit), rows, steady)
+
     def draw(self, count: int, seed: int) -> DrawnPlants:
         """Normal draws within the bounds of the structures. Raises LoopError where almost none is inside."""
         streams = np.random.default_rng(seed).spawn(len(self.nominal.elements))

@@ -50,6 +50,8 @@ class LoopTask:
     alpha: float = 0.1
     unseen: float = 0.0
     """Dead time that the settings have to stand on top of the plant's own."""
+    dead_time_error: float = 0.0
+    """How much longer the element's dead time may be than estimated; for rules, which know no covariance."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,238 @@
+"""Every tuning method by name, for all loops of a plant at once, kept within what a record knows of the plant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import LoopError
+from trueplant.loop import PID, Controller, Linear, unstable_poles
+from trueplant.loop.pid import Entry
+from trueplant.lti import TransferFunction, TransferMatrix
+from trueplant.robust import margins
+from trueplant.tune.drawn import UncertainPlant
+from trueplant.tune.forms import converted
+from trueplant.tune.integral import Limits
+from trueplant.tune.response import axis, frequencies
+from trueplant.tune.retune import METHODS, retune
+from trueplant.tune.several import blt, sequential
+from trueplant.tune.state_space import DESIGNS, fastest
+from trueplant.tune.together import LoopTask, slow_down, tune_together, with_entries
+
+Array = NDArray[np.float64]
+
+CERTAIN = "certain-share"
+ALL_METHODS = (CERTAIN, *METHODS, "blt", "sequential", *DESIGNS)
+"""Ours, the rules, those for several loops, and those whose answer is no PID."""
+
+_USUAL = 2.0
+"""Sensitivity peak below which a detuned set of loops is left as it is (Astrom and Hagglund 2006, section 4.6)."""
+_FACTORS = np.geomspace(1.0, 0.02, 40)
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """What one method says for all loops."""
+
+    method: str
+    controller: Controller | None
+    """Loops without an answer keep today's law; None if no loop has an answer, or nothing stable was found."""
+    answered: tuple[bool, ...]
+    """Of each task."""
+    notes: tuple[str, ...]
+    """One for each task, empty where there is nothing to say."""
+    price: tuple[float | None, ...]
+    """Integral gain given up for certainty, by `CERTAIN` only."""
+
+
+def propose(
+    uncertain: UncertainPlant,
+    tasks: Sequence[LoopTask],
+    today: Controller,
+    methods: Sequence[str],
+    *,
+    limit: float = 1.59,
+    share: float = 0.95,
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> tuple[Proposal, ...]:
+    """Settings by each method, in the order asked for.
+
+    The rules see each loop's own element, later by what the task calls unseen or by the error of its dead time,
+    whichever is longer. Whatever they say is slowed down until the loop's gain is below 1 beyond the task's
+    crossover, and, where the loops together are not stable or have a sensitivity peak above 2 that none has alone,
+    until they are calm. The notes say so.
+
+    Raises LoopError for unknown methods.
+    """
+    unknown = [name for name in methods if name not in ALL_METHODS]
+    if unknown:
+        raise LoopError(f"unknown tuning method {unknown[0]!r}: use {', '.join(ALL_METHODS)}")
+    found = []
+    for method in methods:
+        try:
+            if method == CERTAIN:
+                found.append(_certain(uncertain, tasks, today, limit, share, confidence, seed))
+            elif method in METHODS:
+                found.append(_by_rule(uncertain.nominal, tasks, today, method, limit))
+            elif method in DESIGNS:
+                found.append(_by_design(uncertain.nominal, tasks, today, method, limit))
+            else:
+                found.append(_several(uncertain.nominal, tasks, today, method, limit))
+        except LoopError as error:
+            found.append(_none(method, tasks, str(error)))
+    return tuple(found)
+
+
+def _none(method: str, tasks: Sequence[LoopTask], why: str) -> Proposal:
+    return Proposal(method, None, (False,) * len(tasks), (why,) * len(tasks), (None,) * len(tasks))
+
+
+def _certain(
+    uncertain: UncertainPlant,
+    tasks: Sequence[LoopTask],
+    today: Controller,
+    limit: float,
+    share: float,
+    confidence: float,
+    seed: int,
+) -> Proposal:
+    found = tune_together(uncertain, tasks, today, limit=limit, share=share, confidence=confidence, seed=seed)
+    laws, notes = zip(*(_in_form(found.controller, task) for task in tasks), strict=True)
+    controller = with_entries(found.controller, dict(zip(tasks, laws, strict=True)))
+    return Proposal(CERTAIN, controller, (True,) * len(tasks), tuple(notes), found.price)
+
+
+def _in_form(controller: Controller, task: LoopTask) -> tuple[PID, str]:
+    """The law in the form that the task's controller has, as far as there is an equivalent."""
+    law = controller.entries[task.input, task.output]
+    assert isinstance(law, PID)
+    try:
+        return converted(law, task.like.form), ""
+    except LoopError:
+        return law, f'in the form "{law.form}": there is no equivalent in the form "{task.like.form}"'
+
+
+def _by_rule(
+    plant: TransferMatrix, tasks: Sequence[LoopTask], today: Controller, method: str, limit: float
+) -> Proposal:
+    laws: dict[LoopTask, PID] = {}
+    notes = []
+    for task in tasks:
+        later = max(task.unseen, task.dead_time_error)
+        seen = plant[task.output, task.input] * TransferFunction.rational([1.0], [1.0], later)
+        found = retune(seen, task.like, [method], kind=task.kind, limits=Limits(limit, limit))[0]
+        note = [found.note] if found.note else []
+        if found.pid is not None:
+            laws[task], factor = _within_crossover(plant[task.output, task.input], found.pid, task)
+            if factor < 1:
+                note.append(f"slowed down by {1 / factor:.3g} to keep its crossover")
+        notes.append(note)
+    if not laws:
+        return _none(method, tasks, "; ".join(notes[0]))
+    return _calm_together(plant, tasks, with_entries(today, laws), laws, method, notes)
+
+
+def _several(
+    plant: TransferMatrix, tasks: Sequence[LoopTask], today: Controller, method: str, limit: float
+) -> Proposal:
+    """The rules for several loops, on the plant with its pairs brought to the diagonal."""
+    if len(tasks) < 2 or len(tasks) != len(today.entries):
+        raise LoopError("is for several loops that are all tuned")
+    elements = [
+        [plant[j.output, i.input] * TransferFunction.rational([1.0], [1.0], i.unseen) for i in tasks] for j in tasks
+    ]
+    square = TransferMatrix(tuple(map(tuple, elements)), plant.time_unit)
+    kinds = {task.kind for task in tasks}
+    kind = kinds.pop() if len(kinds) == 1 else "PI"
+    tuned = blt(square).controller if method == "blt" else sequential(square, Limits(limit, limit), kind)
+    laws, notes = {}, []
+    for k, task in enumerate(tasks):
+        bare = tuned.entries[k, k]
+        assert isinstance(bare, PID)
+        kept = replace(task.like, form="ideal", Kc=bare.Kc, Ti=bare.Ti, Td=bare.Td, alpha=bare.alpha)
+        kept = replace(kept, Kp=None, Ki=0.0, Kd=0.0, Tf=0.0, action=None, gain_unit="engineering")
+        law, note = _in_form(with_entries(today, {task: kept}), task)
+        laws[task], factor = _within_crossover(plant[task.output, task.input], law, task)
+        said = [note] if note else []
+        notes.append(said + ([f"slowed down by {1 / factor:.3g} to keep its crossover"] if factor < 1 else []))
+    return _calm_together(plant, tasks, with_entries(today, laws), laws, method, notes)
+
+
+def _within_crossover(g: TransferFunction, pid: PID, task: LoopTask) -> tuple[PID, float]:
+    """The law slowed down until |g Q| is at most 1 beyond the task's crossover, and the factor."""
+    w = frequencies([g])
+    w = np.append(task.crossover, w[w > task.crossover])
+    if pid.sample_time is not None:
+        w = w[w <= np.pi / pid.sample_time]
+    size = np.abs(g(axis(w)))
+
+    def passes(factor: float) -> bool:
+        law = slow_down(pid, factor) if factor < 1 else pid
+        return bool(np.max(size * np.abs(law.feedback(axis(w))), initial=0.0) <= 1 + 1e-9)
+
+    if passes(1.0):
+        return pid, 1.0
+    low, high = 1e-6, 1.0
+    for _ in range(50):
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if passes(middle) else (low, middle)
+    return slow_down(pid, low), low
+
+
+def _calm_together(
+    plant: TransferMatrix,
+    tasks: Sequence[LoopTask],
+    controller: Controller,
+    laws: dict[LoopTask, PID],
+    method: str,
+    notes: list[list[str]],
+) -> Proposal:
+    """All loops slowed down by one factor where they disturb each other too much."""
+    answered = tuple(task in laws for task in tasks)
+    alone = [_peak(plant, controller, task, "open") for task in laws]
+    factor = 1.0
+    if not all(_peak(plant, controller, t, "closed") <= max(_USUAL, a) for t, a in zip(laws, alone, strict=True)):
+        for factor in _FACTORS[1:]:
+            slower = with_entries(controller, {t: slow_down(pid, float(factor)) for t, pid in laws.items()})
+            if all(_peak(plant, slower, task, "closed") <= _USUAL for task in laws):
+                controller = slower
+                break
+        else:
+            raise LoopError("its settings are not calm together with the other loops, however far they are slowed down")
+    for task, note in zip(tasks, notes, strict=True):
+        if factor < 1 and task in laws:
+            note.append(f"all loops slowed down by {1 / factor:.3g} because they disturb each other")
+    said = tuple("; ".join(note) for note in notes)
+    return Proposal(method, controller, answered, said, (None,) * len(tasks))
+
+
+def _peak(plant: TransferMatrix, controller: Controller, task: LoopTask, others: str) -> float:
+    """Ms of one loop; infinite if it is unstable."""
+    try:
+        return margins(plant, controller, task.input, others).Ms
+    except LoopError:
+        return np.inf
+
+
+def _by_design(
+    plant: TransferMatrix, tasks: Sequence[LoopTask], today: Controller, method: str, limit: float
+) -> Proposal:
+    """A controller by optimal control for all tasks' inputs and outputs at once."""
+    if len(tasks) != len(today.entries):
+        raise LoopError("replaces all controllers at once: tune all loops")
+    square = TransferMatrix(tuple(tuple(plant[j.output, i.input] for i in tasks) for j in tasks), plant.time_unit)
+    found = fastest(square, method, [task.crossover for task in tasks], limit)
+    entries: dict[tuple[int, int], Entry] = {}
+    for (i, j), entry in found.controller.entries.items():
+        like = tasks[i].like
+        assert isinstance(entry, Linear)
+        entries[tasks[i].input, tasks[j].output] = replace(entry, sample_time=like.sample_time, limits=like.limits)
+    controller = replace(today, entries=entries)
+    if unstable_poles(plant, controller):
+        raise LoopError("with the scan of today's controllers its loops would be unstable")
+    note = f"no PID but a transfer function, for a bandwidth of {found.bandwidth:.3g} rad per time unit"
+    return Proposal(method, controller, (True,) * len(tasks), (note,) * len(tasks), (None,) * len(tasks))
