@@ -1,6 +1,13 @@
 """Which elements changed, and whether it matters."""
 
+from trueplant.detect.correlation import cross_correlation, partial_correlation
 from trueplant.detect.elements import Found, elements_found, judge_elements, verdicts
+from trueplant.detect.one_class import one_class
+from trueplant.detect.published import DETECTORS, published
+from trueplant.detect.ratio import plant_model_ratio
+from trueplant.detect.sensitivity import nominal_sensitivity
+from trueplant.detect.signals import Detection, Signals, signals_of
+from trueplant.detect.stepwise import stepwise
 from trueplant.detect.verdict import (
     Evidence,
     ParameterVerdict,
@@ -13,10 +20,14 @@ from trueplant.detect.verdict import (
 )
 
 __all__ = [
+    "DETECTORS",
+    "Detection",
     "Evidence",
     "Found",
     "ParameterVerdict",
+    "Signals",
     "Verdict",
+    "cross_correlation",
     "elements_found",
     "grade",
     "holm",
@@ -24,5 +35,12 @@ __all__ = [
     "importance_open_loop",
     "judge",
     "judge_elements",
+    "nominal_sensitivity",
+    "one_class",
+    "partial_correlation",
+    "plant_model_ratio",
+    "published",
+    "signals_of",
+    "stepwise",
     "verdicts",
 ]

@@ -90,16 +90,17 @@ def judge_elements(
 
 
 def _other_p(estimate: OutputEstimate, found: Found) -> float | None:
-    """The same question by the likelihood: have the answered parameters the model's values, is the element absent?"""
+    """The same question by the likelihood: is the whole element still the model's, is it absent?
+
+    All parameters that the model has are set back at once, answered or not: what is not known by itself would
+    otherwise stay where the estimate has put it, and could not be there with the others at their old values.
+    """
     fit = estimate.fit
     m = next(m for m, spec in enumerate(fit.row.specs) if spec is found.spec)
-    start = fit.row.slices[m].start
     if found.spec.start is None:
         return absence_p(fit, m)
-    told = [k for k, model in enumerate(found.model) if model is not None and k not in found.reasons]
-    if not told:
-        return None
-    index = start + np.array(told)
+    told = [k for k, value in enumerate(found.model) if value is not None]
+    index = fit.row.slices[m].start + np.array(told)
     return likelihood_ratio_p(fit, index, np.array([found.model[k] for k in told], dtype=float))
 
 
