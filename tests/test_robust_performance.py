@@ -92,10 +92,10 @@ def weighted_error(plant, controller, performance, w) -> np.ndarray:
     return np.abs(performance(s)) * np.linalg.norm(S, ord=2, axis=(1, 2))
 
 
-@pytest.mark.parametrize("structure", ["input", "input full", "output", "output full", "additive"])
+@pytest.mark.parametrize("structure", ["input", "input full", "output", "output full", "additive", "elements"])
 def test_worst_plant_reaches_the_bound_and_no_other_in_the_set_does(structure):
     case = mill("eq37")
-    uncertainty = tf("0.1") if structure == "additive" else UNCERTAINTY
+    uncertainty = {"additive": tf("0.1"), "elements": [tf("0.1"), 0.0, "0.2/(s + 1)", 0.05]}.get(structure, UNCERTAINTY)
     result = robust_performance(case.model, case.controller, uncertainty, PERFORMANCE, structure)
     assert result.RP.upper == pytest.approx(result.RP.lower, rel=1e-6)
     size, w = np.linalg.norm(result.worst, 2), result.worst_frequency
@@ -108,7 +108,7 @@ def test_worst_plant_reaches_the_bound_and_no_other_in_the_set_does(structure):
     frequencies = np.geomspace(0.01, 30, 40)
     for _ in range(30):
         delta = rng.normal(size=result.worst.shape) + 1j * rng.normal(size=result.worst.shape)
-        if structure in ("input", "output"):
+        if structure in ("input", "output", "elements"):
             delta = np.diag(np.diag(delta) / np.abs(np.diag(delta)))
         else:
             u, _, vh = np.linalg.svd(delta)

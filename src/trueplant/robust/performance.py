@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.loop import Controller, unstable_poles
-from trueplant.lti import TransferMatrix
+from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.robust.blocks import Block, Full
 from trueplant.robust.generalised import (
     Weights,
@@ -73,7 +73,7 @@ def robust_performance(
 ) -> Robustness:
     """NP, RS and RP of the loop under weighted uncertainty, over all frequencies down to omega -> 0.
 
-    Weights are transfer functions, formulas or numbers, one for all channels or one a channel; see
+    Weights are transfer functions, formulas, numbers or functions of s, one for all channels or one a channel; see
     generalised_plant for the structures. Peaks are sharpened to 1e-6 of their value. A peak is infinite where the
     performance weight integrates and the loop does not. Raises UsageError and LoopError for what does not fit.
     """
@@ -103,7 +103,7 @@ def robust_performance(
         result = mu(N, all_blocks)
         return result.lower, result.upper
 
-    rates = rates_of(plant, controller, (*own, *asked))
+    rates = rates_of(plant, controller, (f for f in (*own, *asked) if isinstance(f, TransferFunction)))
 
     w = loop_grid(plant, controller, rates)
     rest = _REST * rates.slowest

@@ -1,98 +1,117 @@
-"""Plants that the data allow: drawn from the covariance of the estimate."""
+"""What the data leave open of the whole plant: for draws, and for weights that cover it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.identify import OutputEstimate, unanswered
 from trueplant.lti import TransferFunction, TransferMatrix
+from trueplant.robust import covariance_weight
 from trueplant.study.pipeline import believed
+from trueplant.tune.drawn import KnownRow, UncertainPlant
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-_MOST_ROUNDS = 200
 
 
-@dataclass(frozen=True, eq=False)
-class Uncertain:
-    """The plant as estimated, and what its parameters may still be.
+def uncertain_plant(
+    plant: TransferMatrix, estimates: Mapping[int, OutputEstimate], steady: Collection[tuple[int, int]] = ()
+) -> UncertainPlant:
+    """The plant (n_y, n_u + n_d) that `plant_matrix` made of the estimates, with what is uncertain about it.
 
-    Parameters of one output vary together as their covariance says, those of different outputs on their own.
-    Parameters that the data do not answer, and elements that were not estimated, stay as they are in the plant.
+    Parameters that the data do not answer have no variance, and elements of which nothing is answered or that were not
+    estimated stand still: what is not known at all would only hide what is.
     """
+    rows = {}
+    for i, estimate in estimates.items():
+        theta, silent = believed(estimate)
+        open_ones = list(unanswered(estimate))
+        covariance = np.array(estimate.covariance)
+        covariance[open_ones, :] = covariance[:, open_ones] = 0.0
+        kept = [m for m in range(len(estimate.row.specs)) if m not in silent]
+        if kept:
+            index = np.concatenate([np.arange(theta.size)[estimate.row.slices[m]] for m in kept])
+            specs = [estimate.row.specs[m] for m in kept]
+            rows[i] = KnownRow(
+                tuple(spec.column for spec in specs),
+                tuple(spec.structure for spec in specs),
+                theta[index],
+                covariance[np.ix_(index, index)],
+            )
+    return UncertainPlant(plant, rows, steady)
 
-    plant: TransferMatrix
-    """(n_y, n_u + n_d)."""
-    estimates: Mapping[int, OutputEstimate]
-    theta: Mapping[int, Array]
-    """The parameters (size,) of each output's row, as they stand in the plant."""
-    silent: Mapping[int, set[int]]
-    """Elements of each row of which nothing is answered, counted within the row."""
-    covariance: Mapping[int, Array]
-    """(size, size) of each row; 0 for parameters that are not answered."""
 
-    @classmethod
-    def of(cls, plant: TransferMatrix, estimates: Mapping[int, OutputEstimate]) -> Uncertain:
-        """From the matrix that `plant_matrix` made of the estimates."""
-        taken = {i: believed(estimate) for i, estimate in estimates.items()}
-        covariance = {}
-        for i, estimate in estimates.items():
-            still = list(unanswered(estimate))
-            covariance[i] = np.array(estimate.covariance)
-            covariance[i][still, :] = covariance[i][:, still] = 0.0
-        return cls(
-            plant, estimates, {i: t for i, (t, _) in taken.items()}, {i: s for i, (_, s) in taken.items()}, covariance
-        )
+class Spread:
+    """The parameters of an uncertain plant that vary, as one vector, and the errors of the plant that they allow."""
 
-    @property
-    def spread(self) -> tuple[Array, Array]:
-        """All parameters that vary, stacked (n_p,), and their covariance (n_p, n_p)."""
+    def __init__(self, known: UncertainPlant) -> None:
         from scipy.linalg import block_diag
 
-        moving = {i: np.diag(c) > 0 for i, c in self.covariance.items()}
-        values = [self.theta[i][free] for i, free in moving.items()]
-        blocks = [self.covariance[i][np.ix_(free, free)] for i, free in moving.items()]
-        return np.concatenate([np.zeros(0), *values]), block_diag(*blocks) if blocks else np.zeros((0, 0))
+        self._known = known
+        self._free = {i: np.diag(row.covariance) > 0 for i, row in known.rows.items()}
+        self.mean = np.concatenate([np.zeros(0), *(known.rows[i].theta[free] for i, free in self._free.items())])
+        """(n_p,)"""
+        blocks = [known.rows[i].covariance[np.ix_(free, free)] for i, free in self._free.items()]
+        self.covariance: Array = block_diag(*blocks) if blocks else np.zeros((0, 0))
+        """(n_p, n_p)"""
+        self._dead = np.array(
+            [
+                name.startswith("dead")
+                for i, row in known.rows.items()
+                for name, free in zip((n for s in row.structures for n in s.names), self._free[i], strict=True)
+                if free
+            ],
+            dtype=bool,
+        )
 
-    def at(self, values: Array) -> TransferMatrix:
-        """The plant with other values (n_p,) of the parameters of `spread`."""
-        rows, start = {}, 0
-        for i, theta in self.theta.items():
-            free = np.diag(self.covariance[i]) > 0
-            rows[i] = theta.copy()
-            rows[i][free] = values[start : start + int(free.sum())]
+    def plant(self, values: Array) -> TransferMatrix:
+        """The plant with other values (n_p,) of these parameters."""
+        elements, start = [list(row) for row in self._known.nominal.elements], 0
+        for i, row in self._known.rows.items():
+            theta, free = row.theta.copy(), self._free[i]
+            theta[free] = values[start : start + int(free.sum())]
             start += int(free.sum())
-        return self._with(rows)
+            for j, structure, part in zip(row.columns, row.structures, row.slices, strict=True):
+                elements[i][j] = structure.transfer(theta[part])
+        return TransferMatrix(tuple(map(tuple, elements)), self._known.nominal.time_unit)
 
-    def drawn(self, count: int, seed: int) -> tuple[TransferMatrix, ...]:
-        """`count` plants, normally distributed; those with a parameter out of its bounds are drawn anew."""
-        rng = np.random.default_rng(seed)
-        rows = {i: self._draws(i, count, rng) for i in self.theta}
-        return tuple(self._with({i: draws[k] for i, draws in rows.items()}) for k in range(count))
+    def errors(self, w: Array, confidence: float) -> Array:
+        """Size (n_w, n_y, n_u + n_d) of the error of each element within the joint confidence region of all parameters.
 
-    def _draws(self, i: int, count: int, rng: np.random.Generator) -> Array:
-        theta = self.theta[i]
-        values, vectors = np.linalg.eigh(self.covariance[i])
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        low, high = self.estimates[i].row.bounds()
-        low, high = np.minimum(low, theta), np.maximum(high, theta)
-        found = theta + rng.standard_normal((count, theta.size)) @ root.T
-        for _ in range(_MOST_ROUNDS):
-            outside = np.flatnonzero(np.any((found < low) | (found > high), axis=1))
-            if outside.size == 0:
-                break
-            found[outside] = theta + rng.standard_normal((outside.size, theta.size)) @ root.T
-        return np.asarray(np.clip(found, low, high))
+        As `covariance_weight`, to first order; but where the error of a dead time has turned the phase, that counts as
+        twice the size of its term at most.
+        """
+        others = self.covariance.copy()
+        others[self._dead, :] = others[:, self._dead] = 0.0
+        turned = self._turned(w, confidence)
+        found = np.zeros((w.size, *self._known.nominal.shape))
+        for i, row in self._known.rows.items():
+            for j in row.columns:
 
-    def _with(self, rows: Mapping[int, Array]) -> TransferMatrix:
-        elements: list[list[TransferFunction]] = [list(row) for row in self.plant.elements]
-        for i, theta in rows.items():
-            row = self.estimates[i].row
-            for m, (spec, part) in enumerate(zip(row.specs, row.slices, strict=True)):
-                if m not in self.silent[i]:
-                    elements[i][spec.column] = spec.structure.transfer(theta[part])
-        return TransferMatrix(tuple(map(tuple, elements)), self.plant.time_unit)
+                def response(values: Array, i: int = i, j: int = j) -> ComplexArray:
+                    return np.asarray(self.plant(values)[i, j](1j * w)[:, None, None])
+
+                linear, limited = (
+                    covariance_weight(response, self.mean, spread, "additive", confidence)
+                    for spread in (self.covariance, others)
+                )
+                found[:, i, j] = np.minimum(linear, limited + turned[:, i, j])
+        return found
+
+    def _turned(self, w: Array, confidence: float) -> Array:
+        """(n_w, n_y, n_u + n_d) bounds of what the errors of the dead times alone do to each element."""
+        from scipy.stats import chi2
+
+        radius = float(np.sqrt(chi2.ppf(confidence, self.mean.size)))
+        bound = np.zeros((w.size, *self._known.nominal.shape))
+        for i, row in self._known.rows.items():
+            spread = radius * np.sqrt(np.diag(row.covariance))
+            for j, structure, part in zip(row.columns, row.structures, row.slices, strict=True):
+                late = [s for name, s in zip(structure.names, spread[part], strict=True) if name.startswith("dead")]
+                for term, reach in zip(structure.transfer(row.theta[part]).terms, late, strict=False):
+                    size = np.abs(TransferFunction((term,))(1j * w))
+                    bound[:, i, j] += size * np.minimum(w * reach, 2.0)
+        return bound

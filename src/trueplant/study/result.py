@@ -102,6 +102,20 @@ class Residuals:
 
 
 @dataclass(frozen=True, eq=False)
+class MuCurves:
+    """Nominal performance, robust stability and robust performance of today's loop over frequency."""
+
+    system: str
+    """"model" and "plant" under the declared uncertainty, "estimate" for the plant under that of its parameters."""
+    w: Array
+    """(n_w,) rad per time unit; the first stands for the limit towards 0."""
+    bounds: Mapping[str, Array]
+    """By test, "NP", "RS", "RP": (n_w, 2) lower and upper bound."""
+    peaks: Mapping[str, Interval]
+    """By test: frequency (0 for the limit towards 0) and upper bound."""
+
+
+@dataclass(frozen=True, eq=False)
 class Curves:
     """What is drawn. Everything here can be recomputed from the data and result.json."""
 
@@ -134,6 +148,7 @@ class Curves:
     condition_w: Array
     condition: Array
     """Condition number of the set-points' (or inputs') excitation at `condition_w`."""
+    mu: tuple[MuCurves, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
