@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from trueplant.study.track_changes import Followed
     from trueplant.study.track_rows import Fitted
 
-PRECISION = 0.05
+PRECISION = 0.1
 """Relative standard error of gains, time constants and dead times (of these relative to lag and dead time)."""
 
 

@@ -18,6 +18,8 @@ from scipy.stats import norm
 from trueplant.detect import holm
 from trueplant.detect.since import History, Series, Shift, history, shift_at, slope
 from trueplant.detect.switch import switch_time
+from trueplant.identify.crossed import TIMES
+from trueplant.identify.onestep import OneStep, one_step
 from trueplant.study.track_result import Change, Moved, TrackedElement
 from trueplant.study.track_rows import Fitted, FollowedRow
 from trueplant.study.track_windows import Stretch
@@ -61,6 +63,7 @@ class Followed:
     row: FollowedRow
     gaps: list[Gap] = field(default_factory=list)
     windows: list[Fitted | Stretch] = field(default_factory=list)
+    steps: dict[tuple[Stretch, ...], OneStep] = field(default_factory=dict)
 
     @property
     def fitted(self) -> list[Fitted]:
@@ -83,30 +86,60 @@ class Followed:
         kept = [k for k in range(len(names)) if share[k] >= ANSWERED]
         return kept if any(names[k].startswith(("gain", "slope")) for k in kept) else []
 
-    def series(self, column: int, section: tuple[float, float]) -> tuple[Series | None, list[Fitted]]:
-        """The windows of a section that answer for an element."""
+    def inside(self, section: tuple[float, float]) -> list[Fitted]:
+        return [w for w in self.fitted if w.start >= section[0] and w.end <= section[1]]
+
+    def series(self, column: int, section: tuple[float, float]) -> Series | None:
+        """What the windows of a section say about an element, each as a step from what they say together."""
+        kept, windows = self.kept(column), self.inside(section)
+        if not kept or len(windows) < 2:
+            return None
+        place = np.arange(self.row.pilot.theta.size)[self._part(column)][self._order(column)][kept]
+        steps = self._steps(windows)
+        return Series(
+            np.array([w.start for w in windows]),
+            np.array([w.end for w in windows]),
+            steps.theta[:, place],
+            steps.covariance[:, place[:, None], place],
+        )
+
+    def estimates(self, column: int, section: tuple[float, float]) -> Series | None:
+        """The full estimates of an element in the windows of a section that answer for it."""
         kept = self.kept(column)
         used = [
             w
-            for w in self.fitted
-            if kept
-            and w.start >= section[0]
-            and w.end <= section[1]
-            and column in w.found
-            and not any(k in w.found[column].reasons for k in kept)
+            for w in self.inside(section)
+            if kept and column in w.found and not any(k in w.found[column].reasons for k in kept)
         ]
         if not used:
-            return None, []
+            return None
         found = [w.found[column] for w in used]
-        return (
-            Series(
-                np.array([w.start for w in used]),
-                np.array([w.end for w in used]),
-                np.array([f.theta[kept] for f in found]),
-                np.array([f.covariance[np.ix_(kept, kept)] for f in found]),
-            ),
-            used,
+        return Series(
+            np.array([w.start for w in used]),
+            np.array([w.end for w in used]),
+            np.array([f.theta[kept] for f in found]),
+            np.array([f.covariance[np.ix_(kept, kept)] for f in found]),
         )
+
+    def _part(self, column: int) -> slice:
+        return next(p for s, p in zip(self.row.specs, self.row.pilot.row.slices, strict=True) if s.column == column)
+
+    def _order(self, column: int) -> NDArray[np.intp]:
+        """Lags in order of size, as in `Found`."""
+        structure = next(s.structure for s in self.row.specs if s.column == column)
+        return np.asarray(structure.sorted(self.row.pilot.theta[self._part(column)]))
+
+    def _steps(self, windows: Sequence[Fitted]) -> OneStep:
+        key = tuple(w.stretch for w in windows)
+        if key not in self.steps:
+            rows = [w.estimate.fit.row for w in windows]
+            precise = np.array([1 / np.maximum(np.diag(w.estimate.covariance), 1e-300) for w in windows])
+            start = np.sum(precise * [w.estimate.theta for w in windows], axis=0) / precise.sum(axis=0)
+            steps = one_step(rows, [w.estimate.fit.ar for w in windows], start)
+            if self.row.pilot.foretold_by:
+                steps = replace(steps, covariance=steps.covariance * TIMES**2)
+            self.steps[key] = steps
+        return self.steps[key]
 
 
 def find_changes(
@@ -156,8 +189,8 @@ def _test(followed: Sequence[Followed], tests: dict[Key, History], seed: int) ->
         for spec in one.row.specs:
             for section in one.sections():
                 key = Key(n, spec.column, section)
-                series, _ = one.series(spec.column, section)
-                if series is not None and len(series) > 1:
+                series = one.series(spec.column, section)
+                if series is not None:
                     wanted.add(key)
                     if key not in tests:
                         tests[key] = history(series, seed=seed)
@@ -167,7 +200,7 @@ def _test(followed: Sequence[Followed], tests: dict[Key, History], seed: int) ->
 
 def _dated(one: Followed, key: Key, tests: dict[Key, History], p: float, level: float) -> Gap:
     """The step of a test, dated on the raw record; where that fails, as far as whole windows can tell."""
-    _, windows = one.series(key.column, key.section)
+    windows = one.inside(key.section)
     instant = tests[key].time
     ends = [k for k, w in enumerate(windows) if w.end <= instant + 1e-9]
     begins = [k for k, w in enumerate(windows) if w.start >= instant - 1e-9]
@@ -199,13 +232,13 @@ def _shift(one: Followed, column: int, gap: Gap) -> Shift | None:
     """The windows between this step and its neighbours, before and after."""
     sections = one.sections()
     here = one.gaps.index(gap)
-    series, _ = one.series(column, (sections[here][0], sections[here + 1][1]))
+    series = one.estimates(column, (sections[here][0], sections[here + 1][1]))
     if series is None or len(series) < 2:
         return None
     scatter = 1.0
     for section in (sections[here], sections[here + 1]):
-        side, _ = one.series(column, section)
-        if side is not None and len(side) > 1:
+        side = one.series(column, section)
+        if side is not None:
             scatter = max(scatter, history(side, draws=1).scatter)
     return shift_at(series, gap.time, scatter)
 
@@ -232,7 +265,7 @@ def _steps(one: Followed, gap: Gap, tests: dict[Key, History], n: int, level: fl
 
 
 def _gradual(one: Followed, key: Key, found: History, p: float, level: float) -> Change:
-    series, windows = one.series(key.column, key.section)
+    series, windows = one.series(key.column, key.section), one.inside(key.section)
     assert series is not None  # it was tested
     before, after, covariance = slope(series, found.scatter)
     if found.kind == "undecided" and len(series) == 2:
@@ -292,8 +325,7 @@ def _elements(one: Followed, n: int, tests: dict[Key, History], changes: Sequenc
     for spec in one.row.specs:
         name = one.row.study.columns[spec.column]
         own = [c for c in changes if (c.output, c.input) == (output, name)]
-        series = [one.series(spec.column, section)[0] for section in one.sections()]
-        count = sum(len(s) for s in series if s is not None)
+        count = sum(spec.column in w.found and not w.found[spec.column].reasons for w in one.fitted)
         tested = [h for key, h in tests.items() if (key.row, key.column) == (n, spec.column)]
         kinds = [c.kind for c in own]
         if kinds:
