@@ -1,0 +1,198 @@
+"""Records as continuous-time filters see them: one output, its inputs, and the exact response between their samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from trueplant.errors import Refused, UsageError
+from trueplant.identify.predict import Piece, pieces_of
+from trueplant.lti.sampled import expm, realise, rows_response
+from trueplant.record.types import Segment
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """One output and the inputs that drive it. Inputs are deviations from their first sample."""
+
+    t: Array
+    """(N,) from 0 on; need not be uniform."""
+    y: Array
+    """(N,); 0 where not valid."""
+    valid: BoolArray
+    inputs: Array
+    """(n_columns, N)."""
+    hold: tuple[str, ...]
+    at_rest: bool
+    """The record starts in steady state, so that it needs no free response."""
+    restarts: tuple[int, ...]
+    """Samples at which a gap in the inputs ends."""
+    h: float | None
+    """Sample time; None where it is not constant."""
+
+    @property
+    def span(self) -> float:
+        return float(self.t[-1])
+
+    def respond(self, num: Array, den: Array, dead_time: float, u: Array, hold: str) -> Array:
+        """Responses (m, N) of m numerators over one monic denominator to u (N,), from rest, exact for its hold."""
+        if self.h is not None:
+            return rows_response(num, den, dead_time, u, self.h, hold)
+        a, b, c, d = realise(np.ascontiguousarray(num), np.ascontiguousarray(den))
+        response: Array = _irregular(a, b, c, d, dead_time, hold == "linear", self.t, np.ascontiguousarray(u))
+        return response
+
+    def released(self, num: Array, den: Array, start: int) -> Array:
+        """Impulse responses (m, N) of m strictly proper numerators over one monic denominator, 0 before `start`."""
+        a, b, c, _ = realise(np.ascontiguousarray(num), np.ascontiguousarray(den))
+        out = np.zeros((len(num), self.t.size))
+        out[:, start:] = _released(a, b, c, self.t[start:])
+        return out
+
+
+def samples_of(segments: Sequence[Segment], output: int) -> tuple[Samples, ...]:
+    """The segments in which this output was measured.
+
+    Segments on a uniform grid are joined over short gaps, as the fit does. One whose t is not uniform stands by
+    itself: its u and d hold from each instant to the next, or run linearly, as its `hold` says.
+
+    Raises Refused where the output was never measured.
+    """
+    uniform = [segment for segment in segments if _is_uniform(segment)]
+    found = [_of_piece(piece) for piece in pieces_of(uniform, output)]
+    for segment in segments:
+        valid = np.isfinite(segment.y[:, output])
+        if not _is_uniform(segment) and valid.sum() >= 2:
+            inputs = np.asarray(np.column_stack([segment.u, segment.d]).T, dtype=np.float64)
+            t: Array = np.ascontiguousarray(segment.t - segment.t[0])
+            found.append(
+                Samples(
+                    t,
+                    np.where(valid, segment.y[:, output], 0.0),
+                    valid,
+                    np.ascontiguousarray(inputs - inputs[:, :1]),
+                    segment.hold + ("linear",) * segment.d.shape[1],
+                    _of_segment(segment, output, inputs),
+                    (),
+                    None,
+                )
+            )
+    if not found:
+        raise Refused(f"output {output + 1} was not measured in any segment: see what screening left out, and why")
+    return tuple(found)
+
+
+def common_sample_time(samples: Sequence[Samples], purpose: str) -> float:
+    """The one sample time of all records. Raises UsageError where there is none."""
+    steps = {s.h for s in samples}
+    if None in steps:
+        raise UsageError(f"{purpose} needs records on a uniform grid: resample them, or use srivc, which does not")
+    first = next(iter(steps))
+    assert first is not None
+    if any(h is None or abs(h - first) > 1e-9 * first for h in steps):
+        raise UsageError(f"{purpose} needs records of one sample time: resample them to one")
+    return first
+
+
+def _is_uniform(segment: Segment) -> bool:
+    steps = np.diff(segment.t)
+    return bool(np.all(np.abs(steps - segment.h) < 1e-6 * segment.h))
+
+
+def _of_piece(piece: Piece) -> Samples:
+    t = piece.h * np.arange(piece.y.size)
+    return Samples(t, piece.y, piece.valid, piece.inputs, piece.hold, piece.starts_at_rest, piece.restarts, piece.h)
+
+
+def _of_segment(segment: Segment, output: int, inputs: Array) -> bool:
+    """Steady state at the start, by the test that uniform records get (which does not look at time)."""
+    y = segment.y[:, output]
+    valid = np.isfinite(y)
+    clean = np.ascontiguousarray(inputs - inputs[:, :1])
+    return Piece(0, segment.h, np.where(valid, y, 0.0), valid, clean, segment.hold).starts_at_rest
+
+
+@njit(cache=True)
+def _released(a: Array, b: Array, c: Array, t: Array) -> Array:
+    """C exp(A (t - t[0])) B at instants t: (m, N)."""
+    y = np.zeros((c.shape[0], t.size))
+    x = b.copy()
+    step = np.eye(b.size)
+    last = 0.0
+    for k in range(t.size):
+        if k > 0:
+            dt = t[k] - t[k - 1]
+            if abs(dt - last) > 1e-12 * dt:
+                step = expm(a * dt)
+                last = dt
+            x = step @ x
+        y[:, k] = c @ x
+    return y
+
+
+@njit(cache=True)
+def _irregular(a: Array, b: Array, c: Array, d: Array, dead_time: float, linear: bool, t: Array, u: Array) -> Array:
+    """Response (m, N) at instants t that need not be uniform, advanced from one break of the delayed input to the next.
+
+    States are x, the delayed input w and, where it runs linearly, its slope.
+    """
+    n, m, length = a.shape[0], c.shape[0], t.size
+    y = np.zeros((m, length))
+    x = np.zeros(n)
+    big = np.zeros((n + 2, n + 2))
+    step = np.zeros((n + 2, n + 2))
+    last = -1.0
+    # dead times of whole samples arrive in the sample, whatever the rounding of t
+    tolerance = 1e-9 * (t[-1] - t[0]) / t.size
+    now, p = t[0], -1  # p: the last input sample that has arrived
+    for k in range(length):
+        while True:
+            arrival = t[p + 1] + dead_time if p + 1 < length else np.inf
+            until = min(arrival, t[k])
+            dt = until - now
+            if dt > 0.0:
+                if dt != last:
+                    big[:] = 0.0
+                    big[:n, :n] = a * dt
+                    big[:n, n] = b * dt
+                    big[n, n + 1] = dt
+                    step = expm(big)
+                    last = dt
+                w, slope = _input(p, now - dead_time, t, u, linear)
+                new = np.zeros(n)
+                for i in range(n):
+                    value = step[i, n] * w + step[i, n + 1] * slope
+                    for j in range(n):
+                        value += step[i, j] * x[j]
+                    new[i] = value
+                x = new
+                now = until
+            if arrival <= t[k] + tolerance:
+                p += 1
+            else:
+                break
+        w, _ = _input(p, t[k] - dead_time, t, u, linear)
+        for i in range(m):
+            value = d[i] * w
+            for j in range(n):
+                value += c[i, j] * x[j]
+            y[i, k] = value
+    return y
+
+
+@njit(cache=True)
+def _input(p: int, at: float, t: Array, u: Array, linear: bool) -> tuple[float, float]:
+    """Input and its slope at the (delayed) time `at` while sample p is the last that has arrived."""
+    if p < 0:
+        return 0.0, 0.0
+    if not linear or p + 1 >= t.size:
+        return u[p], 0.0
+    slope = (u[p + 1] - u[p]) / (t[p + 1] - t[p])
+    return u[p] + slope * (at - t[p]), slope
