@@ -23,6 +23,10 @@ ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT.toml", help="The p
 OutFolder = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
 OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="File to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Print result.json, and nothing else.")]
+TrackJson = Annotated[bool, typer.Option("--json", help="Print track.json, and nothing else.")]
+Precision = Annotated[
+    float, typer.Option("--precision", metavar="PERCENT", help="Standard error that windows are made long enough for.")
+]
 FailOnMismatch = Annotated[bool, typer.Option("--fail-on-mismatch", help="Exit with 1 if the plant has changed.")]
 
 
@@ -47,6 +51,14 @@ def run(
     from trueplant.cli.analyse import run
 
     return run(project, out, json, fail_on_mismatch)
+
+
+@app.command(short_help="Parameters over time: since when has the plant changed.")
+def track(project: ProjectFile, out: OutFolder = None, json: TrackJson = False, precision: Precision = 10.0) -> int:
+    """Follow the plant through a long record: writes track.json and track.html."""
+    from trueplant.cli.track import track
+
+    return track(project, out, json, precision)
 
 
 @app.command(short_help="Screen the data only: what can be used, and why not.")

@@ -20,7 +20,7 @@ DRAWS = 2000
 PARTS = 4
 """Instants tried in each window, so that a step within one is found too."""
 CLEAR = 2.0
-"""Difference of the Bayesian criterion (in units of -2 log likelihood) from which step and drift count as told apart."""
+"""Difference of the Bayesian criterion (in units of -2 log likelihood) from which the two count as told apart."""
 SCATTERED = 1e-2
 """Significance from which windows count as scattering beyond their covariances."""
 FEWEST = 6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,7 +85,7 @@ def lay_out(study: Study) -> list[TrackedExperiment]:
     starts = [r.start for r in records]
     if all(s is not None for s in starts) and len({s.tzinfo is None for s in starts if s}) == 1:
         offsets = [(s - starts[0]).total_seconds() / unit for s in starts if s and starts[0]]
-    elif all(b[0] > a[1] for a, b in zip(spans[:-1], spans[1:], strict=True)):
+    elif all(b[0] > a[1] for a, b in pairwise(spans)):
         offsets = [0.0] * len(records)
     else:
         offsets, end = [], 0.0
@@ -92,7 +93,7 @@ def lay_out(study: Study) -> list[TrackedExperiment]:
             offsets.append(end - span[0])
             end += span[1] - span[0] + record.sample_time
     placed = sorted((o + a, o + b, r.name) for o, (a, b), r in zip(offsets, spans, records, strict=True))
-    for (_, before, first), (after, _, second) in zip(placed[:-1], placed[1:], strict=True):
+    for (_, before, first), (after, _, second) in pairwise(placed):
         if after <= before:
             raise DataError(f"{first} and {second} overlap in time: a plant is followed through one record at a time")
     return [

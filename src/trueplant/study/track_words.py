@@ -32,13 +32,18 @@ def headline(track: Track) -> str:
 def change_sentence(change: Change, unit: str) -> str:
     """Such as: reflux -> top temperature changed in a step at 412 min (401 to 420): gain 3.2 -> 4.1 (+28 %)."""
     where = f"{_spoken(change.input)} -> {_spoken(change.output)}"
-    low, high = (number(t, 5) for t in change.interval)
+    low, high = map(time_text, change.interval)
     moved = ", ".join(moved_words(p) for p in change.parameters if p.changed)
     if change.kind == "step":
-        return f"{where} changed in a step at {number(change.time, 5)} {unit} (between {low} and {high}): {moved}."
+        return f"{where} changed in a step at {time_text(change.time)} {unit} (between {low} and {high}): {moved}."
     if change.kind == "drift":
         return f"{where} drifted from {low} to {high} {unit}: {moved}."
-    return f"{where} changed between {low} and {high} {unit}, in a step or gradually, which these data cannot tell: {moved}."
+    return f"{where} changed between {low} and {high} {unit}, in a step or little by little (not told apart): {moved}."
+
+
+def time_text(time: float | None) -> str:
+    """A time with six significant digits, whole numbers in full."""
+    return "unknown" if time is None else f"{time:.0f}" if abs(time) >= 1e5 else f"{time:.6g}"
 
 
 def moved_words(p: Moved) -> str:

@@ -1,0 +1,70 @@
+"""The command ``track``."""
+
+from __future__ import annotations
+
+import json as codec
+import sys
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from rich.text import Text
+
+from trueplant.cli.analyse import REFUSED, saying
+from trueplant.cli.show import console
+from trueplant.study.output import prepare_output, write_files
+from trueplant.study.project import Project
+from trueplant.study.track_result import Change, Track
+from trueplant.study.track_words import moved_words, refused_stretches, time_text
+
+JSON, PAGE = "track.json", "track.html"
+
+
+def track(path: Path, out: Path | None, json: bool, precision: float) -> int:
+    """Follow the plant through the record, write track.json and track.html, and say what came out."""
+    project = Project.load(path)
+    folder = prepare_output(out or Path(f"{path.stem}-track"))
+    from trueplant.report.track import render
+    from trueplant.study.track import track
+
+    with saying() as say:
+        found = track(project, precision / 100, progress=say)
+        say("writing the page")
+        text = codec.dumps(found.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        written = write_files(folder, {JSON: text, PAGE: render(found)})
+    if json:
+        sys.stdout.write(text)
+    else:
+        show(found)
+        print(*written.values(), sep="\n")
+    return REFUSED if found.status == "refused" else 0
+
+
+def show(track: Track) -> None:
+    """The headline, a table of the elements, the refused stretches and what else to know."""
+    out = console()
+    out.print(Text(track.headline, style="bold"))
+    if track.elements:
+        table = Table(box=SIMPLE_HEAD, pad_edge=False)
+        for heading in ("element", "history", "windows", f"when ({track.time_unit})", "what changed"):
+            table.add_column(heading, justify="right" if heading == "windows" else "left", overflow="fold")
+        for element in track.elements:
+            changes = [c for c in track.changes if (c.output, c.input) == (element.output, element.input)]
+            name = Text(f"{element.input} -> {element.output}")
+            word = "step or drift" if element.history == "undecided" else element.history
+            style = {"constant": "green", "not identifiable": "yellow"}.get(element.history, "bold red")
+            cells = [_cells(c) for c in changes] or [(Text(""), Text(element.reason))]
+            for k, (when, what) in enumerate(cells):
+                first = (name, Text(word, style=style), Text(str(element.windows)))
+                table.add_row(*(first if k == 0 else (Text(""),) * 3), when, what)
+        out.print(table)
+    for names, file, start, end, why in refused_stretches(track):
+        out.print(Text(f"refused: {names}, {file}, {time_text(start)} to {time_text(end)}: {why}"))
+    for reason in (*track.reasons, *track.notes):
+        out.print(Text(f"{'refused' if reason in track.reasons else 'note'}: {reason.message}"))
+
+
+def _cells(change: Change) -> tuple[Text, Text]:
+    low, high = map(time_text, change.interval)
+    when = f"{low} to {high}" if change.time is None else f"{time_text(change.time)} ({low} to {high})"
+    return Text(when), Text(", ".join(moved_words(p) for p in change.parameters if p.changed))

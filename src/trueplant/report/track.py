@@ -1,0 +1,152 @@
+"""The page of a track: parameters over time with their intervals, changes, and what was refused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trueplant.report.figures import GAP, PANEL, axis_range
+from trueplant.report.frame import Book, Drawn, frame
+from trueplant.report.page import MOST_ROWS, environment
+from trueplant.report.style import BOTTOM, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
+from trueplant.study.result import Parameter
+from trueplant.study.track_result import Change, Track, TrackedElement, Window
+from trueplant.study.track_words import change_sentence, moved_words, refused_stretches, time_text
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+
+def render(track: Track) -> str:
+    """The track as HTML text: no file or address outside of it is needed. The same track gives the same text."""
+    from trueplant.study.words import plain
+
+    book = Book()
+    figures = [(e, _drawn(track, e, book)) for e in track.elements]
+    page = (
+        environment("trueplant.report")
+        .get_template("track.html.j2")
+        .render(
+            track=track,
+            headline=track.headline.replace("->", "→"),
+            confidence=track.provenance["settings"]["confidence"],
+            precision=track.provenance["settings"]["precision_percent"],
+            changes=[(c, change_sentence(c, track.time_unit).replace("->", "→")) for c in track.changes],
+            figures=figures,
+            refused=[
+                (names, file, time_text(a), time_text(b), why) for names, file, a, b, why in refused_stretches(track)
+            ],
+            moved=lambda p: moved_words(p).replace("->", "→"),
+            time=time_text,
+            provenance=plain(track.provenance),
+            most_rows=MOST_ROWS,
+            **frame(book),
+        )
+    )
+    return page + "\n"
+
+
+def _drawn(track: Track, element: TrackedElement, book: Book) -> Drawn | None:
+    windows = [w for w in track.windows if w.output == element.output]
+    changes = [c for c in track.changes if (c.output, c.input) == (element.output, element.input)]
+    names = _names(windows, element.input)
+    if not names:
+        return None
+    figure = element_figure(track, element, windows, changes, names)
+    estimated = sum(any(e.input == element.input for e in w.elements) for w in windows)
+    refused = sum(w.status == "refused" for w in windows)
+    caption = f"{estimated} windows, each with its interval; {refused} stretches refused. History: {element.history}."
+    if changes:
+        caption += " " + " ".join(change_sentence(c, track.time_unit).replace("->", "→") for c in changes)
+    return book.add(figure, f"{element.input} → {element.output}", caption)
+
+
+def _names(windows: Sequence[Window], column: str) -> list[str]:
+    for window in windows:
+        for element in window.elements:
+            if element.input == column:
+                return [p.name for p in element.parameters]
+    return []
+
+
+def element_figure(
+    track: Track, element: TrackedElement, windows: Sequence[Window], changes: Sequence[Change], names: Sequence[str]
+) -> go.Figure:
+    """One panel a parameter: estimate and interval of each window, the model, refused stretches and changes shaded."""
+    from plotly.subplots import make_subplots
+
+    height = TOP + BOTTOM + PANEL * len(names) + GAP * (len(names) - 1)
+    inner = height - TOP - BOTTOM
+    figure = make_subplots(
+        rows=len(names),
+        cols=1,
+        shared_xaxes=True,
+        vertical_spacing=GAP / inner if len(names) > 1 else 0,
+        subplot_titles=[inert(name.replace("_", " ")) for name in names],
+    )
+    figure.update_annotations(x=0, xanchor="left", font_size=12)
+    span = (min(e.span[0] for e in track.experiments), max(e.span[1] for e in track.experiments))
+    for row, name in enumerate(names, start=1):
+        found = [(w, p) for w in windows for p in [_parameter(w, element.input, name)] if p is not None]
+        answered = [(w, p) for w, p in found if p.plant is not None]
+        values = np.array([x for _, p in answered for x in ((p.plant,) if p.ci is None else (*p.ci, p.plant))], float)
+        model = next((p.model for _, p in found), None)
+        limits = axis_range(values[np.isfinite(values)], np.array([] if model is None else [model], dtype=float))
+        for trace in _traces(windows, changes, answered, limits, span):
+            figure.add_trace(trace, row=row, col=1)
+        if model is not None:
+            figure.add_trace(line("model", "model", x=list(span), y=[model] * 2), row=row, col=1)
+        unit = next((p.unit for _, p in found), "")
+        figure.update_yaxes(title_text=inert(shortened(unit, 16)), range=limits, nticks=5, row=row, col=1)
+    figure.update_xaxes(title_text=with_unit("Time", inert(track.time_unit)), row=len(names), col=1)
+    figure.update_xaxes(range=list(span))
+    return whole_ticks(framed(figure, height), np.array(span))
+
+
+def _traces(
+    windows: Sequence[Window],
+    changes: Sequence[Change],
+    answered: Sequence[tuple[Window, Parameter]],
+    limits: list[float],
+    span: tuple[float, float],
+) -> list[go.Scatter]:
+    traces = []
+    pixel = (span[1] - span[0]) / 1000
+    for window in windows:
+        if window.status == "refused":
+            text = inert(f"refused: {window.reason}")
+            traces.append(_shade("excluded", window.start, window.end, limits, text))
+    for change in changes:
+        if change.kind != "drift":
+            low, high = change.interval
+            text = inert(f"{change.kind} between {time_text(low)} and {time_text(high)}")
+            traces.append(_shade("speaks", low, max(high, low + pixel), limits, text))
+    x, y = [], []
+    for window, parameter in answered:
+        if parameter.ci is not None:
+            low, high = np.clip(parameter.ci, limits[0] - (limits[1] - limits[0]), limits[1] + (limits[1] - limits[0]))
+            x += [window.start, window.start, window.end, window.end, None]
+            y += [float(low), float(high), float(high), float(low), None]
+    if x:
+        traces.append(area("plant_band", "interval", x=x, y=y, hoverinfo="skip"))
+    x = [t for w, _ in answered for t in (w.start, w.end, None)]
+    y = [v for _, p in answered for v in (p.plant, p.plant, None)]
+    traces.append(line("plant", "plant", x=x, y=y))
+    for change in changes:
+        if change.time is not None:
+            traces.append(line("bound", "change", x=[change.time] * 2, y=limits))
+    return traces
+
+
+def _shade(role: str, low: float, high: float, limits: list[float], text: str) -> go.Scatter:
+    x, y = [low, low, high, high], [*limits, *limits[::-1]]
+    return area(role, text, x=x, y=y, hoveron="fills", hoverinfo="text", text=text)
+
+
+def _parameter(window: Window, column: str, name: str) -> Parameter | None:
+    for element in window.elements:
+        if element.input == column:
+            return next((p for p in element.parameters if p.name == name), None)
+    return None
