@@ -27,7 +27,7 @@ def has_response(model: NDArray[np.inexact], plant: NDArray[np.inexact]) -> bool
     return bool(np.any(values[np.isfinite(values)] > 0))
 
 
-def _outline(x: Array, low: Array, high: Array) -> tuple[Array, Array]:
+def outline(x: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """The closed outline between two curves, where both are numbers."""
     known = np.isfinite(low) & np.isfinite(high) & np.isfinite(x)
     x, low, high = x[known], low[known], high[known]
@@ -37,7 +37,7 @@ def _outline(x: Array, low: Array, high: Array) -> tuple[Array, Array]:
 def step_response(curves: Curves, i: int, j: int) -> go.Figure:
     """Response of output i to a unit step of input j: model, plant and the plant's band."""
     figure = go.Figure()
-    x, y = _outline(curves.step_t, curves.step_low[:, i, j], curves.step_high[:, i, j])
+    x, y = outline(curves.step_t, curves.step_low[:, i, j], curves.step_high[:, i, j])
     if x.size:
         figure.add_trace(area("plant_band", "plant, interval", x=x, y=y, hoverinfo="skip"))
     figure.add_trace(line("plant", "plant", x=curves.step_t, y=curves.step_plant[:, i, j]))
@@ -48,7 +48,7 @@ def step_response(curves: Curves, i: int, j: int) -> go.Figure:
     return framed(figure, 270)
 
 
-def _decades(values: Array, room: float = 0.12) -> list[float] | None:
+def decades(values: Array, room: float = 0.12) -> list[float] | None:
     """Range of a logarithmic axis around positive values, at most six decades down from the largest."""
     logs = np.log10(values[np.isfinite(values) & (values > 0)])
     if not logs.size:
@@ -122,8 +122,8 @@ def bode(curves: Curves, i: int, j: int, z: float) -> go.Figure:
     spread = z * np.minimum(curves.bode_std[:, i, j], 50.0)
     wide = np.degrees(np.minimum(spread, np.pi))
     bands = [
-        _outline(w, plant * np.exp(-spread), plant * np.exp(spread)),
-        _outline(w, phase_plant - wide, phase_plant + wide),
+        outline(w, plant * np.exp(-spread), plant * np.exp(spread)),
+        outline(w, phase_plant - wide, phase_plant + wide),
     ]
     value, error = np.abs(curves.np_value[:, i, j]), curves.np_std[:, i, j]
     known = np.isfinite(value) & (value > 0)
@@ -150,12 +150,12 @@ def bode(curves: Curves, i: int, j: int, z: float) -> go.Figure:
 
     curves_only = np.concatenate([model, plant])
     close = (value > np.nanmin(curves_only) / 10) & (value < np.nanmax(curves_only) * 10)
-    magnitudes = _decades(np.concatenate([curves_only, value[close]]))
+    magnitudes = decades(np.concatenate([curves_only, value[close]]))
     angles = np.concatenate([phase_model, phase_plant])
     highest = float(np.nanmax(angles)) + 12
     lowest = max(float(np.nanmin(angles)) - 12, highest - 900)
     tick = next(step for step in (15, 45, 90, 180) if (highest - lowest) / step <= 6)
-    frequencies = _decades(w, room=0.0)
+    frequencies = decades(w, room=0.0)
     figure.update_xaxes(type="log", range=frequencies, **log_ticks(frequencies))
     figure.update_xaxes(title_text=f"Frequency (rad/{inert(curves.time_unit)})", row=2, col=1)
     unit = per(curves.output_units[i], curves.input_units[j])
@@ -303,8 +303,8 @@ def correlation(lags: Array, value: Array, bound: float) -> go.Figure:
 def condition(curves: Curves) -> go.Figure:
     """Condition number of the excitation over frequency."""
     figure = go.Figure(line("plant", "condition number", x=curves.condition_w, y=curves.condition))
-    frequencies = _decades(curves.condition_w, room=0.0)
-    values = _decades(np.append(curves.condition, [1.0]))
+    frequencies = decades(curves.condition_w, room=0.0)
+    values = decades(np.append(curves.condition, [1.0]))
     unit = inert(curves.time_unit)
     figure.update_xaxes(
         type="log", title_text=f"Frequency (rad/{unit})", range=frequencies, **log_ticks(frequencies)

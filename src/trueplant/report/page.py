@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trueplant.report import tables
+from trueplant.report import loops, tables
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.numbers import number, probability
 from trueplant.study.result import Curves, Result, Trend
@@ -78,7 +78,7 @@ def render(result: Result) -> str:
 
     The same result gives the same text. Raises nothing for results without curves, elements or data.
     """
-    from trueplant.study.words import plain
+    from trueplant.study.words import loop_line, plain
 
     book = Book()
     scale = tables.percent_scale(result.elements)
@@ -90,13 +90,16 @@ def render(result: Result) -> str:
         provenance=plain(result.provenance),
         data=plain(result.data),
         fit=plain(result.fit),
+        loop_line=loop_line(result),
         robustness=plain(result.robustness),
+        today=_today(result),
         controllers=plain(result.controllers),
         comparison=tables.comparison(plain(result.methods)),
         elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in result.elements],
         grid=_grid(result),
         scale=number(scale),
         figures=_figures(result.curves, book, _z(_confidence(result))) if result.curves is not None else None,
+        mu_figures=_mu_figures(result.curves, book),
         **frame(book),
     )
     return page + "\n"
@@ -158,6 +161,38 @@ def _grid(result: Result) -> tuple[list[str], list[tuple[str, list[Any]]]]:
     inputs = list(curves.inputs) if curves else list(dict.fromkeys(e.input for e in result.elements))
     found = {(e.output, e.input): e for e in result.elements}
     return inputs, [(i, [found.get((i, j)) for j in inputs]) for i in outputs]
+
+
+def _today(result: Result) -> dict[str, Any]:
+    """Today's loops as tables; what is there besides is shown as it stands."""
+    from trueplant.study.words import plain
+
+    found, curves = plain(result.robustness), result.curves
+    unit = curves.time_unit if curves else str(result.provenance.get("time_unit", ""))
+    outputs, inputs = (curves.outputs, curves.inputs) if curves else ((), ())
+    systems, peaks = loops.peak_rows(found, unit)
+    return {
+        "margins": loops.margin_loops(found, unit),
+        "systems": systems,
+        "peaks": peaks,
+        "drawn": loops.drawn_sentences(found),
+        "inputs": inputs,
+        "pairing": loops.pairing_rows(found, outputs, inputs),
+        "rest": {key: value for key, value in found.items() if key not in loops.KNOWN},
+    }
+
+
+def _mu_figures(curves: Curves | None, book: Book) -> list[Drawn]:
+    from trueplant.report import loopfigures
+
+    if curves is None or not curves.mu:
+        return []
+    unit = curves.time_unit
+    return [
+        book.add(loopfigures.mu_test(curves.mu, test, unit), label, loopfigures.mu_caption(curves.mu, test, unit))
+        for test, label in loops.TESTS.items()
+        if any(test in one.bounds for one in curves.mu)
+    ]
 
 
 def _figures(curves: Curves, book: Book, z: float) -> dict[str, Any]:

@@ -28,6 +28,12 @@ LIGHT = {
     "excluded": "rgba(230,159,0,0.30)",
     "speaks": "rgba(0,158,115,0.13)",
     "bound": "#c24a00",
+    "limit": "#1b1f24",
+    "estimate": "#8a3d6b",
+    "before": "#c24a00",
+    "after": "#0072b2",
+    "before_band": "rgba(194,74,0,0.17)",
+    "after_band": "rgba(0,114,178,0.20)",
 }
 DARK = {
     "ink": "#e6e9ed",
@@ -44,9 +50,16 @@ DARK = {
     "excluded": "rgba(230,159,0,0.34)",
     "speaks": "rgba(0,190,140,0.16)",
     "bound": "#f0a020",
+    "limit": "#f2f4f7",
+    "estimate": "#dd9abf",
+    "before": "#f0a020",
+    "after": "#56b4e9",
+    "before_band": "rgba(240,160,32,0.22)",
+    "after_band": "rgba(86,180,233,0.25)",
 }
-DASH = {"model": "dash", "setpoint": "dashdot", "bound": "dot"}
-WIDTH = {"measured": 1.2, "setpoint": 1.6, "model": 2, "plant": 2, "stem": 1.2, "bound": 1.4}
+DASH = {"model": "dash", "setpoint": "dashdot", "bound": "dot", "limit": "dot", "estimate": "dashdot", "before": "dash"}
+WIDTH = {"measured": 1.2, "setpoint": 1.6, "stem": 1.2, "bound": 1.4, "limit": 1.4}
+"""2 where nothing is said."""
 LEFT, RIGHT, TOP, BOTTOM = 64, 14, 26, 48
 """Margins in pixels, equal in all figures so that their axes line up."""
 
@@ -71,7 +84,7 @@ def with_unit(label: str, unit: str) -> str:
 
 def line(role: str, name: str, **extra: object) -> go.Scatter:
     """A line in the colour, pattern and width of its role."""
-    pen = {"color": LIGHT[role], "dash": DASH.get(role, "solid"), "width": WIDTH[role]}
+    pen = {"color": LIGHT[role], "dash": DASH.get(role, "solid"), "width": WIDTH.get(role, 2)}
     return go.Scatter(mode="lines", name=inert(name), meta={"role": role}, line=pen, **extra)
 
 

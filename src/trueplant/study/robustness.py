@@ -144,12 +144,13 @@ def _weighted(
     declared = study.project.robustness
     if declared is None or (declared.wI is None and declared.wP is None):
         return {}, ()
-    uncertainty, performance = (0.0 if given is None else _weights(given) for given in (declared.wI, declared.wP))
+    uncertainty, performance = (0.0 if given is None else weights_of(given) for given in (declared.wI, declared.wP))
     cases = {name: robust_performance(m, controller, uncertainty, performance) for name, m in systems.items()}
     tests = {name: _tests(declared.wI is not None, declared.wP is not None) for name in cases}
     certain = _of_estimate(study, controller, systems["plant"], known, performance)
     if certain is not None:
-        cases["estimate"], tests["estimate"] = certain, _tests(True, declared.wP is not None)
+        # without uncertainty it is the plant, whose nominal performance is there already
+        cases["estimate"], tests["estimate"] = certain, tuple(t for t in _tests(True, declared.wP is not None) if t != "NP")
     table = {name: _peaks(found, tests[name]) for name, found in cases.items()}
     curves = (_curves(name, found, table[name]) for name, found in cases.items() if found.stable)
     return table, tuple(curves)
@@ -200,10 +201,10 @@ def _curves(name: str, found: Robustness, table: Mapping[str, Any]) -> MuCurves:
     )
 
 
-def _weights(given: Any) -> Any:
+def weights_of(given: Any) -> Any:
     """Weights as `robust` takes them: one, or one a channel."""
     if isinstance(given, list):
-        return [_weights(one) for one in given]
+        return [weights_of(one) for one in given]
     if isinstance(given, UncertaintyNumbers):
         return gain_and_dead_time_weight(given.gain_percent / 100, given.dead_time)
     if isinstance(given, PerformanceNumbers):
@@ -243,7 +244,7 @@ def _drawn(
     value = {"count": DRAWS, "seed": seed, "share_stable": found.share_stable, "Ms_limit": HIGHEST, "loops": rows}
     declared = study.project.robustness
     if declared is not None and declared.wP is not None:
-        asked = np.stack([f(on_axis(w)) for f in channels(_weights(declared.wP), n_y, "the performance")], axis=1)
+        asked = np.stack([f(on_axis(w)) for f in channels(weights_of(declared.wP), n_y, "the performance")], axis=1)
         sensitivity = np.linalg.inv(np.eye(n_y) + response @ law)
         error = np.linalg.norm(asked[:, :, None] * sensitivity, ord=2, axis=(2, 3)).max(axis=1)
         value["share_performance"] = float(np.mean(found.stable & (error < 1)))

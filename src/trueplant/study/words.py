@@ -208,6 +208,8 @@ def text_summary(result: Result) -> str:
         lines += [f"  {parameter_line(p)}" for p in element.parameters]
         if element.reason:
             lines.append(f"  {_sentence(element.reason)}")
+    if loop := loop_line(result):
+        lines += ["", loop]
     for title, reasons in (("refused", result.reasons), ("note", result.notes)):
         if reasons:
             lines.append("")
@@ -215,6 +217,35 @@ def text_summary(result: Result) -> str:
             where = f" ({reason.where})" if reason.where else ""
             lines.append(f"{title}{where}: {_sentence(reason.message)}")
     return "\n".join(lines)
+
+
+def loop_line(result: Result) -> str:
+    """Whether the change matters to today's loops, in a sentence or two; empty where no controller is declared."""
+    margins = result.robustness.get("margins")
+    if not margins:
+        return ""
+    unstable = [_spoken(loop["input"]) for loop in margins["plant"] if not loop["stable"]]
+    if unstable:
+        every = len(unstable) == len(margins["plant"]) > 1
+        which = "the loops" if every else f"the loop of {' and '.join(unstable)}"
+        return f"Today's controller leaves {which} unstable on the plant as estimated."
+    measured = [loop for loop in margins["plant"] if loop["Ms"] is not None]
+    text = "Today's controller keeps the plant stable"
+    if measured:
+        highest = max(measured, key=lambda loop: float(loop["Ms"]))
+        before = next(loop for loop in margins["model"] if loop["input"] == highest["input"])
+        text += f"; the sensitivity peaks at Ms = {number(highest['Ms'])} ({_spoken(highest['input'])}"
+        text += f", {number(before['Ms'])} on the model)" if before["stable"] else ", unstable on the model)"
+    text += "."
+    peaks = result.robustness.get("peaks", {})
+    if "RP" in peaks.get("plant", {}):
+        before, today = peaks["model"]["RP"]["upper"], peaks["plant"]["RP"]["upper"]
+        holds = "holds" if peaks["plant"]["robust_performance_holds"] else "does not hold"
+        text += f" Robust performance {holds}: mu peaks at {number(today)} ({number(before)} on the model)."
+    drawn = result.robustness.get("drawn", {})
+    if drawn and drawn["share_stable"] < 1:
+        text += f" It is unstable on {100 * (1 - drawn['share_stable']):.2g} % of the plants that the data leave open."
+    return text
 
 
 def html_summary(result: Result) -> str:
