@@ -63,7 +63,7 @@ def fit_with_disturbance(fit: RowFit, declared: Sequence[Part]) -> DisturbedFit:
 
     Starts from the fit's parameters and from the model's, and returns the better end of both.
     """
-    row = fit.row
+    row = replace(fit.row, pieces=tuple(replace(piece, jumps=()) for piece in fit.row.pieces))
     starts = [fit.theta]
     known = [spec.start for spec in row.specs if spec.start is not None]
     if len(known) == len(row.specs):
@@ -136,7 +136,8 @@ def _whitened_piece(
     jacobian = np.zeros((both.shape[0], 0))
     if derivatives:
         weights = np.linalg.lstsq(own, both[:, 0], rcond=1e-7)[0]
-        moved, _ = whitened(system, row.nuisance_gradient(theta, k, weights[: plain.shape[1]]), valid)
+        of_plain = np.asarray(weights[: plain.shape[1]], dtype=float)
+        moved, _ = whitened(system, row.nuisance_gradient(theta, k, of_plain), valid)
         jacobian = -reduced(both[:, 1 + linear.shape[1] :] + moved, own)
     return reduced(both[:, :1], own)[:, 0], jacobian, logs
 

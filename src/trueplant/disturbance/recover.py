@@ -1,4 +1,4 @@
-"""The disturbance behind a record, once the plant is known: for the closed form, and to be replayed on other tunings."""
+"""The disturbance behind a record once the plant is known: for the closed form, and to replay on other tunings."""
 
 from __future__ import annotations
 

@@ -67,6 +67,8 @@ class Piece:
     """Samples at which a gap in the inputs ends: what they did in it, and so the state, is not known."""
     start: float = 0.0
     """Time of the first sample."""
+    jumps: tuple[int, ...] = ()
+    """Samples from which on a disturbance holds the output at another level."""
 
     @property
     def span(self) -> float:
@@ -80,9 +82,9 @@ class Piece:
         inputs = self.inputs[:, part]
         inputs = np.ascontiguousarray(inputs - inputs[:, :1])
         last = self.y.size if end is None else end
-        restarts = tuple(k - first for k in self.restarts if first < k < last)
-        start = self.start + first * self.h
-        return replace(self, y=self.y[part], valid=self.valid[part], inputs=inputs, restarts=restarts, start=start)
+        y, valid, start = self.y[part], self.valid[part], self.start + first * self.h
+        restarts, jumps = (tuple(k - first for k in of if first < k < last) for of in (self.restarts, self.jumps))
+        return replace(self, y=y, valid=valid, inputs=inputs, restarts=restarts, start=start, jumps=jumps)
 
     @cached_property
     def starts_at_rest(self) -> bool:
@@ -117,7 +119,9 @@ def pieces_of(
         y = np.where(valid, whole.y[:, output], 0.0)
         for element in held:
             y = y - sampled_response(element.system, inputs[element.column], whole.h, hold[element.column])
-        piece = Piece(whole.experiment, whole.h, np.where(valid, y, 0.0), valid, inputs, hold, restarts, whole.t[0])
+        jumps = whole.jumps[output] if whole.jumps else ()
+        y = np.where(valid, y, 0.0)
+        piece = Piece(whole.experiment, whole.h, y, valid, inputs, hold, restarts, whole.t[0], jumps)
         pieces.append(piece.from_sample(_first_update(whole.y[:, output], update)))
     return tuple(pieces)
 
@@ -161,6 +165,15 @@ def _joined(group: Sequence[Segment]) -> tuple[Segment, tuple[int, ...]]:
         y=laid("y", missing=True),
         d=laid("d"),
         free=laid("free"),
+        jumps=tuple(
+            tuple(
+                k + start
+                for start, segment in zip(starts, group, strict=True)
+                if segment.jumps
+                for k in segment.jumps[i]
+            )
+            for i in range(first.y.shape[1])
+        ),
     )
     return whole, tuple(starts[1:])
 
@@ -249,9 +262,11 @@ class Row:
         return total, gradient.T
 
     def nuisance(self, theta: Array, k: int) -> Array:
-        """Columns (n, n_z) of piece k: offset, then the free response of every mode where the past is not known."""
+        """Columns (n, n_z) of piece k: offset, free responses of all modes where the past is not known, jumps."""
         columns = [column for column, _ in self._free_responses(theta, k)]
-        return np.column_stack([np.ones(len(self._times(k))), *columns])
+        at = np.arange(0, self.pieces[k].y.size, self.stride)
+        jumps = [(at >= jump).astype(float) for jump in self.pieces[k].jumps]
+        return np.column_stack([np.ones(at.size), *columns, *jumps])
 
     def nuisance_count(self, theta: Array) -> int:
         """Offsets and free responses over all pieces, which are estimated along."""
@@ -260,7 +275,8 @@ class Row:
     def nuisance_gradient(self, theta: Array, k: int, weights: Array) -> Array:
         """Derivative (n, size) of `nuisance @ weights` by theta: only lags and pairs move the columns."""
         out = np.zeros((len(self._times(k)), self.size))
-        for weight, (_, derivatives) in zip(weights[1:], self._free_responses(theta, k), strict=True):
+        of_modes = weights[1 : weights.size - len(self.pieces[k].jumps)]
+        for weight, (_, derivatives) in zip(of_modes, self._free_responses(theta, k), strict=True):
             for index, derivative in derivatives.items():
                 out[:, index] += weight * derivative
         return out

@@ -39,6 +39,7 @@ def simulate_piece(piece: Piece, systems: Sequence[tuple[int, TransferFunction]]
     for start in ([] if piece.starts_at_rest else [0]) + list(piece.restarts):
         since = t - piece.h * start
         columns += [np.where(since >= 0, np.exp(-np.maximum(since, 0) / lag), 0.0) for lag in lags if lag > 0]
+    columns += [(np.arange(t.size) >= jump).astype(float) for jump in piece.jumps]
     z = np.column_stack(columns)
     out: Array = total + z @ _nuisance_weights(z[piece.valid], (piece.y - total)[piece.valid])
     return out

@@ -85,6 +85,8 @@ class Segment:
     free: BoolArray
     hold: tuple[str, ...]
     closed: bool = True
+    jumps: tuple[tuple[int, ...], ...] = ()
+    """For each output the samples from which on a disturbance holds it at another level; empty where none is known."""
 
     def __len__(self) -> int:
         return int(self.t.size)

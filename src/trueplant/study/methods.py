@@ -3,22 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm
 
 from trueplant.errors import TrueplantError
 from trueplant.identify import OutputEstimate, paper_route, unanswered
 from trueplant.loop import Controller
 from trueplant.lti import Structure, TransferMatrix
-from trueplant.mismatch import FrequencyResponse, LocalFit, fit_locally
+from trueplant.mismatch import FrequencyResponse, fit_locally
 from trueplant.record import Segment
+from trueplant.study.disturbed import (
+    Disturbed,
+    assumed,
+    declared_parts,
+    estimate_disturbed,
+    without_measured,
+    without_unmeasured,
+)
+from trueplant.study.result import Reason
 
 if TYPE_CHECKING:
     from trueplant.study.pipeline import Study
 
+Array = NDArray[np.float64]
+
+WITH_FIT = "fit with disturbance estimate"
+WITH_CLOSED_FORM = "closed-form with disturbance estimate"
 LARGEST = 200_000
 """Longer segments are left to the fit."""
 MOST_BOUND = 0.05
@@ -35,12 +49,31 @@ class Compared:
     not_applied: Mapping[str, str]
     agreement: tuple[str, ...]
     response: FrequencyResponse | None
+    disturbance: tuple[Mapping[str, Any], ...] = ()
+    """Of each output with a declared unmeasured disturbance: what was found of it."""
+    assumed: str = ""
+    """What taking measured disturbances off the record rests on."""
+    notes: tuple[Reason, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Estimated:
+    """Parameters and covariance of the elements that a method answered."""
+
+    parameters: Mapping[tuple[int, int], Array]
+    covariance: Mapping[tuple[int, int], Array]
+    response: FrequencyResponse | None = field(default=None)
 
 
 def compare_methods(study: Study, estimates: Mapping[int, OutputEstimate]) -> Compared:
-    """Run what applies: the joint form (open loop: the response to OP), and (17) where a controller is declared."""
+    """Run what applies: the joint form (open loop: the response to OP), (17) where a controller is declared, and fit
+    and (17) with the unmeasured disturbance estimated along where one is declared.
+    """
+    from trueplant.study.pipeline import plant_matrix
+
     wanted = study.project.analysis.method
-    found: dict[str, LocalFit] = {}
+    plant = plant_matrix(study, estimates)
+    found: dict[str, Estimated] = {}
     refused: dict[str, str] = {}
     for name in ("joint", "closed-form", "open-loop response"):
         if wanted not in ("auto", name):
@@ -48,35 +81,84 @@ def compare_methods(study: Study, estimates: Mapping[int, OutputEstimate]) -> Co
         why = _why_not(study, name)
         if why is None:
             try:
-                found[name] = _run(study, name)
+                found[name] = _run(study, name, plant)
             except (TrueplantError, np.linalg.LinAlgError) as error:
                 why = str(error)
         if why:
             refused[name] = why
-    first = next(iter(found.values()), None)
+    disturbed = _with_disturbance(study, estimates, plant, found, refused)
+    first = next((fit.response for fit in found.values() if fit.response is not None), None)
     elements = {name: _summaries(study, fit) for name, fit in found.items()}
     if "closed-form" in found:
-        elements["equation-error"] = _paper_route(study)
+        elements["equation-error"] = _paper_route(study, plant)
     return Compared(
         elements,
         refused,
         tuple(_agreement(study, estimates, found)),
-        None if first is None else first.response,
+        first,
+        () if disturbed is None else disturbed.table,
+        assumed(study, estimates) if first is not None else "",
+        () if disturbed is None else disturbed.notes,
     )
+
+
+def _with_disturbance(
+    study: Study,
+    estimates: Mapping[int, OutputEstimate],
+    plant: TransferMatrix,
+    found: dict[str, Estimated],
+    refused: dict[str, str],
+) -> Disturbed | None:
+    """The fit and (17) with the declared unmeasured disturbance estimated along, put into `found`."""
+    wanted = study.project.analysis.method
+    if not study.project.unmeasured or wanted == "joint":
+        return None
+    everything = [s for s in study.segments if len(s) <= LARGEST]
+    disturbed = estimate_disturbed(study, estimates, plant, everything)
+    if disturbed is None:
+        return None
+    slices = {
+        (i, spec.column): part
+        for i, fit in disturbed.fits.items()
+        for spec, part in zip(fit.row.specs, fit.row.slices, strict=True)
+    }
+    covariance = {(i, j): disturbed.fits[i].covariance[part, part] for (i, j), part in slices.items()}
+    if wanted != "closed-form":
+        parameters = {(i, j): disturbed.fits[i].theta[part] for (i, j), part in slices.items()}
+        found[WITH_FIT] = Estimated(parameters, covariance)
+    why = None if wanted == "direct" else _why_not(study, "closed-form", taken_along=True)
+    if wanted != "direct" and why is None:
+        model, structures, controller = _problem(study, _segments(study, closed=True))
+        cleaned = [s for s in without_unmeasured(disturbed, everything, controller) if s.closed]
+        cleaned = without_measured(study, cleaned, disturbed.plant, controller)
+        try:
+            local = fit_locally(cleaned, structures, model, "closed-form", controller)
+        except (TrueplantError, np.linalg.LinAlgError) as error:
+            why = str(error)
+        else:
+            # At the frequencies that the disturbance could have made, the answer is that of the fit which told them
+            # apart, and no surer than it.
+            wider = {place: c + covariance.get(place, 0.0) for place, c in local.covariance.items()}
+            found[WITH_CLOSED_FORM] = Estimated(local.parameters, wider, local.response)
+    if why:
+        refused[WITH_CLOSED_FORM] = why
+    return disturbed
 
 
 def _segments(study: Study, closed: bool) -> list[Segment]:
     return [s for s in study.segments if s.closed == closed and len(s) <= LARGEST]
 
 
-def _why_not(study: Study, name: str) -> str | None:
+def _why_not(study: Study, name: str, taken_along: bool = False) -> str | None:
     """Why a method does not apply to these data; an empty text where it has no business at all."""
     closed = name != "open-loop response"
     segments = _segments(study, closed)
     if not segments:
         return ""
-    if study.project.disturbances:
-        return "measured disturbances are part of the model: only the fit takes them along"
+    lasting = [i for i, parts in declared_parts(study).items() if any(p.kind != "ar1" for p in parts)]
+    if lasting and not taken_along:
+        names = ", ".join(study.project.output_names[i] for i in lasting)
+        return f"a step or drift is declared at {names}: as noise it is not stationary, and has to be estimated along"
     bound = max(float(1 - segment.free.all(axis=1).mean()) for segment in segments) if closed else 0.0
     at_limit = f"OP was at a limit or in manual for {100 * bound:.2g} % of a record"
     if bound > MOST_BOUND:
@@ -88,7 +170,7 @@ def _why_not(study: Study, name: str) -> str | None:
         return ""
     if len({repr(study.project.controller(k)) for k in experiments}) > 1:
         return "the experiments ran under different controllers: (17) takes one"
-    if study.model.shape[0] != study.model.shape[1]:
+    if len(study.project.outputs) != len(study.project.inputs):
         return "(17)-(20) need as many inputs as outputs"
     if bound > 0:
         return f"{at_limit}, and (17) holds for a free OP only"
@@ -109,20 +191,22 @@ def _problem(
     return model, structures, controller
 
 
-def _run(study: Study, name: str) -> LocalFit:
+def _run(study: Study, name: str, plant: TransferMatrix) -> Estimated:
     closed = name != "open-loop response"
     segments = _segments(study, closed)
     model, structures, controller = _problem(study, segments)
-    if name == "closed-form":
-        return fit_locally(segments, structures, model, name, controller)
-    return fit_locally(segments, structures, model, name if closed else "direct")
+    segments = without_measured(study, segments, plant, controller if closed else None)
+    law = controller if name == "closed-form" else None
+    fit = fit_locally(segments, structures, model, name if closed else "direct", law)
+    return Estimated(fit.parameters, fit.covariance, fit.response)
 
 
-def _paper_route(study: Study) -> list[dict[str, Any]]:
+def _paper_route(study: Study, plant: TransferMatrix) -> list[dict[str, Any]]:
     """The paper's own estimate (43)-(47), for comparison: it has no covariance, so that it cannot disagree."""
     segments = _segments(study, closed=True)
     model, structures, controller = _problem(study, segments)
     assert controller is not None
+    segments = without_measured(study, segments, plant, controller)
     try:
         parameters = paper_route(segments, model, controller, structures).parameters
     except (TrueplantError, np.linalg.LinAlgError):
@@ -140,11 +224,11 @@ def _paper_route(study: Study) -> list[dict[str, Any]]:
     ]
 
 
-def _hopeless(fit: LocalFit, place: tuple[int, int]) -> bool:
+def _hopeless(fit: Estimated, place: tuple[int, int]) -> bool:
     return bool(np.sqrt(fit.covariance[place][0, 0]) > HOPELESS * abs(fit.parameters[place][0]))
 
 
-def _summaries(study: Study, fit: LocalFit) -> list[dict[str, Any]]:
+def _summaries(study: Study, fit: Estimated) -> list[dict[str, Any]]:
     z = norm.ppf(0.5 + study.project.analysis.confidence / 2)
     rows = []
     for (i, j), p in sorted(fit.parameters.items()):
@@ -171,7 +255,7 @@ def _summaries(study: Study, fit: LocalFit) -> list[dict[str, Any]]:
     return rows
 
 
-def _agreement(study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[str, LocalFit]) -> Sequence[str]:
+def _agreement(study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[str, Estimated]) -> Sequence[str]:
     """A sentence for each method: whether it agrees with the fit within both their uncertainties."""
     level = 1 - study.project.analysis.confidence
     sentences = []

@@ -87,6 +87,8 @@ def analyse(project: Project, progress: Progress | None = None) -> Result:
         reasons.append(Reason("nothing-to-estimate", "no output has both an element to estimate and usable data"))
         return refused(study, reasons, consistency)
     study = _with_elements_of(study, estimates)
+    if project.unmeasured:
+        study, estimates = _with_disturbances(study, estimates, say)
     say("comparing methods")
     others = compare_methods(study, estimates)
     say("putting the result together")
@@ -226,6 +228,17 @@ def _with_elements_of(study: Study, estimates: Mapping[int, OutputEstimate]) -> 
         for i, j in sorted(taken.keys() - study.specs.keys())
     ]
     return replace(study, specs=study.specs | taken, notes=(*study.notes, *notes))
+
+
+def _with_disturbances(
+    study: Study, estimates: dict[int, OutputEstimate], say: Progress
+) -> tuple[Study, dict[int, OutputEstimate]]:
+    """The estimates again, if a declared unmeasured disturbance was found to jump within the records."""
+    from trueplant.study.disturbed import with_jumps
+
+    say("looking for unmeasured disturbances")
+    told = with_jumps(study, estimates, plant_matrix(study, estimates))
+    return (study, estimates) if told is study else (told, estimate(told, say))
 
 
 def timing_error(study: Study, update_interval: float) -> float:
