@@ -17,6 +17,7 @@ from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
 from trueplant.study.notes import controller_notes, notes_of
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
+from trueplant.study.retuning import Retuning, retuning_of
 from trueplant.study.robustness import LoopToday, robustness_of
 
 if TYPE_CHECKING:
@@ -54,16 +55,13 @@ def assemble(
     methods: dict[str, Any] = {"direct": direct, **others.elements, "agreement": list(others.agreement)}
     if any(others.not_applied.values()):
         methods["not_applied"] = dict(others.not_applied)
-    if others.assumed:
-        methods["assumed"] = others.assumed
-    if others.disturbance:
-        methods["disturbance"] = list(others.disturbance)
-    notes += others.notes
     if consistency:
         methods["controller_consistency"] = list(consistency)
     notes += [Reason("methods", sentence) for sentence in others.agreement if "disagree" in sentence]
     updated = {(i, j): plant[i, j] for i, j in found}
     loop = robustness_of(study, plant, estimates) if answered else LoopToday()
+    retuned = retuning_of(study, plant, estimates, others.response) if answered else Retuning()
+    curves = curves_of(study, estimates, found, plant, others.response)
     return Result(
         status="ok" if answered else "refused",
         reasons=tuple(reasons),
@@ -73,8 +71,9 @@ def assemble(
         fit=fit_rows(study, estimates, plant),
         methods=methods,
         robustness=loop.table,
-        notes=(*notes, *loop.notes),
-        curves=replace(curves_of(study, estimates, found, plant, others.response), mu=loop.mu),
+        controllers=retuned.table,
+        notes=(*notes, *loop.notes, *retuned.notes),
+        curves=replace(curves, mu=loop.mu, retuning=retuned.curves),
         plant_toml=study.project.with_model(updated).to_toml(),
     )
 

@@ -21,6 +21,25 @@ def check_project(project: Project) -> None:
     _check_experiments(project)
     check_controllers(project, project.controllers, ())
     _check_simulation(project)
+    _check_tuning(project)
+
+
+def _check_tuning(project: Project) -> None:
+    """Spans and notations that the answer is asked in must exist for every loop."""
+    tuning = project.tuning
+    if tuning is None:
+        return
+    for law in project.controllers:
+        unit = tuning.gain_unit or law.gain_unit
+        i, j = project.input_names.index(law.input), project.output_names.index(law.output)
+        ranges = (project.inputs[i].limits, project.outputs[j].limits)
+        if unit == "percent of span" and None in ranges:
+            text = f"percent of span needs limits of {law.input} and of {law.output}: give them, they are the spans"
+            raise problem(text, "tuning", "gain_unit")
+        if tuning.gain == "proportional band" and unit != "percent of span":
+            raise problem(
+                'a proportional band is in percent of span: add gain_unit = "percent of span"', "tuning", "gain"
+            )
 
 
 def _check_names(project: Project) -> None:

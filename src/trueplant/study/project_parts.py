@@ -286,20 +286,39 @@ class Robustness(Table):
 
 
 class TuningLimits(Table):
-    """What a retuned loop must keep: sensitivity peak, mu of robust performance, share of likely plants."""
+    """What a retuned loop must keep: sensitivity peak, mu of robust performance, share of likely plants, speed.
+
+    `speed`: how many times today's crossover at most.
+    """
 
     Ms: Annotated[float, Field(gt=1, allow_inf_nan=False)] | None = None
     mu: Positive | None = None
-    share: Annotated[float, Field(gt=0, le=1)] | None = None
+    share: Annotated[float, Field(gt=0, lt=1)] | None = None
+    speed: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None
 
 
 class Tuning(Table):
-    """Retuning: the methods, the limits, and the form of the answer."""
+    """Retuning: the methods, the limits, and the form of the answer, in the project's keys and as vendors show it."""
 
     methods: list[Name] = Field(default_factory=list)
     limits: TuningLimits = TuningLimits()
+    kind: Literal["PI", "PID"] | None = None
     form: Literal["ideal", "series", "parallel"] | None = None
     gain_unit: Literal["engineering", "percent of span"] | None = None
+    gain: Literal["gain", "proportional band"] | None = None
+    integral: Literal["time", "repeats"] | None = None
+    derivative_filter: Literal["ratio", "divisor", "time"] | None = None
+    time_unit: TimeUnit | None = None
+
+    @model_validator(mode="after")
+    def _methods_exist(self) -> Tuning:
+        if self.methods:
+            from trueplant.tune import ALL_METHODS
+
+            for k, name in enumerate(self.methods):
+                if name not in ALL_METHODS:
+                    raise problem(f"{name!r} is no tuning method: use {', '.join(ALL_METHODS)}", "methods", k)
+        return self
 
 
 class Move(Table):

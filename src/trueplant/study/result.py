@@ -116,6 +116,29 @@ class MuCurves:
 
 
 @dataclass(frozen=True, eq=False)
+class RetuningCurves:
+    """One loop before and after retuning, on the plant as estimated, the other loops closed likewise.
+
+    All tables are by "before" and "after"; (n_t, 3): low, value, high over plants drawn from the estimate.
+    """
+
+    input: str
+    output: str
+    method: str
+    t: Array
+    setpoint: Mapping[str, Array]
+    """PV after a unit step of the set-point."""
+    load: Mapping[str, Array]
+    """PV after a unit step at the plant's input."""
+    op_setpoint: Mapping[str, Array]
+    op_load: Mapping[str, Array]
+    replay_t: Array
+    replay: Mapping[str, Array]
+    """Control error r - y (n,) under the disturbance recovered from the record; also "record", as it was. Empty where
+    no stretch of the record allows it."""
+
+
+@dataclass(frozen=True, eq=False)
 class Curves:
     """What is drawn. Everything here can be recomputed from the data and result.json."""
 
@@ -149,6 +172,7 @@ class Curves:
     condition: Array
     """Condition number of the set-points' (or inputs') excitation at `condition_w`."""
     mu: tuple[MuCurves, ...] = ()
+    retuning: tuple[RetuningCurves, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

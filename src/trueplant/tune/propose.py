@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,7 +21,7 @@ from trueplant.tune.response import axis, frequencies
 from trueplant.tune.retune import METHODS, retune
 from trueplant.tune.several import blt, sequential
 from trueplant.tune.state_space import DESIGNS, fastest
-from trueplant.tune.together import LoopTask, slow_down, tune_together, with_entries
+from trueplant.tune.together import LoopTask, TunedTogether, slow_down, tune_together, with_entries
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,10 @@ ALL_METHODS = (CERTAIN, *METHODS, "blt", "sequential", *DESIGNS)
 
 _USUAL = 2.0
 """Sensitivity peak below which a detuned set of loops is left as it is (Astrom and Hagglund 2006, section 4.6)."""
+_SAME = 0.995
+"""A slowing down by less than this is not worth a word."""
+_WORTH = 1.1
+"""A loop whose integral gain would rise by less than this factor is left as it is, if it holds the limits."""
 _FACTORS = np.geomspace(1.0, 0.02, 40)
 
 
@@ -100,10 +105,38 @@ def _certain(
     confidence: float,
     seed: int,
 ) -> Proposal:
-    found = tune_together(uncertain, tasks, today, limit=limit, share=share, confidence=confidence, seed=seed)
+    """Loops that have nothing to gain keep today's law, if the others can be tuned round it."""
+
+    def tuned(some: Sequence[LoopTask]) -> TunedTogether:
+        return tune_together(uncertain, some, today, limit=limit, share=share, confidence=confidence, seed=seed)
+
+    found = tuned(tasks)
+    gaining = [task for task in tasks if _gain(found.controller, task) > _WORTH * _gain(today, task)]
+    if gaining and len(gaining) < len(tasks):
+        with contextlib.suppress(LoopError):
+            return _round_the_rest(tuned(gaining), tasks, gaining)
     laws, notes = zip(*(_in_form(found.controller, task) for task in tasks), strict=True)
     controller = with_entries(found.controller, dict(zip(tasks, laws, strict=True)))
     return Proposal(CERTAIN, controller, (True,) * len(tasks), tuple(notes), found.price)
+
+
+def _gain(controller: Controller, task: LoopTask) -> float:
+    """Integral gain in the direction that the loop needs; 0 for laws that are no PID."""
+    law = controller.entries.get((task.input, task.output))
+    return abs(law.parallel[1]) if isinstance(law, PID) else 0.0
+
+
+def _round_the_rest(found: TunedTogether, tasks: Sequence[LoopTask], gaining: Sequence[LoopTask]) -> Proposal:
+    laws, notes = {}, []
+    prices = dict(zip(gaining, found.price, strict=True))
+    for task in tasks:
+        if task in prices:
+            laws[task], note = _in_form(found.controller, task)
+        else:
+            note = "kept as it is today: there is nothing to gain within the limits"
+        notes.append(note)
+    controller = with_entries(found.controller, laws)
+    return Proposal(CERTAIN, controller, (True,) * len(tasks), tuple(notes), tuple(prices.get(t) for t in tasks))
 
 
 def _in_form(controller: Controller, task: LoopTask) -> tuple[PID, str]:
@@ -128,7 +161,7 @@ def _by_rule(
         note = [found.note] if found.note else []
         if found.pid is not None:
             laws[task], factor = _within_crossover(plant[task.output, task.input], found.pid, task)
-            if factor < 1:
+            if factor < _SAME:
                 note.append(f"slowed down by {1 / factor:.3g} to keep its crossover")
         notes.append(note)
     if not laws:
@@ -158,7 +191,7 @@ def _several(
         law, note = _in_form(with_entries(today, {task: kept}), task)
         laws[task], factor = _within_crossover(plant[task.output, task.input], law, task)
         said = [note] if note else []
-        notes.append(said + ([f"slowed down by {1 / factor:.3g} to keep its crossover"] if factor < 1 else []))
+        notes.append(said + ([f"slowed down by {1 / factor:.3g} to keep its crossover"] if factor < _SAME else []))
     return _calm_together(plant, tasks, with_entries(today, laws), laws, method, notes)
 
 

@@ -94,10 +94,12 @@ def tune_together(
     drawn = uncertain.draw(count, seed).response(w)
     choosing, proving = (_with_unseen(part, tasks, w) for part in (drawn[:half], drawn[half:]))
     nominal = _with_unseen(uncertain.nominal(axis(w))[None], tasks, w)
-    alone = _rounds(nominal, nominal, tasks, calm, w, limit, 0.5)
+    alone = _rounds(nominal, nominal, tasks, calm, w, limit, 0.5, {})
     if unstable_poles(uncertain.nominal, alone):
         raise LoopError("the loops tuned one after the other are unstable together: check the pairing")
-    chosen = _rounds(choosing, nominal, tasks, alone, w, limit, (rank + 0.5) / (count - half))
+    # the derivative times are those of the nominal plant: what is uncertain takes gain, not shape
+    derivative = {task: _pid(alone, task).Td for task in tasks}
+    chosen = _rounds(choosing, nominal, tasks, alone, w, limit, (rank + 0.5) / (count - half), derivative)
     slowed, found = 0.0, chosen
     # from the slowest on, and the first failure ends it: testing many costs no confidence (fixed sequence)
     for factor in _SLOWDOWNS:
@@ -216,17 +218,16 @@ def _rounds(
     w: Array,
     limit: float,
     share_lost: float,
+    derivative: Mapping[LoopTask, float],
 ) -> Controller:
-    """Each loop tuned on the drawn plants with the others closed, over and over."""
-    found = start
-    derivative: dict[LoopTask, float] = {}
-    for turn in range(_ROUNDS if len(tasks) > 1 else 1):
+    """Each loop tuned on the drawn plants with the others closed, over and over; derivative times kept where given."""
+    found, known = start, dict(derivative)
+    for _ in range(_ROUNDS if len(tasks) > 1 else 1):
         for task in sorted(tasks, key=lambda t: -t.crossover):
             seen = [seen_by(version, found, task, w) for version in drawn]
             own = seen_by(nominal[0], found, task, w)[0]
-            td = derivative.get(task) if turn else None
-            pid = _largest(seen, own, task, w, limit, share_lost, td)
-            derivative[task] = pid.Td
+            pid = _largest(seen, own, task, w, limit, share_lost, known.get(task))
+            known[task] = pid.Td
             found = with_entries(found, {task: pid})
     return found
 
