@@ -5,5 +5,16 @@ from trueplant.identify.instrumental.noise import ArmaNoise
 from trueplant.identify.instrumental.open_loop import rivc, srivc, state_variable_filter
 from trueplant.identify.instrumental.order import Order
 from trueplant.identify.instrumental.result import PolynomialFit
+from trueplant.identify.instrumental.structured import started
 
-__all__ = ["ArmaNoise", "Order", "PolynomialFit", "clsrivc", "rivc", "srivc", "state_variable_filter", "two_stage"]
+__all__ = [
+    "ArmaNoise",
+    "Order",
+    "PolynomialFit",
+    "clsrivc",
+    "rivc",
+    "srivc",
+    "started",
+    "state_variable_filter",
+    "two_stage",
+]

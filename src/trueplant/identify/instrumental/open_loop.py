@@ -128,9 +128,13 @@ def rivc(
     _check_inputs(orders, samples)
     refined = best_start(orders, samples, start)
     noise = ArmaNoise()
+    valid = [s.valid for s in samples]
     for _ in range(NOISE_ROUNDS):
-        signals, valid = refined.point.raw, [s.valid for s in samples]
-        noise = choose_arma(signals, valid) if noise_order is None else fit_arma(signals, valid, *noise_order)
+        if noise_order is None:
+            noise = choose_arma(refined.point.raw, valid)
+            noise_order = noise.d.size, noise.c.size
+        else:
+            noise = fit_arma(refined.point.raw, valid, *noise_order)
         before = refined.theta
         refined = _polished(orders, samples, refine(orders, refined.theta, samples, noise=noise), noise)
         if np.all(np.abs(refined.theta - before) <= NOISE_SETTLED * refined.point.std):

@@ -122,18 +122,32 @@ def _of_segment(segment: Segment, output: int, inputs: Array) -> bool:
 @njit(cache=True)
 def _released(a: Array, b: Array, c: Array, t: Array) -> Array:
     """C exp(A (t - t[0])) B at instants t: (m, N)."""
-    y = np.zeros((c.shape[0], t.size))
-    x = b.copy()
-    step = np.eye(b.size)
+    n, m = b.size, c.shape[0]
+    y = np.zeros((m, t.size))
+    x, new = b.copy(), np.zeros(n)
+    step = np.eye(n)
     last = 0.0
     for k in range(t.size):
         if k > 0:
             dt = t[k] - t[k - 1]
-            if abs(dt - last) > 1e-12 * dt:
+            if abs(dt - last) > 1e-9 * dt:
                 step = expm(a * dt)
                 last = dt
-            x = step @ x
-        y[:, k] = c @ x
+            largest = 0.0
+            for i in range(n):
+                value = 0.0
+                for j in range(n):
+                    value += step[i, j] * x[j]
+                new[i] = value
+                largest = max(largest, abs(value))
+            x, new = new, x
+            if largest < 1e-30:  # died out: what follows would be subnormal numbers, which are slow
+                break
+        for i in range(m):
+            value = 0.0
+            for j in range(n):
+                value += c[i, j] * x[j]
+            y[i, k] = value
     return y
 
 

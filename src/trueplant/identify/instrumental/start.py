@@ -20,9 +20,13 @@ FILTERS = 6
 """Cut-off frequencies tried."""
 GRID = 60
 """Dead times tried for an element."""
+COARSE = 6
+"""Of these, at each sixth the filter is chosen; the one that was best of all serves for the rest."""
 SCAN_ROUNDS = 4
 KEPT = 4
 """Minima over dead time from which the whole fit is tried."""
+HOPELESS = 3.0
+"""A minimum on the grid that costs so many times the best one is not tried."""
 
 
 def filter_range(samples: Sequence[Samples]) -> Array:
@@ -126,25 +130,33 @@ def scan(order: Order, samples: Sequence[Samples], share: float = LONGEST_DEAD_T
     low, high = order.dead_time_range(longest)
     step = min(float(np.median(np.diff(s.t))) for s in samples)
     count = 1 if high <= low else int(np.clip(np.ceil((high - low) / step) + 1, 2, GRID))
-    tried = np.linspace(low, high, count)
+    tried = [replace(order, dead_time=float(dead_time)) for dead_time in np.linspace(low, high, count)]
+    looks = [look for fixed in tried[::COARSE] if (look := _attempt(fixed, samples, None)) is not None]
+    if not looks:
+        raise Refused(f"no dead time of input {order.column + 1} gave a stable model: lower the order")
+    lam = min(looks, key=lambda look: look.cost).lam
     found: list[tuple[float, Array]] = []
-    for dead_time in tried:
-        fixed = replace(order, dead_time=float(dead_time))
-        try:
-            p = by_equation_error(fixed, samples).theta
-        except Refused:
-            if count == 1:
-                raise
+    for fixed in tried:
+        begun = _attempt(fixed, samples, lam)
+        if begun is None:
             continue
-        better = refine([fixed], p, samples, rounds=SCAN_ROUNDS if count > 1 else 10)
-        p = better.theta if order.keeps_dead_time else np.append(better.theta, dead_time)
+        better = refine([fixed], begun.theta, samples, rounds=SCAN_ROUNDS if count > 1 else 10)
+        p = better.theta if order.keeps_dead_time else np.append(better.theta, fixed.delay(better.theta))
         found.append((better.point.cost, p))
     if not found:
         raise Refused(f"no dead time of input {order.column + 1} gave a stable model: lower the order")
     costs = np.array([cost for cost, _ in found])
     padded = np.r_[np.inf, costs, np.inf]
     lowest = np.flatnonzero((costs <= padded[:-2]) & (costs <= padded[2:]))
-    return [found[k] for k in sorted(lowest, key=lambda k: costs[k])[:KEPT]]
+    near = lowest[costs[lowest] <= HOPELESS * costs.min()]
+    return [found[k] for k in sorted(near, key=lambda k: costs[k])[:KEPT]]
+
+
+def _attempt(order: Order, samples: Sequence[Samples], lam: float | None) -> EquationError | None:
+    try:
+        return by_equation_error(order, samples, lam)
+    except Refused:
+        return None
 
 
 def starts(orders: Sequence[Order], samples: Sequence[Samples]) -> list[Array]:

@@ -1,0 +1,297 @@
+"""Continuous-time estimators on the field's benchmarks: error against the Cramer-Rao bound of each record, and bias.
+
+Simulated records, seeds 20000 on, one process. For every method and parameter: mean and standard deviation over the
+runs, rms error over the bound, bias in standard errors of the mean. The bound is that of the record used, operating
+point (and start, where the record starts in motion) unknown, the noise model known up to its coefficients.
+
+    python benchmarks/bench_estimators.py [--runs 1000] [--case NAME]
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+
+from bench_wood_berry import arma_bound
+
+from benchmark_records import (
+    CLOSED_LOOP,
+    DELAYED,
+    RAO_GARNIER,
+    closed_loop_record,
+    delayed_record,
+    rao_garnier_record,
+    tustin,
+)
+from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
+from trueplant.identify import Row, RowFit, Spec, estimate_row, fit_row, pieces_of
+from trueplant.identify.estimate import fit_noise, largest_order
+from trueplant.identify.instrumental import (
+    ArmaNoise,
+    Order,
+    PolynomialFit,
+    clsrivc,
+    rivc,
+    srivc,
+    started,
+    state_variable_filter,
+    two_stage,
+)
+from trueplant.identify.instrumental.noise import without_noise_directions
+from trueplant.identify.instrumental.refine import evaluate
+from trueplant.identify.instrumental.samples import samples_of
+from trueplant.loop import simulate
+from trueplant.lti import Structure
+from trueplant.lti.structure import structure_of
+from trueplant.record.types import Segment
+
+FIRST_SEED = 20_000
+Method = Callable[[Segment], tuple[np.ndarray, np.ndarray]]
+"""Estimate and claimed standard errors."""
+
+
+def coefficients(method: Callable[[Segment], PolynomialFit]) -> Method:
+    def run(segment: Segment) -> tuple[np.ndarray, np.ndarray]:
+        fit = method(segment)
+        return fit.theta, fit.std
+
+    return run
+
+
+def direct(order: Order, structure: str) -> Method:
+    """The fit of `trueplant run` through a named structure, from SRIVC, noise order chosen, known dead time kept."""
+
+    def run(segment: Segment) -> tuple[np.ndarray, np.ndarray]:
+        begun = srivc([segment], 0, [order])
+        found, start = structure_of(begun.transfer())
+        assert found == Structure.parse(structure), found
+        row = Row((Spec(0, found),), pieces_of([segment], 0))
+        free = np.array([not name.startswith("dead") for name in found.names])
+        fit = fit_row(row, start, np.zeros(0), free=free)
+        for _ in range(2):
+            ar = fit_noise(fit, None, largest_order(row, 30))
+            fit = fit_row(row, fit.theta, ar, free=free)
+        return as_coefficients(fit, order)
+
+    return run
+
+
+def searched(order: Order, structure: Structure) -> Method:
+    """`estimate_row` from `started`, told nothing but the structure: dead time and noise order are searched."""
+
+    def run(segment: Segment) -> tuple[np.ndarray, np.ndarray]:
+        row = Row(started([segment], 0, [Spec(0, structure)]), pieces_of([segment], 0))
+        return as_coefficients(estimate_row(row, 1.0), order)
+
+    return run
+
+
+def as_coefficients(fit: RowFit, order: Order) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of the polynomials of a fitted structure, with standard errors to first order."""
+    structure = fit.row.specs[0].structure
+
+    def polynomials(p: np.ndarray) -> np.ndarray:
+        (term,) = structure.transfer(p).terms
+        padded = np.concatenate([np.zeros(order.zeros + 1 - len(term.num)), term.num])
+        return np.array([*term.den[1:], *padded, *([] if order.keeps_dead_time else [term.dead_time])])
+
+    step = 1e-6 * np.maximum(np.abs(fit.theta), 1e-3)
+    moving = [k for k, name in enumerate(structure.names) if fit.free[k] or not name.startswith("dead")]
+    slopes = np.zeros((polynomials(fit.theta).size, fit.theta.size))
+    for k in moving:
+        ahead, behind = fit.theta.copy(), fit.theta.copy()
+        ahead[k] += step[k]
+        behind[k] -= step[k] if not structure.names[k].startswith("dead") else 0.0
+        slopes[:, k] = (polynomials(ahead) - polynomials(behind)) / (ahead[k] - behind[k])
+    return polynomials(fit.theta), np.sqrt(np.diag(slopes @ fit.covariance @ slopes.T))
+
+
+def bound(order: Order, truth: np.ndarray, segment: Segment, variance: float, noise: ArmaNoise) -> np.ndarray:
+    """Variances of the Cramer-Rao bound; the coefficients of the noise model are unknown."""
+    point = evaluate([order], truth, samples_of([segment], 0), noise=noise)
+    zetas = without_noise_directions(noise, point.instruments, point.raw, point.errors, point.usable)
+    information = sum(z.T @ z for z in zetas)
+    scale = np.sqrt(np.diag(information))
+    return variance * np.diag(np.linalg.inv(information / np.outer(scale, scale))) / scale**2
+
+
+def compare(
+    title: str,
+    names: tuple[str, ...],
+    truth: np.ndarray,
+    record: Callable[[int], Segment],
+    bound_of: Callable[[Segment], np.ndarray],
+    methods: dict[str, Method],
+    runs: int,
+    wrong: Callable[[np.ndarray], bool] = lambda _: False,
+) -> None:
+    found: dict[str, list[np.ndarray]] = {name: [] for name in methods}
+    claimed: dict[str, list[np.ndarray]] = {name: [] for name in methods}
+    seconds = dict.fromkeys(methods, 0.0)
+    failed = dict.fromkeys(methods, 0)
+    bounds = []
+    for k in range(runs):
+        if k % 100 == 99:
+            print(f"  {title}: {k + 1} of {runs}", file=sys.stderr, flush=True)
+        segment = record(FIRST_SEED + k)
+        bounds.append(bound_of(segment))
+        for name, method in methods.items():
+            begun = time.perf_counter()
+            try:
+                theta, std = method(segment)
+            except (AssertionError, np.linalg.LinAlgError) as error:
+                print(f"  {name}, seed {FIRST_SEED + k}: {type(error).__name__} {error}")
+                failed[name] += 1
+                continue
+            seconds[name] += time.perf_counter() - begun
+            found[name].append(theta)
+            claimed[name].append(std)
+    limit = np.sqrt(np.mean(bounds, axis=0))
+    print(f"\n{title}: {runs} runs, seeds {FIRST_SEED} on")
+    print(f"{'':26}" + "".join(f"{n:>11}" for n in names))
+    print(f"{'true':26}" + "".join(f"{v:11.5g}" for v in truth))
+    print(f"{'Cramer-Rao std':26}" + "".join(f"{v:11.4g}" for v in limit))
+    for name in methods:
+        theta = np.array(found[name])
+        count = len(theta)
+        spread = theta.std(axis=0)
+        rms = np.sqrt(np.mean((theta - truth) ** 2, axis=0)) / limit
+        bias = (theta.mean(axis=0) - truth) / spread * np.sqrt(count)
+        ratio = np.sqrt(np.mean(np.square(claimed[name]), axis=0)) / spread
+        hits = np.mean(np.abs(theta - truth) <= 1.96 * np.array(claimed[name]), axis=0)
+        missed = sum(wrong(t) for t in theta)
+        print(
+            f"{name}: {seconds[name] / max(count, 1) * 1000:.0f} ms a run, {failed[name]} failed, {missed} wrong minima"
+        )
+        rows = {"mean": theta.mean(axis=0), "std": spread, "rms/bound": rms, "std/bound": spread / limit}
+        rows |= {"bias in s.e.": bias, "claimed/std": ratio, "coverage": hits}
+        for label, values in rows.items():
+            print(f"  {label:24}" + "".join(f"{v:11.4g}" for v in values))
+    sys.stdout.flush()
+
+
+def rao_garnier(runs: int) -> None:
+    order = Order(0, 4, 1)
+    methods = {
+        "equation error (25 rad/s)": coefficients(lambda s: state_variable_filter([s], 0, order, 25.0)),
+        "its instrument": coefficients(lambda s: state_variable_filter([s], 0, order, 25.0, instrument=True)),
+        "SRIVC": coefficients(lambda s: srivc([s], 0, [order])),
+        "direct fit": direct(order, "pair+pair+lead"),
+    }
+
+    def limit(segment: Segment) -> np.ndarray:
+        return bound(order, RAO_GARNIER, segment, 1.0638**2, ArmaNoise())
+
+    compare("Rao-Garnier", order.names, RAO_GARNIER, rao_garnier_record, limit, methods, runs)
+
+
+def closed(runs: int, noise: str) -> None:
+    order = Order(0, 2, 1)
+    methods = {
+        "SRIVC": coefficients(lambda s: srivc([s], 0, [order])),
+        "CLSRIVC": coefficients(lambda s: clsrivc([s], {0: [order]}, tustin())[0]),
+        "CLSRIVC, wrong Q": coefficients(lambda s: clsrivc([s], {0: [order]}, tustin(6.0, 10.0))[0]),
+        "two-stage": coefficients(lambda s: two_stage([s], 0, [order])),
+        "direct fit": direct(order, "pair+lead"),
+    }
+    if noise == "coloured":
+        methods["RIVC"] = coefficients(lambda s: rivc([s], 0, [order]))
+    model = ArmaNoise(np.array([-0.85]), np.array([0.5])) if noise == "coloured" else ArmaNoise()
+    innovation = 0.00498**2
+    if noise == "coloured":
+        clean = closed_loop_record(0, "none").y[30:, 0]
+        innovation = clean.var() / 10 / (1 + (0.5 + 0.85) ** 2 / (1 - 0.85**2))
+
+    def limit(segment: Segment) -> np.ndarray:
+        return bound(order, CLOSED_LOOP, segment, innovation, model)
+
+    def record(seed: int) -> Segment:
+        return closed_loop_record(seed, noise)
+
+    compare(f"closed loop, {noise} noise", order.names, CLOSED_LOOP, record, limit, methods, runs)
+
+
+def delay(runs: int) -> None:
+    order = Order(0, 2, 1, None)
+    std = np.std(delayed_record(0, np.inf).y[30:]) * 10 ** (-15 / 20)
+    methods = {
+        "SRIVC, dead time searched": coefficients(lambda s: srivc([s], 0, [order])),
+        "direct fit, all searched": searched(order, Structure.parse("pair+lead")),
+    }
+
+    def limit(segment: Segment) -> np.ndarray:
+        # dead time is on a whole sample, where the derivative has two sides: the mean of both informations
+        sides = [DELAYED + side * np.array([0, 0, 0, 0, 1e-6]) for side in (-1, 1)]
+        return 2 / sum(1 / bound(order, side, segment, std**2, ArmaNoise()) for side in sides)
+
+    def wrong(theta: np.ndarray) -> bool:
+        return bool(abs(theta[-1] - 8.0) > 0.1)
+
+    compare("dead time with several minima", order.names, DELAYED, delayed_record, limit, methods, runs, wrong)
+
+
+def quantised(runs: int) -> None:
+    """Wood-Berry under BLT PI, AR(1) disturbance of std 0.3, PV rounded; no method is told the controller."""
+    fopdt = Structure.parse("fopdt")
+    for share in (0.1, 0.5, 1.0):
+        quantum = 0.3 * share
+        for i in range(2):
+            truth = np.concatenate([structure_of(WOOD_BERRY[i, j])[1] for j in range(2)])
+            start = truth * np.tile([1.3, 0.7, 1.5], 2)
+
+            def record(seed: int, quantum: float = quantum) -> Segment:
+                rng = np.random.default_rng(seed)
+                r = random_switching(rng, 4000, 2, 20.0)
+                v = coloured(rng, 4000, 2, [1, -0.8], [1], 0.3)
+                return segment_of(simulate(WOOD_BERRY, BLT, r, 1.0, v=v, quantisation=quantum))
+
+            def fitted(segment: Segment, i: int = i, start: np.ndarray = start) -> tuple[np.ndarray, np.ndarray]:
+                specs = tuple(Spec(j, fopdt, tuple(start[3 * j : 3 * j + 3])) for j in range(2))
+                fit = estimate_row(Row(specs, pieces_of([segment], i)), 20.0)
+                return fit.theta, np.sqrt(np.diag(fit.covariance))
+
+            def limit(segment: Segment, i: int = i, truth: np.ndarray = truth, quantum: float = quantum) -> np.ndarray:
+                row = Row(tuple(Spec(j, fopdt) for j in range(2)), pieces_of([segment], i))
+                c, innovation = rounded_ar1(0.8, 0.3**2 * (1 - 0.8**2), quantum**2 / 12)
+                return arma_bound(row, truth, [1, -0.8], [1, c], innovation)
+
+            names = tuple(f"{p}{i + 1}{j + 1}" for j in range(2) for p in ("K", "tau", "theta"))
+            title = f"Wood-Berry, output {i + 1}, PV rounded to {share:g} of the disturbance's std"
+            compare(title, names, truth, record, limit, {"direct fit": fitted}, runs)
+
+
+def rounded_ar1(pole: float, driving: float, white: float) -> tuple[float, float]:
+    """c and innovation variance of the ARMA(1, 1) that AR(1) noise plus white rounding errors is (spectral factor)."""
+    total, cross = driving + white * (1 + pole**2), -white * pole
+    innovation = (total + np.sqrt(total**2 - 4 * cross**2)) / 2
+    return cross / innovation, innovation
+
+
+def main() -> None:
+    cases: dict[str, Callable[[int], None]] = {
+        "rao-garnier": rao_garnier,
+        "closed-coloured": lambda runs: closed(runs, "coloured"),
+        "delay": delay,
+        "closed-white": lambda runs: closed(runs, "white"),
+        "quantised": quantised,
+    }
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--case", choices=["all", *cases], default="all")
+    options = parser.parse_args()
+    for name, case in cases.items():
+        if options.case in ("all", name):
+            begun = time.perf_counter()
+            case(options.runs)
+            print(f"{name}: {time.perf_counter() - begun:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
