@@ -55,6 +55,11 @@ def assemble(
     methods: dict[str, Any] = {"direct": direct, **others.elements, "agreement": list(others.agreement)}
     if any(others.not_applied.values()):
         methods["not_applied"] = dict(others.not_applied)
+    if others.assumed:
+        methods["assumed"] = others.assumed
+    if others.disturbance:
+        methods["disturbance"] = list(others.disturbance)
+    notes += others.notes
     if consistency:
         methods["controller_consistency"] = list(consistency)
     notes += [Reason("methods", sentence) for sentence in others.agreement if "disagree" in sentence]
