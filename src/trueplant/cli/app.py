@@ -23,6 +23,7 @@ ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT.toml", help="The p
 OutFolder = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
 OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="File to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Print result.json, and nothing else.")]
+PaperJson = Annotated[bool, typer.Option("--json", help="Print paper.json, and nothing else.")]
 TrackJson = Annotated[bool, typer.Option("--json", help="Print track.json, and nothing else.")]
 Precision = Annotated[
     float, typer.Option("--precision", metavar="PERCENT", help="Standard error that windows are made long enough for.")
@@ -99,6 +100,14 @@ def demo(
     from trueplant.cli.analyse import demo
 
     return demo(name, out, json)
+
+
+@app.command(short_help="Compute the paper: each value beside its print.")
+def paper(out: OutFolder = None, json: PaperJson = False) -> int:
+    """Compute every equation, table and figure of the paper that can be: writes paper.json and paper.html."""
+    from trueplant.cli.paper import paper
+
+    return paper(out, json)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

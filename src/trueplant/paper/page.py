@@ -1,0 +1,174 @@
+"""paper.html: one file that opens offline, in the report's style."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from trueplant import __version__
+from trueplant.paper import figures
+from trueplant.paper.compute import Paper
+from trueplant.paper.entry import Entry, Value
+from trueplant.paper.records import KINDS, STEP_TIMES
+from trueplant.report.frame import Book, Drawn, frame
+from trueplant.report.numbers import number
+from trueplant.report.page import MOST_ROWS, environment
+
+Legend = tuple[tuple[str, str], ...]
+MU: Legend = (
+    ("model", "model"),
+    ("plant", "plant, 1.1014 as (34) prints it"),
+    ("setpoint", "plant, 1.0137 as (37) implies"),
+)
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """A section of the page: figures in groups under a legend, then a table of entries."""
+
+    id: str
+    title: str
+    text: str
+    groups: tuple[tuple[Legend, tuple[Drawn, ...]], ...]
+    entries: tuple[Entry, ...]
+
+
+def render(paper: Paper) -> str:
+    """The page as HTML text: no file or address outside of it is needed."""
+    book = Book()
+    chapters = (_equations(paper), _mill(paper, book), _splitter(paper, book), _seeds(paper, book))
+    compared = [e for e in paper.entries if e.agrees is not None]
+    template = environment("trueplant.paper", "trueplant.report").get_template("paper.html.j2")
+    page = template.render(
+        chapters=chapters,
+        compared=len(compared),
+        agreeing=sum(e.agrees is True for e in compared),
+        entries=len(paper.entries),
+        differing=[e for e in compared if e.agrees is False],
+        value=value,
+        version=__version__,
+        most_rows=MOST_ROWS,
+        **frame(book),
+    )
+    return page + "\n"
+
+
+def value(computed: Value) -> str:
+    """A computed value as text."""
+    if computed is None:
+        return "–"
+    if isinstance(computed, bool):
+        return "yes" if computed else "no"
+    if isinstance(computed, str):
+        return computed
+    if isinstance(computed, int | float):
+        return number(float(computed), 5)
+    if isinstance(computed, Sequence):
+        return ", ".join(number(float(x)) for x in computed)
+    return "; ".join(f"{key.replace('_', ' ')} {value(part)}" for key, part in computed.items())
+
+
+def _equations(paper: Paper) -> Chapter:
+    text = (
+        "Each side of an equation is computed by itself; the signals come from the two equations of the loop, not "
+        "from the "
+        "paper's algebra."
+    )
+    return Chapter("equations", "Section 2 and Appendix A: the expression", text, (), tuple(paper.equations))
+
+
+def _mill(paper: Paper, book: Book) -> Chapter:
+    mill = paper.mill
+    four = book.add(
+        figures.figure_4(mill),
+        "Figure 4: robust performance test",
+        f"mu of the model peaks at {number(mill.nominal.RP.upper)} at {number(mill.nominal.RP.frequency)} rad/min. "
+        f"The suprema "
+        f"of the plant, {number(mill.perturbed['printed'].RP.upper)} and "
+        f"{number(mill.perturbed['eq37'].RP.upper)}, are "
+        "limits towards frequency 0. Both bounds agree to within the line.",
+    )
+    steps = []
+    for k, what in enumerate(("particle size", "circulating load")):
+        for signals, kind in (("y", "controlled"), ("u", "manipulated")):
+            at = 5 + 2 * k + (signals == "u")
+            title = f"Figure {at}: {kind} variables, step of the {what} set-point"
+            steps.append(
+                book.add(figures.mill_steps(mill, k, signals), title, "Deviations for a unit step; simulated.")
+            )
+    groups = (
+        ((*MU, ("bound", "limit of 1")), (four,)),
+        ((*MU, ("bound", "set-point")), tuple(steps)),
+    )
+    text = (
+        "Everything is computed twice where (34) matters: with the factor 1.1014 that it prints and with the "
+        "1.0137 that (37) "
+        "implies."
+    )
+    return Chapter("mill", "Section 3: the grinding mill", text, groups, tuple(mill.entries))
+
+
+def _splitter(paper: Paper, book: Book) -> Chapter:
+    shown = paper.records.shown
+    record = "Simulated from (40) with white noise; the industrial record is not public."
+    ten = book.add(figures.figure_10(shown), "Figure 10: step test data for 5 hours", record)
+    near = []
+    for output, (at, what) in enumerate(((11, "top temperature"), (12, "vaporisation"))):
+        start = STEP_TIMES[output] - 10
+        drawn = figures.step_data(shown, output, start, start + 50)
+        near.append(book.add(drawn, f"Figure {at}: step of the {what}", f"{record} Model (41)."))
+    last = []
+    for k, (at, element, output) in enumerate(((13, "(1, 1)", 0), (14, "(1, 2)", 0), (15, "(2, 2)", 1))):
+        ids = [f"table5.{name}{element[1]}{element[4]}" for name in ("model", "fit")]
+        fit = [e for e in paper.records.entries if e.id in ids]
+        said = ", ".join(f"{'model' if '.model' in e.id else 'estimate'} {value(e.computed)} %" for e in fit)
+        caption = f"About the steps that show element {element}. Fit: {said}."
+        last.append(book.add(figures.comparison(shown, k, output), f"Figure {at}: element {element}", caption))
+    groups = (
+        ((("measured", "PV, or OP"), ("setpoint", "SP")), (ten,)),
+        ((("measured", "PV, or OP"), ("model", "model (41)"), ("setpoint", "error")), tuple(near)),
+        ((("measured", "PV"), ("model", "model (41)"), ("plant", "plant, estimated")), tuple(last)),
+    )
+    entries = [e for e in paper.records.entries if not e.id.startswith(("mc.", "table4.ours", "table4.route"))]
+    text = (
+        "The printed models are taken as they are, and the record is simulated from (40) under Table 2 with the "
+        "sign that the top "
+        "temperature's controller must have."
+    )
+    return Chapter("splitter", "Section 4: the splitter column", text, groups, (*paper.splitter, *entries))
+
+
+def _seeds(paper: Paper, book: Book) -> Chapter:
+    drawn = tuple(
+        book.add(
+            figures.errors(paper.records.runs[kind]),
+            what[0].upper() + what[1:],
+            f"{paper.seeds} simulated records. Row 2 of the plant has no mismatch: where the paper's route finds "
+            f"none it returns "
+            "the model, which is the truth, and no mark is drawn. The bound of a time constant holds while errors "
+            "are small.",
+        )
+        for kind, what in KINDS.items()
+    )
+    entries = [e for e in paper.records.entries if e.id.startswith(("mc.", "table4.ours", "table4.route"))]
+    legend: Legend = (
+        ("bound", "Cramér-Rao bound (short lines)"),
+        ("plant", "our estimate, rms (dots)"),
+        ("points", "paper's route, median (crosses)"),
+    )
+    text = (
+        "The paper's own route (equation error, (20), reduction) and this program's estimate on the same simulated "
+        "records, many "
+        "times."
+    )
+    return Chapter("seeds", "Table 4 over many records", text, ((legend, drawn),), tuple(entries))
+
+
+def summary(paper: Paper) -> str:
+    """Two lines for the terminal."""
+    compared = [e for e in paper.entries if e.agrees is not None]
+    differing = [e.id for e in compared if not e.agrees]
+    return (
+        f"{len(paper.entries)} values computed; {len(compared)} can be compared with the print, "
+        f"{len(compared) - len(differing)} agree\nnot in agreement: {', '.join(differing)}"
+    )
