@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated import BLT, coloured, segment_of
 
+from simulated import BLT, coloured, segment_of
 from trueplant import detect, plants
 from trueplant.detect.signals import model_error
 from trueplant.errors import UsageError

@@ -15,6 +15,7 @@ from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
+from trueplant.study.detectors import published_detections
 from trueplant.study.notes import controller_notes, notes_of
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
 from trueplant.study.retuning import Retuning, retuning_of
@@ -62,6 +63,8 @@ def assemble(
     notes += others.notes
     if consistency:
         methods["controller_consistency"] = list(consistency)
+    if study.project.analysis.detectors:
+        methods["detectors"] = published_detections(study)
     notes += [Reason("methods", sentence) for sentence in others.agreement if "disagree" in sentence]
     updated = {(i, j): plant[i, j] for i, j in found}
     loop = robustness_of(study, plant, estimates) if answered else LoopToday()
@@ -102,13 +105,16 @@ def refused(study: Study, reasons: Sequence[Reason], consistency: Sequence[Mappi
         )
         for (i, j), spec in sorted(study.specs.items())
     )
+    methods: dict[str, Any] = {"controller_consistency": list(consistency)} if consistency else {}
+    if study.project.analysis.detectors:
+        methods["detectors"] = published_detections(study)
     return Result(
         status="refused",
         reasons=tuple(reasons) or (Reason("no-data", "no usable data are left after screening"),),
         provenance=provenance(study),
         data=data_tables(study),
         elements=elements,
-        methods={"controller_consistency": list(consistency)} if consistency else {},
+        methods=methods,
         notes=(*study.notes, *controller_notes(consistency)),
         plant_toml=study.project.to_toml(),
     )

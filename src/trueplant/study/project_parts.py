@@ -254,6 +254,12 @@ class Controller(Table):
         return self
 
 
+Detector = Literal[
+    "partial-correlation", "cross-correlation", "stepwise", "plant-model-ratio", "nominal-sensitivity", "one-class"
+]
+"""A published detector (`trueplant.detect.DETECTORS`)."""
+
+
 class Analysis(Table):
     """Which methods, and how strictly."""
 
@@ -261,6 +267,7 @@ class Analysis(Table):
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
     tolerance_percent: NotNegative = 0.0
     seed: Annotated[int, Field(ge=0)] = 0
+    detectors: list[Detector] = Field(default_factory=list)
 
 
 class UncertaintyNumbers(Table):
