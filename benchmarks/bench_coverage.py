@@ -21,9 +21,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
+from trueplant import plants
 from trueplant.identify import identify_matrix, specs_of, unanswered
 from trueplant.loop import simulate
 from trueplant.lti import TransferMatrix, tf
+from trueplant.lti.sampled import sampled_response
 from trueplant.lti.structure import Structure, structure_of
 from trueplant.record.types import Segment
 
@@ -34,6 +36,7 @@ AR1 = ([1, -0.8], [1])
 ARMA = ([1, -1.5, 0.6], [1, -0.4])
 RESONANT = ([1, -1.8, 0.95], [1, 0.5, 0.2])
 LONG_MEMORY = ([1.0], list(np.r_[1, 0.4 * np.arange(1, 60) ** -0.6]))
+FEED = plants.wood_berry().disturbance
 LIMITS = np.array([[-0.5, 0.5], [-0.2, 0.12]])
 """Of both OPs, so that each is at a limit for about a tenth of the samples."""
 
@@ -45,6 +48,10 @@ def segment(seed: int, condition: str, samples: int = 4000) -> Segment:
     colour = {"arma": ARMA, "resonant": RESONANT, "long memory": LONG_MEMORY}.get(condition, AR1)
     std = 0.06 if condition == "quantised, little noise" else STD
     v = coloured(rng, samples, 2, *colour, std)
+    if condition == "crossed":
+        feed = coloured(rng, samples, 1, [1, -0.9], [1], 0.3)[:, 0]
+        v = np.column_stack([sampled_response(FEED[i, 0], feed, 1.0, "linear") for i in range(2)])
+        v += coloured(rng, samples, 2, [1], [1], 0.05)
     if condition == "saturated":
         simulation = simulate(WOOD_BERRY, BLT, r, 1.0, v=v, limits=LIMITS)
         free = (simulation.u > LIMITS[:, 0]) & (simulation.u < LIMITS[:, 1])
@@ -57,7 +64,17 @@ def segment(seed: int, condition: str, samples: int = 4000) -> Segment:
     return found
 
 
-CONDITIONS = ("ar1", "arma", "resonant", "long memory", "quantised", "quantised, little noise", "saturated", "missing")
+CONDITIONS = (
+    "ar1",
+    "arma",
+    "resonant",
+    "long memory",
+    "quantised",
+    "quantised, little noise",
+    "saturated",
+    "missing",
+    "crossed",
+)
 
 
 def run(job: tuple[int, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

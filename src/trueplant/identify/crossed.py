@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from trueplant.identify.intervals import widened
+from trueplant.identify.intervals import normal_intervals, widened
+from trueplant.identify.joint import fit_until_white
 from trueplant.identify.output import OutputEstimate
 
 Array = NDArray[np.float64]
@@ -24,8 +25,9 @@ LAGS = 8
 SIGNIFICANT = 1e-2
 """Of the relation, over all pairs of outputs."""
 TIMES = 3.0
-"""Factor on the standard errors of an output whose prediction errors another output foretells: in simulated
-cases of this kind (Wood-Berry under its own feed disturbance) the bias was up to four of them."""
+"""Where no joint noise model is found: factor on the standard errors of an output whose prediction errors another
+output foretells: in simulated cases of this kind (Wood-Berry under its own feed disturbance) the bias was up to four
+of them."""
 
 
 def crossed_outputs(estimates: Mapping[int, OutputEstimate]) -> dict[int, list[int]]:
@@ -48,6 +50,26 @@ def _foretells(t: Array, e: Array, s: Array, x: Array) -> float:
     a, b = a / max(float(np.std(a)), 1e-300), b / max(float(np.std(b)), 1e-300)
     correlation = np.array([a[k:] @ b[: a.size - k] for k in range(1, LAGS + 1)]) / a.size
     return float(chi2.sf(a.size * float(np.sum(correlation**2)), LAGS))
+
+
+def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate] | None:
+    """All outputs from one fit with a noise model that knows of such disturbances; None where there is none.
+
+    What was added to the covariance of an output for other reasons stays added.
+    """
+    if any(found.runs is not None and not found.runs.agree for found in estimates.values()):
+        return None
+    joint = fit_until_white([found.fit for found in estimates.values()])
+    if joint is None:
+        return None
+    better = {}
+    for (i, found), theta, covariance in zip(estimates.items(), joint.theta, joint.covariance, strict=True):
+        added = np.maximum(np.diag(found.covariance - found.fit.covariance), 0.0)
+        covariance = covariance + np.diag(added)
+        low, high = found.row.bounds()
+        intervals = np.clip(normal_intervals(theta, covariance, confidence), low[:, None], high[:, None])
+        better[i] = replace(found, theta=theta, covariance=covariance, intervals=intervals, jointly=True)
+    return better
 
 
 def less_sure(estimate: OutputEstimate, others: Sequence[int], confidence: float) -> OutputEstimate:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from trueplant.identify.crossed import crossed_outputs, less_sure
+from trueplant.identify.crossed import crossed_outputs, less_sure, together
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, choose_stride, identify_output, samples_per_update
 from trueplant.identify.predict import Held, Spec
@@ -72,6 +73,19 @@ def identify_matrix(
         if found is not None:
             estimates[i] = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
     if any(segment.closed for segment in segments):
-        for i, others in crossed_outputs(estimates).items():
-            estimates[i] = less_sure(estimates[i], others, confidence)
+        return _with_crossed(estimates, confidence)
     return estimates
+
+
+def _with_crossed(estimates: dict[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate]:
+    """The estimates, with what disturbances that reach several outputs ask for."""
+    crossed = crossed_outputs(estimates)
+    if not crossed:
+        return estimates
+    joint = together(estimates, confidence)
+    for i, others in crossed.items():
+        if joint is None:
+            estimates[i] = less_sure(estimates[i], others, confidence)
+        else:
+            joint[i] = replace(joint[i], foretold_by=tuple(others))
+    return estimates if joint is None else joint

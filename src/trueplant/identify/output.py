@@ -52,6 +52,8 @@ class OutputEstimate:
     validation: Validation | None
     foretold_by: tuple[int, ...] = ()
     """Other outputs whose past prediction errors foretell this one's (`crossed`); the covariance counts that."""
+    jointly: bool = False
+    """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
 
     @property
     def row(self) -> Row:

@@ -45,12 +45,17 @@ def notes_of(
     for i, estimate in estimates.items():
         if estimate.foretold_by:
             told = ", ".join(names[j] for j in estimate.foretold_by)
+            cost = (
+                "all outputs were estimated together with a noise model that allows for it"
+                if estimate.jointly
+                else f"estimates for {names[i]} may be off by that, and their standard errors were multiplied by "
+                f"{TIMES:g}. A measured disturbance (or an experiment in open loop) would cure it"
+            )
             notes.append(
                 Reason(
                     "crossed",
                     f"a disturbance reaches {told} before it reaches {names[i]}, and the controllers act on it in "
-                    f"between: estimates for {names[i]} may be off by that, and their standard errors were multiplied "
-                    f"by {TIMES:g}. A measured disturbance (or an experiment in open loop) would cure it",
+                    f"between: {cost}",
                     names[i],
                 )
             )

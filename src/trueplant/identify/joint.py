@@ -1,0 +1,321 @@
+"""All outputs at once, with a vector autoregression for disturbances that reach several of them.
+
+    y_i = sum_j G_ij(p; theta) u_j + offset + free response + v_i,    v[k] + sum_l A_l v[k - l] = e[k],   e white
+
+The prediction errors of one output then know what the others have seen of the same disturbance, so that OP is
+no longer related to them (Ljung 1999, section 8.4). Gauss-Newton on the determinant of the covariance of e;
+offsets and initial states are projected out in every step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from trueplant.identify.fit import RowFit, _nuisance_weights, _orthonormal, residuals
+from trueplant.identify.noise import whitened_valid
+from trueplant.identify.predict import Row
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+LARGEST_ORDER = 40
+LARGEST_JACOBIAN = 60_000_000
+"""Entries: larger problems are left to the fit of each output alone."""
+ITERATIONS = 40
+NOT_WHITE = 0.05
+LAGS = 20
+SETTLED = 1e-3
+"""Of -2 log likelihood: a thirtieth of a standard error."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """Estimate of all rows together."""
+
+    theta: tuple[Array, ...]
+    """One vector a row."""
+    covariance: tuple[Array, ...]
+    """One matrix a row."""
+    ar: Array
+    """(order, n_y, n_y)."""
+    sigma: Array
+    """(n_y, n_y) covariance of the prediction errors."""
+    errors: tuple[Array, ...]
+    """Prediction errors (n, n_y) of each piece, NaN where an output was not measured."""
+    converged: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    errors: tuple[Array, ...]
+    """Prediction errors (n - order, n_y) of each piece, 0 where they do not exist."""
+    exist: tuple[BoolArray, ...]
+    information: Array
+    slope: Array
+
+    @property
+    def count(self) -> int:
+        return int(sum(use.sum() for use in self.exist))
+
+    @property
+    def sigma(self) -> Array:
+        """(n_y, n_y) covariance of the prediction errors."""
+        return np.asarray(sum(e.T @ e for e in self.errors) / max(self.count, 1))
+
+    @property
+    def criterion(self) -> float:
+        """-2 log likelihood up to a constant."""
+        return float(self.count * np.linalg.slogdet(self.sigma)[1])
+
+
+def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | None:
+    """The rows of `fits` together, started from them; None where they do not share their samples, or are too many.
+
+    order: of the autoregression; None chooses it by the Bayesian criterion.
+    """
+    rows = [fit.row for fit in fits]
+    if not _share_samples(rows):
+        return None
+    v, valid = _output_errors(fits)
+    order = _chosen_order(v, valid, fits) if order is None else order
+    theta, n = np.concatenate([fit.theta for fit in fits]), len(rows)
+    size = theta.size + order * n * n
+    if sum(x.size for x in v) * size > LARGEST_JACOBIAN:
+        return None
+    ar = _vector_ar(v, valid, order)[0]
+    low, high = (np.concatenate(ends) for ends in zip(*(row.bounds() for row in rows), strict=True))
+    damping, converged = 1e-4, False
+    point = _evaluate(rows, theta, ar, np.eye(n), derivatives=False)
+    for _ in range(ITERATIONS):
+        point = _evaluate(rows, theta, ar, _inverse_root(point.sigma))
+        pinned = ((theta <= low) & (point.slope[: theta.size] > 0)) | (
+            (theta >= high) & (point.slope[: theta.size] < 0)
+        )
+        active = np.concatenate([~pinned, np.ones(ar.size, dtype=bool)]) & (np.diag(point.information) > 0)
+        move = _downhill(rows, theta, ar, point, active, damping, (low, high))
+        if move is None:
+            converged = True
+            break
+        theta, ar, damping, gain = move
+        if gain < SETTLED:
+            converged = True
+            break
+    point = _evaluate(rows, theta, ar, _inverse_root(point.sigma))
+    return _finished(rows, theta, ar, point, converged)
+
+
+def _downhill(
+    rows: Sequence[Row],
+    theta: Array,
+    ar: Array,
+    point: _Point,
+    active: BoolArray,
+    damping: float,
+    bounds: tuple[Array, Array],
+) -> tuple[Array, Array, float, float] | None:
+    """A damped Gauss-Newton step that lowers the criterion, with the next damping and the gain; None if none does."""
+    scale = np.sqrt(np.diag(point.information)[active])
+    normal = point.information[np.ix_(active, active)] / np.outer(scale, scale)
+    for _ in range(10):
+        step = np.zeros(active.size)
+        step[active] = -np.linalg.solve(normal + damping * np.eye(scale.size), point.slope[active] / scale) / scale
+        trial = np.clip(theta + step[: theta.size], *bounds)
+        trial_ar = ar + step[theta.size :].reshape(ar.shape)
+        gain = point.criterion - _evaluate(rows, trial, trial_ar, _inverse_root(point.sigma), False).criterion
+        if gain > 0:
+            return trial, trial_ar, max(damping / 10, 1e-9), gain
+        damping *= 10
+    return None
+
+
+def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivatives: bool = True) -> _Point:
+    """Prediction errors, and the normal equations of theta and ar under the weight root' root."""
+    order, n_y = ar.shape[0], len(rows)
+    ends = np.cumsum([row.size for row in rows])
+    places = [slice(int(end) - row.size, int(end)) for row, end in zip(rows, ends, strict=True)]
+    size = theta.size + ar.size
+    information, slope = np.zeros((size, size)), np.zeros(size)
+    errors, exist = [], []
+    for k in range(len(rows[0].pieces)):
+        measured = [row.measured(k) for row in rows]
+        whole = np.all([ok for _, ok in measured], axis=0)
+        use = whitened_valid(order, whole)
+        exist.append(use)
+        n = whole.size
+        if not use.any():
+            errors.append(np.zeros((max(n - order, 0), n_y)))
+            continue
+        parts = [theta[place] for place in places]
+        responses = [row.response_and_gradient(part, k) for row, part in zip(rows, parts, strict=True)]
+        v = np.column_stack([y - f for (y, _), (f, _) in zip(measured, responses, strict=True)])
+        nuisance = [row.nuisance(part, k) for row, part in zip(rows, parts, strict=True)]
+        filtered = [_filtered(ar, z, i) for i, z in enumerate(nuisance)]
+        columns = _stacked(root, np.concatenate(filtered, axis=2), use)
+        e = _stacked(root, sum(_filtered(ar, v[:, [i]], i) for i in range(n_y)), use)[:, 0]
+        weights = np.split(_nuisance_weights(columns, e), np.cumsum([z.shape[1] for z in nuisance])[:-1])
+        v -= np.column_stack([z @ w for z, w in zip(nuisance, weights, strict=True)])
+        v[~whole] = 0.0
+        plain = sum(_filtered(ar, v[:, [i]], i) for i in range(n_y))[:, :, 0]
+        plain[~use] = 0.0
+        errors.append(plain)
+        if not derivatives:
+            continue
+        jacobian = np.zeros((n - order, n_y, size))
+        for i, (row, part, place) in enumerate(zip(rows, parts, places, strict=True)):
+            gradient = responses[i][1] + row.nuisance_gradient(part, k, weights[i])
+            jacobian[:, :, place] = -_filtered(ar, gradient, i)
+        past = _lagged(v, order).reshape(n - order, order, n_y)
+        of_ar = jacobian[:, :, theta.size :].reshape(n - order, n_y, order, n_y, n_y)
+        for i in range(n_y):
+            of_ar[:, i, :, i, :] = past
+        jacobian[:, :, theta.size :] = of_ar.reshape(n - order, n_y, -1)
+        J = _stacked(root, jacobian, use)
+        basis = _orthonormal(columns)
+        J -= basis @ (basis.T @ J)
+        information += J.T @ J
+        slope += J.T @ _stacked(root, plain[:, :, None], use)[:, 0]
+    return _Point(tuple(errors), tuple(exist), information, slope)
+
+
+def _finished(rows: Sequence[Row], theta: Array, ar: Array, point: _Point, converged: bool) -> JointFit:
+    scale = np.sqrt(np.maximum(np.diag(point.information), 1e-80))
+    values, vectors = np.linalg.eigh(point.information / np.outer(scale, scale))
+    inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T / np.outer(scale, scale)
+    ends = np.cumsum([row.size for row in rows])
+    nuisance = sum(row.nuisance_count(theta[end - row.size : end]) for row, end in zip(rows, ends, strict=True))
+    used = point.count - (theta.size + ar.size + nuisance) / len(rows)
+    sigma = point.sigma * point.count / max(used, 1.0)
+    # the weight was the inverse of sigma without the degrees of freedom
+    inverse *= point.count / max(used, 1.0)
+    places = [slice(int(end) - row.size, int(end)) for row, end in zip(rows, ends, strict=True)]
+    order = ar.shape[0]
+    errors = []
+    for e, use in zip(point.errors, point.exist, strict=True):
+        whole = np.full((len(e) + order, len(rows)), np.nan)
+        whole[order:][use] = e[use]
+        errors.append(whole)
+    return JointFit(
+        theta=tuple(theta[place] for place in places),
+        covariance=tuple(inverse[place, place] for place in places),
+        ar=ar,
+        sigma=sigma,
+        errors=tuple(errors),
+        converged=converged,
+    )
+
+
+def _inverse_root(sigma: Array) -> Array:
+    """L with L' L the inverse of sigma."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(sigma)))
+
+
+def _stacked(root: Array, x: Array, use: BoolArray) -> Array:
+    """(n n_y, columns) of x (n, n_y, columns) where all outputs were measured, weighted by root."""
+    return np.asarray(np.einsum("ij,tjc->tic", root, x[use])).reshape(-1, x.shape[2])
+
+
+def fit_until_white(fits: Sequence[RowFit]) -> JointFit | None:
+    """`fit_jointly` with an order beyond the one at which the prediction errors are white; None if none is.
+
+    What one output foretells of another can be nearly exact, and then takes a long autoregression to describe: what
+    the last lengthening moved is counted in the covariance.
+    """
+    fit = fit_jointly(fits)
+    while fit is not None:
+        order = fit.ar.shape[0]
+        white = whiteness_p(fit) > NOT_WHITE
+        longer = fit_jointly(fits, min(order * 3 // 2 + 2, LARGEST_ORDER)) if order < LARGEST_ORDER else None
+        if white:
+            return _with_shift(fit, longer or fit)
+        fit = longer
+    return None
+
+
+def _with_shift(fit: JointFit, longer: JointFit) -> JointFit | None:
+    """The longer fit, its covariance enlarged by how far it moved; None if it did not converge."""
+    moved = [
+        covariance + np.diag((theta - before) ** 2)
+        for before, theta, covariance in zip(fit.theta, longer.theta, longer.covariance, strict=True)
+    ]
+    return replace(longer, covariance=tuple(moved)) if longer.converged else None
+
+
+def whiteness_p(fit: JointFit) -> float:
+    """p-value that the prediction errors are white, over LAGS lags beyond the order (Hosking 1980)."""
+    order, n_y = fit.ar.shape[:2]
+    lags = order + LAGS
+    sums, count = np.zeros((lags + 1, n_y, n_y)), 0
+    for errors in fit.errors:
+        e = np.nan_to_num(errors)
+        count += int(np.isfinite(errors).all(axis=1).sum())
+        for lag in range(min(lags + 1, len(e))):
+            sums[lag] += e[lag:].T @ e[: len(e) - lag]
+    inverse = np.linalg.inv(sums[0] / max(count, 1))
+    c = sums[1:] / max(count, 1)
+    statistic = count * np.einsum("lij,jk,lmk,mi->", c, inverse, c, inverse)
+    return float(chi2.sf(statistic, n_y**2 * LAGS))
+
+
+def _share_samples(rows: Sequence[Row]) -> bool:
+    """Have all rows the same pieces, sampled at the same instants?"""
+    first = rows[0]
+    return all(
+        row.stride == first.stride
+        and len(row.pieces) == len(first.pieces)
+        and all(
+            a.experiment == b.experiment and a.y.size == b.y.size for a, b in zip(row.pieces, first.pieces, strict=True)
+        )
+        for row in rows[1:]
+    )
+
+
+def _output_errors(fits: Sequence[RowFit]) -> tuple[list[Array], list[BoolArray]]:
+    """Output errors (n, n_y) of each piece, and where all of them were measured."""
+    columns = [[v for v, _, _ in residuals(fit)] for fit in fits]
+    stacked = [np.column_stack(piece) for piece in zip(*columns, strict=True)]
+    return [np.nan_to_num(v) for v in stacked], [np.isfinite(v).all(axis=1) for v in stacked]
+
+
+def _lagged(v: Array, order: int) -> Array:
+    """(n - order, order n_y): v[k-1], ..., v[k-order]."""
+    n = len(v)
+    return np.hstack([v[order - k : n - k] for k in range(1, order + 1)]) if order else np.zeros((n, 0))
+
+
+def _vector_ar(v: Sequence[Array], valid: Sequence[BoolArray], order: int) -> tuple[Array, float, int]:
+    """Least-squares coefficients (order, n_y, n_y), log determinant of the residual covariance, number of residuals."""
+    n = v[0].shape[1]
+    pairs = [(x, whitened_valid(order, ok)) for x, ok in zip(v, valid, strict=True) if len(x) > order + 1]
+    past = np.vstack([_lagged(x, order)[use] for x, use in pairs])
+    now = np.vstack([x[order:][use] for x, use in pairs])
+    weights = np.linalg.lstsq(past, now, rcond=1e-10)[0] if order else np.zeros((0, n))
+    rest = now - past @ weights
+    determinant = np.linalg.slogdet(rest.T @ rest / max(len(rest), 1))[1]
+    return -weights.reshape(order, n, n).transpose(0, 2, 1), float(determinant), len(rest)
+
+
+def _chosen_order(v: Sequence[Array], valid: Sequence[BoolArray], fits: Sequence[RowFit]) -> int:
+    n = len(fits)
+    shortest = min(len(x) for x in v)
+    largest = min(LARGEST_ORDER, max(2 * max(fit.ar.size for fit in fits), 4), shortest // (8 * n))
+    scores = []
+    for order in range(largest + 1):
+        _, determinant, count = _vector_ar(v, valid, order)
+        scores.append(count * determinant + 2 * order * n * n)
+    return int(np.argmin(scores))
+
+
+def _filtered(ar: Array, x: Array, source: int) -> Array:
+    """(n - order, n_y, columns): what columns x (n, columns) in output `source` do to all prediction errors."""
+    order, n_y = ar.shape[:2]
+    n = len(x)
+    out = np.zeros((n - order, n_y, x.shape[1]))
+    out[:, source] = x[order:]
+    for k in range(order):
+        out += ar[k, :, source][None, :, None] * x[order - k - 1 : n - k - 1][:, None, :]
+    return out
