@@ -7,11 +7,12 @@ found by iteration: it acts on the loop as an output disturbance does, and depen
 
 from __future__ import annotations
 
-from simulated import BLT, WOOD_BERRY, coloured, random_switching
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from simulated import BLT, WOOD_BERRY, coloured, random_switching
 from trueplant.loop import Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.lti.sampled import sampled_response, split_dead_time
@@ -85,3 +86,34 @@ def changing_wood_berry(
     v = coloured(rng, samples, 2, [1, -0.8], [1], std) * np.broadcast_to(np.asarray(level, float), samples)[:, None]
     k, lag, dead = PARAMETERS[place]
     return changing_loop(WOOD_BERRY, BLT, r, v, place, k * np.asarray(gain), lag * np.asarray(tau), dead)
+
+
+PROJECT = """
+time_unit = "min"
+data = {files = ["record.csv"]}
+output = [{name = "top", pv = "pv1", sp = "sp1", unit = "%"}, {name = "bottom", pv = "pv2", sp = "sp2", unit = "%"}]
+input = [{name = "reflux", op = "op1", unit = "lb/min"}, {name = "steam", op = "op2", unit = "lb/min"}]
+model = [
+    {output = "top", input = "reflux", tf = "12.8 exp(-1.4 s)/(16.7 s + 1)"},
+    {output = "top", input = "steam", tf = "-18.9 exp(-3.4 s)/(21 s + 1)"},
+    {output = "bottom", input = "reflux", tf = "6.6 exp(-7.4 s)/(10.9 s + 1)"},
+    {output = "bottom", input = "steam", tf = "-19.4 exp(-3.4 s)/(14.4 s + 1)"},
+]
+"""
+
+
+def write_project(simulation: Simulation, folder: Path, project: str = PROJECT) -> Path:
+    """The record as record.csv and the project file beside it, whose path is returned."""
+    import polars as pl
+
+    columns = {"t": simulation.t}
+    for k in range(2):
+        columns |= {
+            f"sp{k + 1}": simulation.r[:, k],
+            f"op{k + 1}": simulation.u[:, k],
+            f"pv{k + 1}": simulation.y[:, k],
+        }
+    pl.DataFrame(columns).write_csv(folder / "record.csv")
+    path = folder / "project.toml"
+    path.write_text(project, encoding="utf-8")
+    return path

@@ -185,7 +185,7 @@ def _scatter(series: Series) -> float:
     difference = series.theta[pairs + 1] - series.theta[pairs]
     spread = series.covariance[pairs + 1] + series.covariance[pairs]
     size = np.sort(np.einsum("ka,ka->k", difference, np.linalg.solve(spread, difference[..., None])[..., 0]))[:-1]
-    freedom = m * size.size
-    if chi2.sf(float(size.sum()), freedom) > SCATTERED:
+    if chi2.sf(float(size.sum()), m * size.size) > SCATTERED:
         return 1.0
-    return float(np.sqrt(size.sum() / freedom))
+    largest = float(chi2.ppf(1 - np.exp(-np.euler_gamma) / pairs.size, m))  # about the mean of what was left out
+    return max(1.0, float(np.sqrt(size.sum() / (m * pairs.size - largest))))
