@@ -13,6 +13,7 @@ from trueplant import detect
 from trueplant.detect import Found
 from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
+from trueplant.study.cascade import cascade_notes, check_cascades
 from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
 from trueplant.study.detectors import published_detections
@@ -61,6 +62,10 @@ def assemble(
     if others.disturbance:
         methods["disturbance"] = list(others.disturbance)
     notes += others.notes
+    cascades = check_cascades(study, plant)
+    if cascades:
+        methods["cascade"] = cascades
+        notes += cascade_notes(cascades)
     if consistency:
         methods["controller_consistency"] = list(consistency)
     if study.project.analysis.detectors:
@@ -106,6 +111,9 @@ def refused(study: Study, reasons: Sequence[Reason], consistency: Sequence[Mappi
         for (i, j), spec in sorted(study.specs.items())
     )
     methods: dict[str, Any] = {"controller_consistency": list(consistency)} if consistency else {}
+    cascades = check_cascades(study)
+    if cascades:
+        methods["cascade"] = cascades
     if study.project.analysis.detectors:
         methods["detectors"] = published_detections(study)
     return Result(
@@ -115,7 +123,7 @@ def refused(study: Study, reasons: Sequence[Reason], consistency: Sequence[Mappi
         data=data_tables(study),
         elements=elements,
         methods=methods,
-        notes=(*study.notes, *controller_notes(consistency)),
+        notes=(*study.notes, *controller_notes(consistency), *cascade_notes(cascades)),
         plant_toml=study.project.to_toml(),
     )
 
