@@ -207,19 +207,19 @@ def drawn_table(
 
 
 def share_below_mu(
-    drawn: DrawnPlants, n_u: int, controller: Controller, stable: Array, w: Array, limit: float, around: Surroundings
+    drawn: DrawnPlants, controller: Controller, stable: NDArray[np.bool_], w: Array, limit: float, around: Surroundings
 ) -> float | None:
     """Share of the first drawn plants that are stable with mu of robust performance at or below the limit."""
     if around.weights is None:
         return None
-    count = min(MU_DRAWS, drawn.count)
+    count, n_u = min(MU_DRAWS, drawn.count), controller.n_u
     points = np.geomspace(w[0], w[-1], MU_POINTS)
     plants = [drawn.plant(k) for k in range(count)]
     cut = [TransferMatrix(tuple(row[:n_u] for row in plant.elements), plant.time_unit) for plant in plants]
     N = np.concatenate([generalised_plant(plant, controller, *around.weights, 1j * points) for plant in cut])
     blocks = (*uncertainty_blocks(cut[0].shape, "input"), Full(cut[0].shape[0]))
     highest = mu(N, blocks).upper.reshape(count, -1).max(axis=1)
-    return float(np.mean(stable[:count].astype(bool) & (highest <= limit)))
+    return float(np.mean(stable[:count] & (highest <= limit)))
 
 
 def band(

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 Place = tuple[int, int]
 
+LOUD = 1.5
+"""From this factor on it is said that noise moves OP more than today."""
 WORTH = 0.9
 """A proposal has to bring the error of a load step below this part of today's to be worth a change."""
 
@@ -155,6 +157,9 @@ def reason_of(
     if change:
         told = ", ".join(f"{100 * c:+.0f} %" for c in change)
         text += f"; absolute error of a load step on the plant as estimated: {told} against today"
+        louder = _noise_change(judged[method], today, places)
+        if louder and max(louder) > LOUD:
+            text += f"; noise moves OP up to {max(louder):.2g} times as much as today: a PI would be calmer"
     else:
         text += "; today's loops are not stable on the plant as estimated"
     return method, text
@@ -178,6 +183,12 @@ def _load_change(found: Mapping[Place, Any], today: Mapping[Place, Any], places:
     if not all(new["stable"] and old["stable"] for new, old in pairs):
         return []
     return [new["load"]["iae"] / old["load"]["iae"] - 1 for new, old in pairs if old["load"]["iae"] > 0]
+
+
+def _noise_change(found: Mapping[Place, Any], today: Mapping[Place, Any], places: Sequence[Place]) -> list[float]:
+    """How many times more noise moves OP on the plant, of each loop."""
+    pairs = [(found[p]["metrics"]["plant"]["noise"], today[p]["metrics"]["plant"]["noise"]) for p in places]
+    return [new["op_variation"] / old["op_variation"] for new, old in pairs if new and old and old["op_variation"] > 0]
 
 
 def _worst_load(found: Mapping[Place, Any], today: Mapping[Place, Any], places: Sequence[Place]) -> float:

@@ -13,7 +13,7 @@ from trueplant.tune.drawn import DrawnPlants, KnownRow, Peaks, UncertainPlant, c
 from trueplant.tune.forms import Notation, Settings, converted, pid_of, settings_of
 from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.optimal import optimal
-from trueplant.tune.propose import ALL_METHODS, CERTAIN, Proposal, propose
+from trueplant.tune.propose import ALL_METHODS, AS_DESIGNED, CERTAIN, Proposal, propose
 from trueplant.tune.reduce import Reduced, half_rule, matched, reduced
 from trueplant.tune.response import frequencies, ultimate
 from trueplant.tune.retune import METHODS, Choices, Retuned, retune
@@ -30,13 +30,14 @@ from trueplant.tune.rules import (
     ziegler_nichols,
 )
 from trueplant.tune.several import BLT, blt, sequential
-from trueplant.tune.shaping import loop_shaping, pole_placement
+from trueplant.tune.shaping import loop_shaping, pole_placement, shaped_like
 from trueplant.tune.state_space import Designed, fastest, h2, h_infinity, lqg
 from trueplant.tune.together import LoopTask, TunedTogether, slow_down, tune_together, unseen_dead_time
 from trueplant.tune.uncertain import UncertainTuning, draw_parameters, holds, tune_uncertain
 
 __all__ = [
     "ALL_METHODS",
+    "AS_DESIGNED",
     "BLT",
     "CERTAIN",
     "METHODS",
@@ -90,6 +91,7 @@ __all__ = [
     "retune",
     "sequential",
     "settings_of",
+    "shaped_like",
     "simc",
     "slow_down",
     "step_metrics",

@@ -66,7 +66,8 @@ class UncertainPlant:
             kept = [m for m, j in enumerate(row.columns) if j < n_u]
             if kept:
                 index = np.concatenate([np.arange(row.theta.size)[row.slices[m]] for m in kept])
-                columns, structures = (tuple(x[m] for m in kept) for x in (row.columns, row.structures))
+                columns = tuple(row.columns[m] for m in kept)
+                structures = tuple(row.structures[m] for m in kept)
                 rows[i] = KnownRow(columns, structures, row.theta[index], row.covariance[np.ix_(index, index)])
         elements = tuple(row[:n_u] for row in self.nominal.elements)
         steady = [(i, j) for i, j in self.steady if j < n_u]

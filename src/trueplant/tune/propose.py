@@ -20,14 +20,15 @@ from trueplant.tune.integral import Limits
 from trueplant.tune.response import axis, frequencies
 from trueplant.tune.retune import METHODS, retune
 from trueplant.tune.several import blt, sequential
+from trueplant.tune.shaping import shaped_like
 from trueplant.tune.state_space import DESIGNS, fastest
 from trueplant.tune.together import LoopTask, TunedTogether, slow_down, tune_together, with_entries
 
 Array = NDArray[np.float64]
 
-CERTAIN = "certain-share"
-ALL_METHODS = (CERTAIN, *METHODS, "blt", "sequential", *DESIGNS)
-"""Ours, the rules, those for several loops, and those whose answer is no PID."""
+CERTAIN, AS_DESIGNED = "certain-share", "as-designed"
+ALL_METHODS = (CERTAIN, AS_DESIGNED, *METHODS, "blt", "sequential", *DESIGNS)
+"""Ours, the loop that the model had, the rules, those for several loops, and those whose answer is no PID."""
 
 _USUAL = 2.0
 """Sensitivity peak below which a detuned set of loops is left as it is (Astrom and Hagglund 2006, section 4.6)."""
@@ -59,12 +60,13 @@ def propose(
     today: Controller,
     methods: Sequence[str],
     *,
+    model: TransferMatrix | None = None,
     limit: float = 1.59,
     share: float = 0.95,
     confidence: float = 0.95,
     seed: int = 0,
 ) -> tuple[Proposal, ...]:
-    """Settings by each method, in the order asked for.
+    """Settings by each method, in the order asked for; model: what today's controllers were tuned on.
 
     The rules see each loop's own element, later by what the task calls unseen or by the error of its dead time,
     whichever is longer. Whatever they say is slowed down until the loop's gain is below 1 beyond the task's
@@ -81,6 +83,8 @@ def propose(
         try:
             if method == CERTAIN:
                 found.append(_certain(uncertain, tasks, today, limit, share, confidence, seed))
+            elif method == AS_DESIGNED:
+                found.append(_as_designed(uncertain.nominal, tasks, today, model))
             elif method in METHODS:
                 found.append(_by_rule(uncertain.nominal, tasks, today, method, limit))
             elif method in DESIGNS:
@@ -167,6 +171,30 @@ def _by_rule(
     if not laws:
         return _none(method, tasks, "; ".join(notes[0]))
     return _calm_together(plant, tasks, with_entries(today, laws), laws, method, notes)
+
+
+def _as_designed(
+    plant: TransferMatrix, tasks: Sequence[LoopTask], today: Controller, model: TransferMatrix | None
+) -> Proposal:
+    """Today's settings changed so that each loop is again what it was on the model."""
+    laws: dict[LoopTask, PID] = {}
+    notes: list[list[str]] = []
+    for task in tasks:
+        law, note = today.entries[task.input, task.output], ""
+        try:
+            if model is None or model[task.output, task.input].is_zero:
+                raise LoopError("there is no model of this loop that it could be like")
+            if not isinstance(law, PID):
+                raise LoopError("today's controller is no PID")
+            g = plant[task.output, task.input]
+            found = shaped_like(g, law, model[task.output, task.input], task.crossover)
+            laws[task], note = _in_form(with_entries(today, {task: found}), task)
+        except LoopError as error:
+            note = str(error)
+        notes.append([note] if note else [])
+    if not laws:
+        return _none(AS_DESIGNED, tasks, "; ".join(notes[0]))
+    return _calm_together(plant, tasks, with_entries(today, laws), laws, AS_DESIGNED, notes)
 
 
 def _several(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +11,7 @@ from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, unstable_poles
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.tune.forms import series_ratio
-from trueplant.tune.response import frequencies, ultimate
+from trueplant.tune.response import axis, frequencies, ultimate
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -117,6 +119,30 @@ def _shape(x: Array, alpha: float) -> tuple[ComplexArray, ComplexArray]:
     c = 1j / series_ratio(alpha)
     lag = 1 + c * alpha * x
     return np.asarray(1 - 1j / x + c * x / lag), np.asarray(1j / x**2 + c / lag**2)
+
+
+def shaped_like(g: TransferFunction, like: PID, wanted: TransferFunction, crossover: float) -> PID:
+    """Gains with which the loop over g is as nearly as possible the one of today's controller over another plant.
+
+    like: today's controller; it has the derivative, its filter and its scan. wanted: the plant that it was tuned on.
+    Least squares of g Q - wanted Q_today relative to 1 + wanted Q_today, from a twentieth to three times the crossover
+    (rad per time unit). Exact where the two plants differ by a factor. Parallel form.
+
+    Raises LoopError if the loop would be unstable.
+    """
+    _, _, kd, tf = like.parallel
+    w = np.geomspace(0.05, 3.0, 200) * crossover
+    s = axis(w)
+    target = wanted(s) * like.feedback(s)
+    bare = replace(like, form="parallel", Kc=None, Ti=None, Td=0.0, alpha=0.1, Kp=0.0, Ki=0.0, Kd=0.0, Tf=tf)
+    bare = replace(bare, action=None, gain_unit="engineering")
+    parts = [replace(bare, Kp=1.0), replace(bare, Ki=1.0)] + ([replace(bare, Kd=1.0)] if kd else [])
+    columns = np.stack([g(s) * part.feedback(s) for part in parts], axis=1) / (1 + target)[:, None]
+    aim = target / (1 + target)
+    rows, right = (np.concatenate([x.real, x.imag]) for x in (columns, aim))
+    gains = np.append(np.linalg.lstsq(rows, right, rcond=None)[0], 0.0)
+    pid = replace(bare, Kp=float(gains[0]), Ki=float(gains[1]), Kd=float(gains[2]) if kd else 0.0)
+    return _stable(g, pid, "the loop would be unstable with the settings that come nearest to the one of old")
 
 
 def _stable(g: TransferFunction, pid: PID, message: str) -> PID:

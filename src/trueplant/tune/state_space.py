@@ -160,7 +160,8 @@ def _designed(
     if np.any(scale == 0):
         raise LoopError("an element on the diagonal has no gain at the bandwidth: pair differently")
     own = realised(plant, pade_order)
-    scaled = StateSpace(own.A * unit, own.B * unit, own.C / scale[:, None], own.D / scale[:, None])
+    outputs = 1 / scale[:, None]
+    scaled = StateSpace(own.A * unit, own.B * unit, own.C * outputs, own.D * outputs)
     law, cost = synthesis(_with_integrators(scaled, w * unit), w * unit)
     entries = {}
     found = from_control(_python_control(_reduced(law)))
@@ -206,8 +207,8 @@ def _optimal(A: Array, B1: Array, B2: Array, C1: Array, C2: Array, D12: Array, D
     R, V = D12.T @ D12, D21 @ D21.T
     X = _riccati(A, B2, C1.T @ C1, R, C1.T @ D12)
     Y = _riccati(A.T, C2.T, B1 @ B1.T, V, B1 @ D21.T)
-    F = -np.linalg.solve(R, B2.T @ X + D12.T @ C1)
-    L = -np.linalg.solve(V.T, (Y @ C2.T + B1 @ D21.T).T).T
+    F = np.asarray(-np.linalg.solve(R, B2.T @ X + D12.T @ C1), dtype=np.float64)
+    L = np.asarray(-np.linalg.solve(V.T, (Y @ C2.T + B1 @ D21.T).T).T, dtype=np.float64)
     law = StateSpace(A + B2 @ F + L @ C2 + L @ D22 @ F, -L, F, np.zeros((F.shape[0], L.shape[1])))
     cost = float(np.trace(B1.T @ X @ B1) + np.trace(R @ F @ Y @ F.T))
     return law, cost
