@@ -24,6 +24,7 @@ OutFolder = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Fo
 OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="File to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Print result.json, and nothing else.")]
 PaperJson = Annotated[bool, typer.Option("--json", help="Print paper.json, and nothing else.")]
+Seeds = Annotated[int, typer.Option("--seeds", min=2, help="Simulated records of the splitter for each kind of noise.")]
 TrackJson = Annotated[bool, typer.Option("--json", help="Print track.json, and nothing else.")]
 Precision = Annotated[
     float, typer.Option("--precision", metavar="PERCENT", help="Standard error that windows are made long enough for.")
@@ -103,11 +104,11 @@ def demo(
 
 
 @app.command(short_help="Compute the paper: each value beside its print.")
-def paper(out: OutFolder = None, json: PaperJson = False) -> int:
+def paper(out: OutFolder = None, json: PaperJson = False, seeds: Seeds = 20) -> int:
     """Compute every equation, table and figure of the paper that can be: writes paper.json and paper.html."""
     from trueplant.cli.paper import paper
 
-    return paper(out, json)
+    return paper(out, json, seeds)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,14 +11,14 @@ from trueplant.study.output import prepare_output, write_files
 JSON, PAGE = "paper.json", "paper.html"
 
 
-def paper(out: Path | None, json: bool) -> int:
+def paper(out: Path | None, json: bool, seeds: int) -> int:
     """Compute all of the paper, write paper.json and paper.html, and say how much of it agrees."""
     folder = prepare_output(out or Path("paper"))
     from trueplant.paper import compute, render
     from trueplant.paper.page import summary
 
     with saying() as say:
-        found = compute(progress=say)
+        found = compute(seeds, say)
         say("writing the page")
         text = found.to_json()
         written = write_files(folder, {JSON: text, PAGE: render(found)})

@@ -21,11 +21,10 @@ SEED, POINTS, TOLERANCE = 0, 9, 1e-10
 
 def equations() -> list[Entry]:
     """(1)-(20) and Appendix A, each as the largest relative residual over the frequencies."""
-    where = f"on the mill of section 3 at {POINTS} frequencies, two experiments with random r and v (seed {SEED})"
     found = []
     for number, what, left, right in _sides():
         residual = _residual(left, right)
-        note = f"largest difference of the two sides relative to the larger, {where}; tolerance: {TOLERANCE:g}"
+        note = f"largest difference of the two sides relative to the larger; tolerance: {TOLERANCE:g}"
         extra = _REMARKS.get(number, "")
         found.append(
             Entry(f"eq{number}", what, "an identity", residual, residual < TOLERANCE, f"{note}. {extra}".rstrip(". "))
@@ -52,7 +51,7 @@ def _loop(R: ComplexArray, V: ComplexArray, G: ComplexArray, Q: ComplexArray) ->
     return both[:, :2], both[:, 2:]
 
 
-def _sides() -> Iterator[tuple[str, str, ComplexArray, ComplexArray]]:
+def _sides() -> Iterator[tuple[str, str, Any, Any]]:
     """Number, what it says, left and right side of each equation."""
     rng = np.random.default_rng(SEED)
 

@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 from trueplant.loop import Simulation
 from trueplant.paper.mill import Mill
 from trueplant.paper.montecarlo import NAMES, Estimates, percent, ratio_to_bound
-from trueplant.paper.tables import Shown
+from trueplant.paper.tables import WINDOW, Shown
 from trueplant.report.decimate import compact, min_max
 from trueplant.report.figures import log_ticks
 from trueplant.report.style import BOTTOM, LIGHT, TOP, framed, line
@@ -105,20 +105,16 @@ def step_data(shown: Shown, output: int, start: float, end: float) -> go.Figure:
     return stacked(run.t[part], panels)
 
 
-def comparison(shown: Shown, k: int, output: int) -> go.Figure:
-    """Figures 13 to 15: PV, model and estimated plant about the steps that show one element."""
-    run, part = shown.run, shown.windows[k]
-
-    def cut(x: Array) -> Array:
-        return np.where(part, x, np.nan)
-
+def comparison(shown: Shown, output: int, step: float) -> go.Figure:
+    """Figures 13 to 15: PV, model and estimated plant about one step."""
+    run = shown.run
+    part = np.abs(run.t - step) <= WINDOW
     curves = [
-        ("measured", "PV", cut(run.y[:, output])),
-        ("model", "model", cut(shown.model[:, output])),
-        ("plant", "plant, estimated", cut(shown.plant[:, output])),
+        ("measured", "PV", run.y[part, output]),
+        ("model", "model", shown.model[part, output]),
+        ("plant", "plant, estimated", shown.plant[part, output]),
     ]
-    figure = stacked(run.t, [("", curves)])
-    return figure.update_layout(height=260)
+    return stacked(run.t[part], [("", curves)]).update_layout(height=260)
 
 
 def errors(runs: Estimates) -> go.Figure:

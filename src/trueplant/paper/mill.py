@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.loop import Controller, Simulation, simulate
-from trueplant.lti import Term, TransferFunction, TransferMatrix, sampled_response
+from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
 from trueplant.mismatch import closed_form
-from trueplant.paper.entry import Entry, Value, rounds_to, shown
+from trueplant.paper.entry import Entry, shown
+from trueplant.paper.mismatch37 import FACTOR, mismatch
 from trueplant.plants import Case, mill
 from trueplant.record import transform
 from trueplant.robust import Robustness, gain_and_dead_time_weight, performance_weight, robust_performance
@@ -20,7 +21,6 @@ from trueplant.robust import uncertainty_weight as weight_27
 Array = NDArray[np.float64]
 
 VARIANTS = ("printed", "eq37")
-FACTOR = {"printed": "1.1014 as (34) prints it", "eq37": "1.0137 as (37) implies"}
 H, DURATION, SIGMA = 0.01, 60.0, 0.3
 """Step and length of the simulated step responses (min), and the line Re s on which they are transformed."""
 
@@ -28,14 +28,6 @@ W_I = TransferFunction.rational([0.21, 0.1], [0.1, 1.0])
 """(31)"""
 W_P = TransferFunction.rational([0.45, 0.05], [1.0, 0.0])
 """(32)"""
-
-PRINTED_37: dict[tuple[int, int], tuple[tuple[str, ...], tuple[str, ...], str]] = {
-    (0, 0): (("0.0232",), ("1", "0.9", "0.2"), "0.68"),
-    (0, 1): (("-0.0066",), ("1", "0.667", "0.0833"), "0.67"),
-    (1, 0): (("-0.0333",), ("1", "0.3182", "0.0253"), "0.6"),
-    (1, 1): (("-0.0809",), ("1", "0.2857"), "0.13"),
-}
-"""Numerators, denominators and dead times of (37), in descending powers of s, as printed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +60,7 @@ def mill_section() -> Mill:
     full = robust_performance(case.model, case.controller, W_I, W_P, "input full")
     entries = [
         *_weights(),
-        *_mismatch(case.model, plants),
+        *mismatch(case.model, plants),
         *(_from_data(case, steps.perturbed[name], plants[name], name) for name in VARIANTS),
         *_severity(case.model, plants),
         *_stability({"nominal": nominal, **perturbed}),
@@ -124,88 +116,6 @@ def _weights() -> Iterator[Entry]:
 def _close(a: TransferFunction, b: TransferFunction) -> bool:
     s = 1j * np.geomspace(1e-3, 1e3, 7)
     return bool(np.allclose(a(s), b(s), rtol=1e-12, atol=0))
-
-
-def _mismatch(model: TransferMatrix, plants: dict[str, TransferMatrix]) -> Iterator[Entry]:
-    """(37) element by element; only g12 differs between the variants."""
-    for i, j in PRINTED_37:
-        yield _element_37(f"eq37.delta{i + 1}{j + 1}", i, j, _one_fraction(plants["printed"][i, j], model[i, j]))
-    name = "eq37.delta12.eq37"
-    yield _element_37(name, 0, 1, _one_fraction(plants["eq37"][0, 1], model[0, 1]), "eq37")
-    # the factor that gives (37)'s numerator: 4 (0.9938 - f)/12 = -0.0066
-    implied = 0.9938 + 0.0066 * 12 / 4
-    yield Entry(
-        "eq34.factor",
-        "factor of the recycled term in (34) that gives the element (1, 2) printed in (37)",
-        "1.1014",
-        implied,
-        rounds_to("1.1014", implied),
-        "to within the rounding of -0.0066 (0.00015 in the factor); 0.9938 raised by 2 % is 1.0137. Very likely "
-        "1.1014 is "
-        "a misprint: both variants are computed here",
-    )
-    s = 1j * np.geomspace(0.01, 6, 50)
-    delta = TransferMatrix(tuple(tuple(_printed_37(i, j) for j in range(2)) for i in range(2)))
-    lead = {
-        name: float(np.max(np.abs(model(s) + delta(s) - target(s)) / np.abs(model(s))))
-        for name, target in {"(22) - (25)": model, "(33) - (36)": plants["eq37"]}.items()
-    }
-    nearest = min(lead, key=lambda name: lead[name])
-    yield Entry(
-        "eq37.reference",
-        "the plant that the model plus (37) leads to",
-        "(22) - (25)",
-        nearest,
-        nearest == "(22) - (25)",
-        "the sentence after (37) should name (33) - (36). Largest difference of model plus (37), with the s that "
-        "is missing "
-        "in its element (2, 1), relative to the model's element: "
-        + ", ".join(f"{distance:.2g} from {name}" for name, distance in lead.items()),
-    )
-
-
-def _printed_37(i: int, j: int) -> TransferFunction:
-    """An element of (37) with its printed digits, the missing s of element (2, 1) put in."""
-    num, den, dead = PRINTED_37[i, j]
-    above = [float(c) for c in num] + ([0.0] if (i, j) == (1, 0) else [])
-    return TransferFunction.rational(above, [float(c) for c in den], float(dead))
-
-
-def _one_fraction(plant: TransferFunction, model: TransferFunction) -> TransferFunction:
-    """plant - model over one denominator for each dead time; terms whose numerators cancel are dropped."""
-    by_delay: dict[float, Term] = {}
-    for term in (plant - model).terms:
-        near = next((d for d in by_delay if abs(d - term.dead_time) < 1e-9), term.dead_time)
-        old = by_delay.get(near)
-        if old is None:
-            by_delay[near] = Term(term.num, term.den, near)
-        else:
-            num = np.polyadd(np.polymul(old.num, term.den), np.polymul(term.num, old.den))
-            num[np.abs(num) < 1e-12 * np.max(np.abs(np.polymul(old.num, term.den)))] = 0.0
-            by_delay[near] = Term(tuple(num), tuple(np.polymul(old.den, term.den)), near)
-    kept = [t for t in by_delay.values() if np.max(np.abs(t.num)) > 1e-12]
-    return TransferFunction(tuple(kept))
-
-
-def _element_37(id: str, i: int, j: int, delta: TransferFunction, variant: str = "printed") -> Entry:
-    (term,) = delta.terms
-    num, den, dead = PRINTED_37[i, j]
-    shape = len(term.num) == len(num) and len(term.den) == len(den)
-    numbers = (*term.num, *term.den, term.dead_time)
-    agrees = shape and all(rounds_to(text, number) for text, number in zip((*num, *den, dead), numbers, strict=True))
-    computed: Value = {"numerator": list(term.num), "denominator": list(term.den), "dead_time": term.dead_time}
-    note = "coefficients in descending powers of s; tolerance: half a unit of the last printed digit of each"
-    if (i, j) == (0, 1):
-        note = f"with {FACTOR[variant]}; {note}"
-    if (i, j) == (1, 0):
-        note = f"the printed numerator lacks a factor s, for the gains of (24) and (35) are equal; {note}"
-    printed = f"{' '.join(num)} exp(-{dead} s)/({_polynomial(den)})"
-    return Entry(id, f"mismatch of the mill's element ({i + 1}, {j + 1})", printed, computed, agrees, note)
-
-
-def _polynomial(den: tuple[str, ...]) -> str:
-    powers = {2: ("s^2", "s", ""), 1: ("s", "")}[len(den) - 1]
-    return " + ".join(f"{'' if c == '1' else c + ' '}{p}".strip() for c, p in zip(den, powers, strict=True))
 
 
 def _responses(case: Case, plant: TransferMatrix) -> tuple[Simulation, Simulation]:
@@ -299,12 +209,6 @@ def _figures_5_to_8(steps: Steps) -> Iterator[Entry]:
                 "of a step of 1; simulated",
             )
             yield shown(
-                f"{controlled}.{name}.overshoot",
-                f"overshoot: {of}",
-                float(100 * max(y[:, k].max() - 1, 0.0)),
-                "% of the step; simulated",
-            )
-            yield shown(
                 f"{manipulated}.{name}.largest",
                 f"largest moves of ore feed and dilution water: {of}",
                 [float(x) for x in np.abs(u).max(axis=0)],
@@ -314,32 +218,24 @@ def _figures_5_to_8(steps: Steps) -> Iterator[Entry]:
 
 def _table_1(case: Case, steps: Steps) -> Iterator[Entry]:
     """Table 1 as limits on the set-point steps that keep the record linear."""
-    room = {}
-    for kind, limits, nominal in (
-        ("u", case.input_limits, case.input_nominal),
-        ("y", case.output_limits, case.output_nominal),
-    ):
+    room = []
+    for limits, nominal in ((case.output_limits, case.output_nominal), (case.input_limits, case.input_nominal)):
         assert limits is not None
         assert nominal is not None
-        room[kind] = np.array(limits) - np.array(nominal)[:, None]
+        room.append(np.array(limits) - np.array(nominal)[:, None])
     for k, what in enumerate(("particle size (%)", "circulating load (t/h)")):
-        for sign, direction in ((1, "up"), (-1, "down")):
-            sizes = []
-            for pair in (steps.nominal, *steps.perturbed.values()):
-                for kind, x in (("u", pair[k].u), ("y", pair[k].y)):
-                    moved = sign * x
-                    reach = np.stack([moved.min(axis=0), moved.max(axis=0)], axis=1)
-                    with np.errstate(divide="ignore", invalid="ignore"):
-                        allowed = np.where(np.abs(reach) > 1e-12, room[kind] / reach, np.inf)
-                    sizes.append(np.min(np.where(allowed > 0, allowed, np.inf)))
-            yield shown(
-                f"table1.step{k + 1}.{direction}",
-                f"largest step {direction} of {what} that keeps all variables within the limits of Table 1",
-                float(min(sizes)),
-                "from the nominal values, model and both perturbed plants; beyond it the record is not linear. The "
-                "paper "
-                "does not print the size of its steps",
-            )
+        sizes = []
+        for run in (pair[k] for pair in (steps.nominal, *steps.perturbed.values())):
+            for x, allowed in zip((run.y, run.u), room, strict=True):
+                reach = np.maximum(np.stack([-x.min(axis=0), x.max(axis=0)], axis=1), 1e-12)
+                sizes += [float(np.min(side / reach)) for side in (np.abs(allowed), np.abs(allowed[:, ::-1]))]
+        yield shown(
+            f"table1.step{k + 1}",
+            f"largest step of {what}, up or down, that keeps all variables within the limits of Table 1",
+            min(sizes),
+            "from the nominal values, model and both perturbed plants, 60 min; beyond it the record is not linear. The "
+            "paper does not print the size of its steps",
+        )
 
 
 def _severity(model: TransferMatrix, plants: dict[str, TransferMatrix]) -> Iterator[Entry]:

@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 NAMES = tuple(f"{name}{i + 1}{j + 1}" for i, j in ELEMENTS for name in ("gain", "tau", "delay"))
-SETTLING = 50
-"""Samples until the inverse of the noise model has forgotten its start."""
+SETTLING = 25
+"""Samples until the inverse of the coloured noise model has forgotten its start: 0.818^25 is 0.7 %."""
 OFF_GRID = 1e-4
 """Min. At a dead time of whole samples the response has one derivative on either side: this is the later one."""
 
@@ -106,9 +106,9 @@ def bound(segment: Segment, output: int, columns: tuple[int, ...], kind: str) ->
         v = v - nuisance @ np.linalg.lstsq(nuisance, v, rcond=None)[0]
         e = lfilter(a, c, v)
         psi += [np.concatenate([[0.0], lfilter([1.0], c, x)[:-1]])[:, None] for x in (v, e)]
-    columns_ = np.hstack(psi)[SETTLING:]
-    scale = np.linalg.norm(columns_, axis=0)
-    inverse = np.linalg.pinv((columns_ / scale).T @ (columns_ / scale))
+    gradients = np.hstack(psi)[0 if kind == "white" else SETTLING :]
+    scale = np.linalg.norm(gradients, axis=0)
+    inverse = np.linalg.pinv((gradients / scale).T @ (gradients / scale))
     innovation = variance * noise_std(kind)[output] ** 2
     return np.asarray(innovation * np.diag(inverse) / scale**2)[: truth.size]
 
