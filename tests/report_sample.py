@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -329,3 +330,42 @@ def _unanswered(curves: Curves) -> Curves:
         condition_w=np.zeros(0),
         condition=np.zeros(0),
     )
+
+
+LOOP = """
+time_unit = "min"
+data = {files = ["record.csv"], time = "t"}
+output = [{name = "top_temperature", pv = "pv1", sp = "sp1", unit = "degC"}]
+input = [{name = "reflux", op = "op1", unit = "%"}]
+model = [{output = "top_temperature", input = "reflux", tf = "2 exp(-3 s)/(8 s + 1)"}]
+controller = [{input = "reflux", output = "top_temperature", Kc = 0.6, Ti = 8.0, sample_time = 0.5}]
+
+[robustness]
+wI = {gain_percent = 15, dead_time = 0.4}
+wP = {bandwidth = 0.04}
+
+[tuning]
+methods = ["certain-share", "simc"]
+
+[simulate]
+plant = [{output = "top_temperature", input = "reflux", tf = "3 exp(-3 s)/(7 s + 1)"}]
+duration = 400
+sample_time = 0.5
+noise = 0.1
+setpoints = [
+    {time = 20, output = "top_temperature", value = 2},
+    {time = 120, output = "top_temperature", value = -1},
+    {time = 240, output = "top_temperature", value = 1},
+]
+"""
+
+
+def with_loop(folder: Path) -> Result:
+    """One simulated loop whose plant has a gain half as large again, with weights and tuning declared."""
+    from trueplant.study import Project
+    from trueplant.study.pipeline import analyse
+    from trueplant.study.project_simulate import as_file, simulate_record
+
+    project = Project.from_toml(LOOP, folder)
+    (folder / "record.csv").write_bytes(as_file(simulate_record(project), "record.csv"))
+    return analyse(project)

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from trueplant.study.result import Element, Parameter, Result
-from trueplant.study.words import number, value_with_interval
+from trueplant.study.words import loop_line, number, settings_lines, value_with_interval
 
 _STYLE = {"changed": "bold red", "unchanged": "green", "not identifiable": "yellow"}
 
@@ -28,6 +28,9 @@ def show(result: Result, written: Sequence[Path]) -> None:
     out.print(Text(result.headline, style="bold"))
     if result.elements:
         out.print(elements_table(result))
+    for line in (loop_line(result), *settings_lines(result)):
+        if line:
+            out.print(Text(line))
     for reason in (*result.reasons, *result.notes):
         out.print(Text(f"{'refused' if reason in result.reasons else 'note'}: {reason.message}"))
     for path in written:

@@ -306,8 +306,6 @@ def condition(curves: Curves) -> go.Figure:
     frequencies = decades(curves.condition_w, room=0.0)
     values = decades(np.append(curves.condition, [1.0]))
     unit = inert(curves.time_unit)
-    figure.update_xaxes(
-        type="log", title_text=f"Frequency (rad/{unit})", range=frequencies, **log_ticks(frequencies)
-    )
+    figure.update_xaxes(type="log", title_text=f"Frequency (rad/{unit})", range=frequencies, **log_ticks(frequencies))
     figure.update_yaxes(type="log", title_text="Condition number (-)", range=values, **log_ticks(values))
     return framed(figure, 270)

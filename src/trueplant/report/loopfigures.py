@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from trueplant.report.figures import decades, log_ticks, outline
+from trueplant.report.decimate import compact, min_max
+from trueplant.report.figures import axis_range, decades, log_ticks, outline
 from trueplant.report.loops import place
 from trueplant.report.numbers import number
-from trueplant.report.style import LIGHT, area, framed, inert, line
-from trueplant.study.result import MuCurves
+from trueplant.report.style import LIGHT, area, framed, inert, line, shortened, whole_ticks, with_unit
+from trueplant.study.result import MuCurves, RetuningCurves
 
 Array = NDArray[np.float64]
 
@@ -79,4 +80,79 @@ def mu_caption(curves: Sequence[MuCurves], test: str, time_unit: str) -> str:
             name = NAMES[one.system]
             value = f"{number(peak, 3)} {place(frequency, time_unit)}"
             said.append(f"{name[0].upper()}{name[1:]}: {value}, {verdict}.")
+    return " ".join(said)
+
+
+def before_after(t: Array, responses: Mapping[str, Array], time_unit: str, unit: str, goal: float | None) -> go.Figure:
+    """A response (n_t, 3: low, value, high) before and after, with the bands over the drawn plants; goal: where to."""
+    figure = go.Figure()
+    for role in ("before", "after"):
+        x, y = outline(t, responses[role][:, 0], responses[role][:, 2])
+        if x.size:
+            figure.add_trace(area(f"{role}_band", f"{role}, interval", x=x, y=y, hoverinfo="skip"))
+    if goal is not None:
+        figure.add_trace(line("setpoint", "set-point", x=[float(t[0]), float(t[-1])], y=[goal, goal], hoverinfo="skip"))
+    for role in ("before", "after"):
+        figure.add_trace(line(role, role, x=t, y=responses[role][:, 1]))
+    values = np.concatenate([responses[role][:, 1] for role in ("before", "after")])
+    bands = np.concatenate([responses[role][:, (0, 2)].ravel() for role in ("before", "after")])
+    known = values if goal is None else np.append(values, goal)
+    figure.update_xaxes(title_text=with_unit("Time", inert(time_unit)))
+    figure.update_yaxes(title_text=inert(shortened(unit or "Response", 24)), nticks=6, range=axis_range(known, bands))
+    return framed(figure, 250)
+
+
+def until_settled(curves: RetuningCurves) -> int:
+    """How many of the times to draw: half as long again as any response, before or after, needs to come to rest."""
+    last = 0
+    for responses in (curves.setpoint, curves.load, curves.op_setpoint, curves.op_load):
+        for values in responses.values():
+            y = values[:, 1]
+            if np.isfinite(y).all():
+                moving = np.flatnonzero(np.abs(y - y[-1]) > 0.02 * np.ptp(y))
+                last = max(last, int(moving[-1]) if moving.size else 0)
+    return min(curves.t.size, 3 * last // 2 + 2) if last else curves.t.size
+
+
+def settling_caption(t: Array, responses: Mapping[str, Array], time_unit: str) -> str:
+    """From when on PV stays within 5 % of a unit step of the set-point."""
+    said = []
+    for role in ("before", "after"):
+        outside = np.flatnonzero(~(np.abs(responses[role][:, 1] - 1) <= 0.05))
+        reached = outside.size == 0 or outside[-1] + 1 < t.size
+        when = number(float(t[outside[-1] + 1] if outside.size else t[0]), 3) if reached else ""
+        said.append(f"from {when} {time_unit} on {role}".replace("  ", " ") if reached else f"not in this time {role}")
+    return f"Within 5 % of the step {', '.join(said)}."
+
+
+def size_caption(what: str, responses: Mapping[str, Array], unit: str) -> str:
+    """The largest value of either sign before and after."""
+    sizes = [float(np.max(np.abs(responses[role][:, 1]))) for role in ("before", "after")]
+    before, after = (number(size, 3) if np.isfinite(size) else "no bound" for size in sizes)
+    return f"{what}: {before} before, {after} after{f' ({unit})' if unit else ''}."
+
+
+def replay(t: Array, errors: Mapping[str, Array], time_unit: str, unit: str, limit: int) -> go.Figure:
+    """Control error under the disturbance recovered from the record: as it was, and before and after retuning."""
+    figure = go.Figure()
+    for name, role in (("record", "measured"), ("before", "before"), ("after", "after")):
+        if name in errors:
+            x, y = min_max(t, errors[name], limit)
+            trace = line(role, name, x=x, y=compact(y))
+            trace.line.update(width=1.2, dash="solid")
+            figure.add_trace(trace)
+    figure.update_xaxes(title_text=with_unit("Time", inert(time_unit)))
+    figure.update_yaxes(title_text=inert(shortened(with_unit("SP - PV", unit), 24)), nticks=5)
+    return whole_ticks(framed(figure, 250), t)
+
+
+def replay_caption(errors: Mapping[str, Array], unit: str) -> str:
+    """The size of the errors."""
+    space = f" {unit}" if unit else ""
+    names = {"record": "As recorded", "before": "Today's controller, simulated", "after": "New settings, simulated"}
+    said = [
+        f"{names[key]}: {number(float(np.sqrt(np.nanmean(errors[key] ** 2))), 3)}{space} (rms)."
+        for key in names
+        if key in errors and np.isfinite(errors[key]).any()
+    ]
     return " ".join(said)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trueplant.report import loops, tables
+from trueplant.report import loops, retuned, tables
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.numbers import number, probability
-from trueplant.study.result import Curves, Result, Trend
+from trueplant.study.result import Curves, Result, RetuningCurves, Trend
 
 if TYPE_CHECKING:
     import jinja2
@@ -82,25 +82,30 @@ def render(result: Result) -> str:
 
     book = Book()
     scale = tables.percent_scale(result.elements)
-    page = environment("trueplant.report").get_template("report.html.j2").render(
-        result=result,
-        headline=result.headline.replace("->", "→"),  # a line must not break inside the arrow
-        confidence=_confidence(result),
-        most_rows=MOST_ROWS,
-        provenance=plain(result.provenance),
-        data=plain(result.data),
-        fit=plain(result.fit),
-        loop_line=loop_line(result),
-        robustness=plain(result.robustness),
-        today=_today(result),
-        controllers=plain(result.controllers),
-        comparison=tables.comparison(plain(result.methods)),
-        elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in result.elements],
-        grid=_grid(result),
-        scale=number(scale),
-        figures=_figures(result.curves, book, _z(_confidence(result))) if result.curves is not None else None,
-        mu_figures=_mu_figures(result.curves, book),
-        **frame(book),
+    page = (
+        environment("trueplant.report")
+        .get_template("report.html.j2")
+        .render(
+            result=result,
+            headline=result.headline.replace("->", "→"),  # a line must not break inside the arrow
+            confidence=_confidence(result),
+            most_rows=MOST_ROWS,
+            provenance=plain(result.provenance),
+            data=plain(result.data),
+            fit=plain(result.fit),
+            loop_line=loop_line(result),
+            robustness=plain(result.robustness),
+            today=_today(result),
+            controllers=[one for one in plain(result.controllers) if not retuned.is_proposal(one)],
+            retuned=_retuned(result, book),
+            comparison=tables.comparison(plain(result.methods)),
+            elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in result.elements],
+            grid=_grid(result),
+            scale=number(scale),
+            figures=_figures(result.curves, book, _z(_confidence(result))) if result.curves is not None else None,
+            mu_figures=_mu_figures(result.curves, book),
+            **frame(book),
+        )
     )
     return page + "\n"
 
@@ -122,7 +127,7 @@ def environment(*packages: str) -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {"number": number, "probability": probability, "label": _label}
+    made.filters |= {"number": number, "probability": probability, "label": _label, "sentence": _sentence}
     made.tests["spans"] = _is_spans
     made.tests["records"] = _is_records
     return made
@@ -138,14 +143,21 @@ def _z(confidence: float) -> float:
     return statistics.NormalDist().inv_cdf(0.5 + confidence / 2)
 
 
+def _sentence(text: str) -> str:
+    text = text.strip()
+    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith(('.', '!', '?')) else '.'}"
+
+
 def _label(key: str) -> str:
     return LABELS.get(key, str(key))
 
 
 def _is_spans(value: Any) -> bool:
     """[[from, to], ...]."""
-    return isinstance(value, list) and bool(value) and all(
-        isinstance(v, list) and len(v) == 2 and all(isinstance(x, int | float) for x in v) for v in value
+    return (
+        isinstance(value, list)
+        and bool(value)
+        and all(isinstance(v, list) and len(v) == 2 and all(isinstance(x, int | float) for x in v) for v in value)
     )
 
 
@@ -180,6 +192,47 @@ def _today(result: Result) -> dict[str, Any]:
         "pairing": loops.pairing_rows(found, outputs, inputs),
         "rest": {key: value for key, value in found.items() if key not in loops.KNOWN},
     }
+
+
+def _retuned(result: Result, book: Book) -> list[tuple[retuned.Retuned, list[Drawn]]]:
+    """New settings, a loop at a time, with the responses before and after."""
+    from trueplant.study.words import plain
+
+    curves = result.curves
+    outputs = dict(zip(curves.outputs, curves.output_units, strict=True)) if curves else {}
+    inputs = dict(zip(curves.inputs, curves.input_units, strict=True)) if curves else {}
+    drawn = {(c.input, c.output): c for c in curves.retuning} if curves else {}
+    found = []
+    for loop in plain(result.controllers):
+        if retuned.is_proposal(loop):
+            place = loop["input"], loop["output"]
+            pv, op = outputs.get(place[1], ""), inputs.get(place[0], "")
+            responses = _retuning_figures(drawn[place], pv, op, loop["time_unit"], book) if place in drawn else []
+            found.append((retuned.retuned(loop, op, pv), responses))
+    return found
+
+
+def _retuning_figures(curves: RetuningCurves, pv: str, op: str, time_unit: str, book: Book) -> list[Drawn]:
+    """Set-point and load steps, then the record again where it can be run again."""
+    from trueplant.report import loopfigures as draw
+
+    count = draw.until_settled(curves)
+    t = curves.t[:count]
+    cases = (
+        ("Set-point step: PV", curves.setpoint, pv, 1.0, draw.settling_caption(curves.t, curves.setpoint, time_unit)),
+        ("Load step: PV", curves.load, pv, 0.0, draw.size_caption("Largest error", curves.load, pv)),
+        ("Set-point step: OP", curves.op_setpoint, op, None, draw.size_caption("Largest move", curves.op_setpoint, op)),
+        ("Load step: OP", curves.op_load, op, None, draw.size_caption("Largest move", curves.op_load, op)),
+    )
+    figures = []
+    for title, responses, unit, goal, said in cases:
+        cut = {role: values[:count] for role, values in responses.items()}
+        figures.append(book.add(draw.before_after(t, cut, time_unit, unit, goal), title, said))
+    if curves.replay_t.size:
+        figure = draw.replay(curves.replay_t, curves.replay, time_unit, pv, MOST_POINTS)
+        title = "The record again: control error with the disturbances that were in it"
+        figures.append(book.add(figure, title, draw.replay_caption(curves.replay, pv)))
+    return figures
 
 
 def _mu_figures(curves: Curves | None, book: Book) -> list[Drawn]:

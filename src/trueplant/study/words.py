@@ -209,7 +209,7 @@ def text_summary(result: Result) -> str:
         if element.reason:
             lines.append(f"  {_sentence(element.reason)}")
     if loop := loop_line(result):
-        lines += ["", loop]
+        lines += ["", loop, *settings_lines(result)]
     for title, reasons in (("refused", result.reasons), ("note", result.notes)):
         if reasons:
             lines.append("")
@@ -246,6 +246,31 @@ def loop_line(result: Result) -> str:
     if drawn and drawn["share_stable"] < 1:
         text += f" It is unstable on {100 * (1 - drawn['share_stable']):.2g} % of the plants that the data leave open."
     return text
+
+
+def settings_lines(result: Result) -> list[str]:
+    """The settings to enter, a line a loop; one line where today's are to stay; nothing where none were asked for."""
+    loops = [loop for loop in result.controllers if "recommended" in loop]
+    lines = []
+    for loop in loops:
+        chosen = next((p for p in loop["proposals"] if p["method"] == loop["recommended"]), None)
+        if chosen is None:
+            continue
+        now, new = loop["current"]["settings"] or {}, chosen["settings"]
+        changed = [
+            f"{key} = {_setting(new[key])} (now {_setting(now.get(key))})"
+            for key in new
+            if _setting(new[key]) != _setting(now.get(key))
+        ]
+        said = ", ".join(changed) or "as today"
+        lines.append(f"recommended for {loop['input']} ({loop['recommended']}): {said}")
+    if loops and not lines:
+        lines.append(f"no retuning is recommended: {_sentence(loops[0]['reason'] or 'see the report')}")
+    return lines
+
+
+def _setting(value: Any) -> str:
+    return "none" if value is None else value if isinstance(value, str) else f"{value:.4g}"
 
 
 def html_summary(result: Result) -> str:
