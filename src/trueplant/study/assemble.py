@@ -14,11 +14,9 @@ from trueplant.detect import Found
 from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.study.cascade import cascade_notes, check_cascades
-from trueplant.study.causes import causes_of
 from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
 from trueplant.study.detectors import published_detections
-from trueplant.study.more_data import more_data
 from trueplant.study.notes import controller_notes, notes_of
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
 from trueplant.study.retuning import Retuning, retuning_of
@@ -70,8 +68,6 @@ def assemble(
         notes += cascade_notes(cascades)
     if consistency:
         methods["controller_consistency"] = list(consistency)
-    if answered:
-        notes += causes_of(study, estimates, found, elements)
     if study.project.analysis.detectors:
         methods["detectors"] = published_detections(study)
     notes += [Reason("methods", sentence) for sentence in others.agreement if "disagree" in sentence]
@@ -79,8 +75,6 @@ def assemble(
     loop = robustness_of(study, plant, estimates) if answered else LoopToday()
     retuned = retuning_of(study, plant, estimates, others.response) if answered else Retuning()
     curves = curves_of(study, estimates, found, plant, others.response)
-    plans = more_data(study, estimates, plant)
-    notes += [Reason("more-data", f"to settle what is open: {plan['sentence']}") for plan in plans[:1]]
     return Result(
         status="ok" if answered else "refused",
         reasons=tuple(reasons),
@@ -91,7 +85,6 @@ def assemble(
         methods=methods,
         robustness=loop.table,
         controllers=retuned.table,
-        more_data=tuple(plans),
         notes=(*loop.notes, *retuned.notes, *notes),
         curves=replace(curves, mu=loop.mu, retuning=retuned.curves),
         plant_toml=study.project.with_model(updated).to_toml(),
