@@ -14,6 +14,8 @@ from trueplant.tune import (
     common_grid,
     draw_parameters,
     peaks,
+    propose,
+    shaped_like,
     slow_down,
     tune_together,
     tune_uncertain,
@@ -193,3 +195,68 @@ def test_what_cannot_be_promised_is_refused():
     both = Controller.diagonal([PID(Kc=0.1, Ti=5.0)] * 2)
     with pytest.raises(LoopError, match="so many plants|of the plants"):
         tune_together(uncertain(singular, 0.05, [(0, 0), (1, 1)]), tasks, both)
+
+
+# -- all methods for all loops ------------------------------------------------------------------------------------
+
+BLT = Controller.diagonal([PID(Kc=0.375, Ti=8.29), PID(Kc=-0.0754, Ti=23.6)])
+
+
+@pytest.mark.parametrize("form", ["ideal", "parallel"])
+def test_every_method_is_stable_and_keeps_its_crossover(form):
+    like = PID(Kc=1.0) if form == "ideal" else PID(form="parallel", Kp=1.0)
+    tasks = [LoopTask(0, 0, 0.4, like), LoopTask(1, 1, 0.2, like)]
+    known = uncertain(WOOD_BERRY, 0.05, [(0, 0), (1, 1)])
+    methods = ("certain-share", "as-designed", "ziegler-nichols", "simc", "lambda", "blt", "sequential")
+    for found in propose(known, tasks, BLT, methods, model=WOOD_BERRY):
+        assert found.controller is not None and all(found.answered), found.notes
+        assert unstable_poles(WOOD_BERRY, found.controller) == 0
+        assert {law.form for law in found.controller.entries.values()} == {form}
+        w = np.geomspace(0.4, 20, 400)
+        for task in tasks:
+            g = WOOD_BERRY[task.output, task.input]
+            beyond = w[w > task.crossover]
+            loop = g(axis(beyond)) * found.controller.entries[task.input, task.output].feedback(axis(beyond))
+            assert np.max(np.abs(loop)) < 1.001
+        assert (found.price[0] is not None) == (found.method == "certain-share")
+
+
+def test_luybens_settings_come_out_of_blt_and_are_calm():
+    tasks = [LoopTask(i, i, 5.0, PID(Kc=1.0)) for i in range(2)]
+    found = propose(UncertainPlant(WOOD_BERRY, {}), tasks, BLT, ["blt"])[0]
+    laws = found.controller.entries
+    assert (laws[0, 0].Kc, laws[1, 1].Kc) == pytest.approx((0.375, -0.0754), rel=2e-3)
+    assert (laws[0, 0].Ti, laws[1, 1].Ti) == pytest.approx((8.29, 23.6), rel=2e-3)
+    assert found.notes == ("", "")
+
+
+def test_loops_that_disturb_each_other_are_slowed_down_together():
+    """Ziegler and Nichols' settings for each element of Wood-Berry alone are unstable together."""
+    tasks = [LoopTask(i, i, 5.0, PID(Kc=1.0)) for i in range(2)]
+    found = propose(UncertainPlant(WOOD_BERRY, {}), tasks, BLT, ["ziegler-nichols"])[0]
+    assert all("disturb each other" in note for note in found.notes)
+    assert max(margins(WOOD_BERRY, found.controller, i).Ms for i in range(2)) <= 2
+
+
+@pytest.mark.parametrize("scan", [None, 0.5])
+@pytest.mark.parametrize("td", [0.0, 1.0])
+def test_a_loop_is_shaped_like_the_one_of_a_plant_that_differs_by_a_factor(scan, td):
+    old, new = tf("2 exp(-s)/(5 s + 1)"), tf("3 exp(-s)/(5 s + 1)")
+    today = PID(Kc=1.2, Ti=4.0, Td=td, alpha=0.2, sample_time=scan)
+    found = shaped_like(new, today, old, 0.5)
+    np.testing.assert_allclose(found.parallel[:3], np.array(today.parallel[:3]) / 1.5, rtol=1e-9)
+    assert found.sample_time == scan
+
+
+def test_a_model_that_is_missing_leaves_the_loop_as_it_is():
+    tasks = [LoopTask(i, i, 1.0, PID(Kc=1.0)) for i in range(2)]
+    lacking = TransferMatrix.of([["12.8 exp(-s)/(16.7 s + 1)", "0"], ["0", "0"]], "min")
+    found = propose(UncertainPlant(WOOD_BERRY, {}), tasks, BLT, ["as-designed"], model=lacking)[0]
+    assert found.answered == (True, False)
+    assert "no model" in found.notes[1]
+    assert found.controller.entries[1, 1] == BLT.entries[1, 1]
+
+
+def test_an_unknown_method_is_refused():
+    with pytest.raises(LoopError, match="unknown tuning method 'magic'"):
+        propose(UncertainPlant(WOOD_BERRY, {}), [], BLT, ["magic"])

@@ -91,7 +91,7 @@ def asked_of(
         assumptions.append(f"taken as declared, as if certain: the response of this output to {', '.join(held)}")
     like = now if isinstance(now, PID) else _like(now)
     form = tuning.form or (like.form if isinstance(now, PID) else "ideal")
-    kind = tuning.kind or ("PID" if isinstance(now, PID) and now.parallel[2] else "PI")
+    kind = tuning.kind or ("PID" if isinstance(now, PID) and now.parallel[2] * now.parallel[0] > 0 else "PI")
     task = LoopTask(
         input=i,
         output=j,

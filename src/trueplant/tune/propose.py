@@ -22,7 +22,7 @@ from trueplant.tune.retune import METHODS, retune
 from trueplant.tune.several import blt, sequential
 from trueplant.tune.shaping import shaped_like
 from trueplant.tune.state_space import DESIGNS, fastest
-from trueplant.tune.together import LoopTask, TunedTogether, slow_down, tune_together, with_entries
+from trueplant.tune.together import LoopTask, TunedTogether, bare_law, slow_down, tune_together, with_entries
 
 Array = NDArray[np.float64]
 
@@ -214,8 +214,7 @@ def _several(
     for k, task in enumerate(tasks):
         bare = tuned.entries[k, k]
         assert isinstance(bare, PID)
-        kept = replace(task.like, form="ideal", Kc=bare.Kc, Ti=bare.Ti, Td=bare.Td, alpha=bare.alpha)
-        kept = replace(kept, Kp=None, Ki=0.0, Kd=0.0, Tf=0.0, action=None, gain_unit="engineering")
+        kept = replace(bare_law(task), Kc=bare.Kc, Ti=bare.Ti, Td=bare.Td, alpha=bare.alpha)
         law, note = _in_form(with_entries(today, {task: kept}), task)
         laws[task], factor = _within_crossover(plant[task.output, task.input], law, task)
         said = [note] if note else []

@@ -185,10 +185,10 @@ def _calmed(plant: TransferMatrix, tasks: Sequence[LoopTask], start: Controller)
         usable = isinstance(today, PID) and today.pv_transform is None and today.parallel[0] * sign > 0
         if usable and isinstance(today, PID) and today.parallel[1] * sign > 0:
             kp, ki, *_ = today.parallel
-            pid = replace(_blank(task), Kc=kp, Ti=kp / ki)
+            pid = replace(bare_law(task), Kc=kp, Ti=kp / ki)
         else:
             size = abs(plant[task.output, task.input](np.array([1j * task.crossover]))[0])
-            pid = replace(_blank(task), Kc=sign / (10 * size), Ti=10 / task.crossover)
+            pid = replace(bare_law(task), Kc=sign / (10 * size), Ti=10 / task.crossover)
         laws[task] = pid
     factor = 1.0
     while factor >= _CALMEST:
@@ -204,7 +204,7 @@ def _as_pid(entry: Entry) -> PID:
     return entry
 
 
-def _blank(task: LoopTask) -> PID:
+def bare_law(task: LoopTask) -> PID:
     """All of the task's law but gains and times, in the ideal form and engineering units."""
     bare = replace(task.like, form="ideal", Kc=1.0, Ti=None, Td=0.0, alpha=task.alpha, Kp=None, Ki=0.0, Kd=0.0, Tf=0.0)
     return replace(bare, action=None, gain_unit="engineering")
@@ -259,7 +259,7 @@ def _largest(
     known_td: float | None,
 ) -> PID:
     """The PI or PID with the largest ki that all but this share of the plants stand in each version (count, n_w)."""
-    blank = _blank(task)
+    blank = bare_law(task)
     sign = float(np.sign(own[0].real)) if abs(own[0].real) >= abs(own[0].imag) else float(-np.sign(own[0].imag))
     discs = Discs.of(sign * np.concatenate(seen), w, Limits(limit, limit))
     beyond = w >= task.crossover
