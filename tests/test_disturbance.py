@@ -5,6 +5,8 @@ All records here are simulated.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant.disturbance import DisturbedFit, Part, fit_with_disturbance, likelihood_p, recover
 from trueplant.disturbance.kalman import smoothed, whitened
 from trueplant.disturbance.models import system_of
-from trueplant.errors import Refused, UsageError
+from trueplant.errors import UsageError
 from trueplant.identify import OutputEstimate, Spec, identify_output
 from trueplant.loop import Simulation, simulate, step_disturbance
 from trueplant.lti import TransferMatrix, sampled_response
@@ -214,20 +216,48 @@ def test_measured_disturbances_are_not_recovered_twice():
     v = coloured(rng, samples, 2, [1, -0.5], [1], 0.05) + sampled_response(feed, d, 1.0, "linear")
     simulation = simulate(WOOD_BERRY, BLT, random_switching(rng, samples, 2, 20.0), 1.0, v=v)
     segment = segment_of(simulation)
-    with_feed = type(segment)(**{**vars(segment), "d": d})
+    with_feed = replace(segment, d=d)
     rows = zip(WOOD_BERRY.elements, feed.elements, strict=True)
     whole = TransferMatrix(tuple((*a, *b) for a, b in rows))
     assert np.nanstd(recover(with_feed, whole).raw) < 0.06
     assert np.nanstd(recover(with_feed, WOOD_BERRY).raw) > 1.0
 
 
-def test_what_cannot_be_recovered_is_refused():
-    segment = segment_of(stepped(2, samples=400))
+def test_a_plant_of_another_shape_is_refused():
     with pytest.raises(UsageError, match="must agree"):
-        recover(segment, TransferMatrix.of([["1/(s + 1)"]]))
-    empty = type(segment)(**{**vars(segment), "y": np.full_like(segment.y, np.nan)})
-    with pytest.raises(Refused, match="measured samples"):
-        recover(empty, WOOD_BERRY)
+        recover(segment_of(stepped(2, samples=400)), TransferMatrix.of([["1/(s + 1)"]]))
+
+
+def test_an_output_that_was_not_measured_is_left_open():
+    segment = segment_of(stepped(2, samples=400))
+    y = segment.y.copy()
+    y[15:, 0] = np.nan
+    found = recover(replace(segment, y=y), WOOD_BERRY)
+    assert np.isnan(found.value[:, 0]).all()
+    assert np.isfinite(found.value[:, 1]).all()
+
+
+def test_gaps_are_bridged():
+    """A quarter of PV lost in stretches: what is recovered there is known less well, and covers."""
+    rng = np.random.default_rng(8)
+    v = coloured(rng, 2000, 2, [1, -0.97], [1], 0.5)
+    segment = segment_of(simulate(WOOD_BERRY, BLT, random_switching(rng, 2000, 2, 20.0), 1.0, v=v))
+    lost = (np.arange(2000) % 80 < 20) & (np.arange(2000) > 100)
+    found = recover(replace(segment, y=np.where(lost[:, None], np.nan, segment.y)), WOOD_BERRY)
+    error = (found.value - v) - np.mean((found.value - v)[~lost], axis=0)
+    # outside the gaps there is the level's own uncertainty, of the order of 0.1
+    assert np.all(
+        np.min(found.std[lost & (np.arange(2000) % 80 == 10)], axis=0) > 2 * np.median(found.std[~lost], axis=0)
+    )
+    assert 0.9 < np.mean(np.abs(error[lost]) < 1.96 * found.std[lost]) < 0.99
+
+
+def test_records_without_noise_are_told_apart_exactly():
+    rng = np.random.default_rng(9)
+    v = step_disturbance(1000, 1.0, 400.0, [3.0, 0.0])
+    simulation = simulate(PLANT, BLT, random_switching(rng, 1000, 2, 20.0), 1.0, v=v)
+    for i in range(2):
+        assert np.allclose(together(simulation, i).theta, np.concatenate([TRUE[i, 0], TRUE[i, 1]]), rtol=1e-4)
 
 
 # -- mismatch or disturbance? ----------------------------------------------------------------------------------

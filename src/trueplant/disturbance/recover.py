@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from trueplant.disturbance.kalman import smoothed, whitened
 from trueplant.disturbance.models import Part, ramps
 from trueplant.disturbance.noise import Noise, Signal, find_jumps, fit_noise_and_jumps
-from trueplant.errors import Refused, UsageError
+from trueplant.errors import UsageError
 from trueplant.identify import pieces_of
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.record import Segment
@@ -26,7 +26,7 @@ FEWEST = 20
 class Recovered:
     """What acted on the outputs besides the plant, over one segment; all (N, n_y) but t, relative to the start.
 
-    Outputs with too few measurements are NaN throughout.
+    NaN throughout for outputs of which fewer than FEWEST samples were measured.
     """
 
     t: Array
@@ -56,8 +56,7 @@ def recover(
     number; a first-order background and white noise are always there. Their sizes are found by maximum likelihood,
     unless `noise` has them (as `fit_with_disturbance` found them).
 
-    A plant that is not right shows in v as what it gets wrong. Raises UsageError for shapes that do not fit, Refused
-    where no output has enough samples.
+    A plant that is not right shows in v as what it gets wrong. Raises UsageError for shapes that do not fit.
     """
     n_y, columns = plant.shape
     n_u = segment.u.shape[1]
@@ -84,8 +83,6 @@ def recover(
             signal = find_jumps(own, signal)
         raw[:, i], value[:, i], std[:, i], known[:, i] = _one(own, signal)
         jumps[i] = signal.jumps
-    if not np.isfinite(value).any():
-        raise Refused(f"no output has {FEWEST} measured samples in this segment: its disturbance cannot be told")
     return Recovered(segment.t, raw, value, std, known, tuple(jumps))
 
 
