@@ -18,6 +18,7 @@ from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
 from trueplant.study.detectors import published_detections
 from trueplant.study.notes import controller_notes, notes_of
+from trueplant.study.more_data import more_data
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
 from trueplant.study.retuning import Retuning, retuning_of
 from trueplant.study.robustness import LoopToday, robustness_of
@@ -78,6 +79,8 @@ def assemble(
     return Result(
         status="ok" if answered else "refused",
         reasons=tuple(reasons),
+    plans = more_data(study, estimates, plant)
+    notes += [Reason("more-data", f"to settle what is open: {plan['sentence']}") for plan in plans[:1]]
         provenance=provenance(study),
         data=data_tables(study),
         elements=elements,
@@ -88,6 +91,7 @@ def assemble(
         notes=(*loop.notes, *retuned.notes, *notes),
         curves=replace(curves, mu=loop.mu, retuning=retuned.curves),
         plant_toml=study.project.with_model(updated).to_toml(),
+        more_data=tuple(plans),
     )
 
 

@@ -188,6 +188,8 @@ class Result:
     methods: Mapping[str, Any] = field(default_factory=dict)
     robustness: Mapping[str, Any] = field(default_factory=dict)
     controllers: tuple[Mapping[str, Any], ...] = ()
+    more_data: tuple[Mapping[str, Any], ...] = ()
+    """Moves that would settle what is open, the shortest first."""
     notes: tuple[Reason, ...] = ()
     """What the reader should know although it was not refused; also in result.json."""
     curves: Curves | None = None
@@ -221,6 +223,7 @@ class Result:
             "methods": self.methods,
             "robustness": self.robustness,
             "controllers": self.controllers,
+            "more_data": self.more_data,
         }
         converted: dict[str, Any] = plain(body)
         return converted

@@ -117,10 +117,7 @@ def _window(one: Followed, window: Any) -> Window:
 
 def _element(one: Followed, window: Fitted, column: int) -> WindowElement:
     found, verdict = window.found[column], window.verdicts[column]
-    project = one.row.study.project
-    unit_of = (*project.inputs, *project.disturbances)[column].unit
-    structure = found.spec.structure
-    units = structure.units(project.outputs[one.row.output].unit, unit_of, project.time_unit)
+    structure, units = found.spec.structure, one.row.units(column)
     parameters = []
     for k, name in enumerate(structure.names):
         told = k not in found.reasons

@@ -289,8 +289,7 @@ def _change(
 ) -> Change:
     project = one.row.study.project
     structure = next(s.structure for s in one.row.specs if s.column == column)
-    inputs = (*project.inputs, *project.disturbances)
-    units = structure.units(project.outputs[one.row.output].unit, inputs[column].unit, project.time_unit)
+    units = one.row.units(column)
     kept = one.kept(column)
     sigma = np.sqrt(np.diag(covariance))
     rise = after - before

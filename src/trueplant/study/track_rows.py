@@ -23,6 +23,7 @@ from trueplant.identify import (
     unanswered,
 )
 from trueplant.identify.crossed import less_sure
+from trueplant.identify.predict import Piece
 from trueplant.study.informative import excited
 from trueplant.study.track_windows import (
     FEWEST_ERRORS,
@@ -113,6 +114,13 @@ class FollowedRow:
             out.append(self._fit(window))
         return out
 
+    def units(self, column: int) -> tuple[str, ...]:
+        """Of the parameters of an element."""
+        project = self.study.project
+        inputs = [*(entry.unit for entry in project.inputs), *(entry.unit for entry in project.disturbances)]
+        structure = next(spec.structure for spec in self.specs if spec.column == column)
+        return structure.units(project.outputs[self.output].unit, inputs[column], project.time_unit)
+
     def _segments(self, experiment: int) -> tuple[Segment, ...]:
         return self.study.screened[experiment].segments
 
@@ -163,7 +171,8 @@ class FollowedRow:
 
     def row_of(self, windows: Sequence[Fitted]) -> tuple[Row, Array]:
         """The raw record from the first to the last of some neighbouring windows, and the clock of its pieces."""
-        pieces, clock = [], []
+        pieces: list[Piece] = []
+        clock: list[float] = []
         for experiment in sorted({w.stretch.experiment for w in windows}, key=lambda k: self.offsets[k]):
             own = [w.stretch for w in windows if w.stretch.experiment == experiment]
             whole = Stretch(experiment, own[0].start, own[-1].end)
