@@ -40,7 +40,6 @@ from trueplant.identify.instrumental import (
     clsrivc,
     rivc,
     srivc,
-    started,
     state_variable_filter,
     two_stage,
 )
@@ -53,13 +52,17 @@ from trueplant.lti.structure import structure_of
 from trueplant.record.types import Segment
 
 FIRST_SEED = 20_000
-Method = Callable[[Segment], tuple[np.ndarray, np.ndarray]]
+Shared = dict[str, PolynomialFit]
+"""SRIVC's result on the same record, from which the methods after it start."""
+Method = Callable[[Segment, Shared], tuple[np.ndarray, np.ndarray]]
 """Estimate and claimed standard errors."""
 
 
-def coefficients(method: Callable[[Segment], PolynomialFit]) -> Method:
-    def run(segment: Segment) -> tuple[np.ndarray, np.ndarray]:
-        fit = method(segment)
+def coefficients(method: Callable[[Segment, np.ndarray | None], PolynomialFit]) -> Method:
+    def run(segment: Segment, shared: Shared) -> tuple[np.ndarray, np.ndarray]:
+        fit = method(segment, shared["SRIVC"].theta if "SRIVC" in shared else None)
+        if fit.method == "SRIVC":
+            shared["SRIVC"] = fit
         return fit.theta, fit.std
 
     return run
@@ -68,9 +71,8 @@ def coefficients(method: Callable[[Segment], PolynomialFit]) -> Method:
 def direct(order: Order, structure: str) -> Method:
     """The fit of `trueplant run` through a named structure, from SRIVC, noise order chosen, known dead time kept."""
 
-    def run(segment: Segment) -> tuple[np.ndarray, np.ndarray]:
-        begun = srivc([segment], 0, [order])
-        found, start = structure_of(begun.transfer())
+    def run(segment: Segment, shared: Shared) -> tuple[np.ndarray, np.ndarray]:
+        found, start = structure_of(shared["SRIVC"].transfer())
         assert found == Structure.parse(structure), found
         row = Row((Spec(0, found),), pieces_of([segment], 0))
         free = np.array([not name.startswith("dead") for name in found.names])
@@ -84,10 +86,11 @@ def direct(order: Order, structure: str) -> Method:
 
 
 def searched(order: Order, structure: Structure) -> Method:
-    """`estimate_row` from `started`, told nothing but the structure: dead time and noise order are searched."""
+    """`estimate_row` from SRIVC (what `started` does), told nothing but the structure: its own search comes after."""
 
-    def run(segment: Segment) -> tuple[np.ndarray, np.ndarray]:
-        row = Row(started([segment], 0, [Spec(0, structure)]), pieces_of([segment], 0))
+    def run(segment: Segment, shared: Shared) -> tuple[np.ndarray, np.ndarray]:
+        start = tuple(float(x) for x in shared["SRIVC"].as_structure(structure)[0])
+        row = Row((Spec(0, structure, start),), pieces_of([segment], 0))
         return as_coefficients(estimate_row(row, 1.0), order)
 
     return run
@@ -138,14 +141,13 @@ def compare(
     failed = dict.fromkeys(methods, 0)
     bounds = []
     for k in range(runs):
-        if k % 100 == 99:
-            print(f"  {title}: {k + 1} of {runs}", file=sys.stderr, flush=True)
         segment = record(FIRST_SEED + k)
         bounds.append(bound_of(segment))
+        shared: Shared = {}
         for name, method in methods.items():
             begun = time.perf_counter()
             try:
-                theta, std = method(segment)
+                theta, std = method(segment, shared)
             except (AssertionError, np.linalg.LinAlgError) as error:
                 print(f"  {name}, seed {FIRST_SEED + k}: {type(error).__name__} {error}")
                 failed[name] += 1
@@ -153,12 +155,27 @@ def compare(
             seconds[name] += time.perf_counter() - begun
             found[name].append(theta)
             claimed[name].append(std)
+        if (k + 1) % 200 == 0 or k + 1 == runs:
+            summarise(f"{title}: {k + 1} of {runs} runs", names, truth, bounds, found, claimed, seconds, failed, wrong)
+
+
+def summarise(
+    title: str,
+    names: tuple[str, ...],
+    truth: np.ndarray,
+    bounds: list[np.ndarray],
+    found: dict[str, list[np.ndarray]],
+    claimed: dict[str, list[np.ndarray]],
+    seconds: dict[str, float],
+    failed: dict[str, int],
+    wrong: Callable[[np.ndarray], bool],
+) -> None:
     limit = np.sqrt(np.mean(bounds, axis=0))
-    print(f"\n{title}: {runs} runs, seeds {FIRST_SEED} on")
+    print(f"\n{title}, seeds {FIRST_SEED} on")
     print(f"{'':26}" + "".join(f"{n:>11}" for n in names))
     print(f"{'true':26}" + "".join(f"{v:11.5g}" for v in truth))
     print(f"{'Cramer-Rao std':26}" + "".join(f"{v:11.4g}" for v in limit))
-    for name in methods:
+    for name in found:
         theta = np.array(found[name])
         count = len(theta)
         spread = theta.std(axis=0)
@@ -180,9 +197,9 @@ def compare(
 def rao_garnier(runs: int) -> None:
     order = Order(0, 4, 1)
     methods = {
-        "equation error (25 rad/s)": coefficients(lambda s: state_variable_filter([s], 0, order, 25.0)),
-        "its instrument": coefficients(lambda s: state_variable_filter([s], 0, order, 25.0, instrument=True)),
-        "SRIVC": coefficients(lambda s: srivc([s], 0, [order])),
+        "equation error (25 rad/s)": coefficients(lambda s, p: state_variable_filter([s], 0, order, 25.0)),
+        "its instrument": coefficients(lambda s, p: state_variable_filter([s], 0, order, 25.0, instrument=True)),
+        "SRIVC": coefficients(lambda s, p: srivc([s], 0, [order], p)),
         "direct fit": direct(order, "pair+pair+lead"),
     }
 
@@ -195,14 +212,14 @@ def rao_garnier(runs: int) -> None:
 def closed(runs: int, noise: str) -> None:
     order = Order(0, 2, 1)
     methods = {
-        "SRIVC": coefficients(lambda s: srivc([s], 0, [order])),
-        "CLSRIVC": coefficients(lambda s: clsrivc([s], {0: [order]}, tustin())[0]),
-        "CLSRIVC, wrong Q": coefficients(lambda s: clsrivc([s], {0: [order]}, tustin(6.0, 10.0))[0]),
-        "two-stage": coefficients(lambda s: two_stage([s], 0, [order])),
+        "SRIVC": coefficients(lambda s, p: srivc([s], 0, [order], p)),
+        "CLSRIVC": coefficients(lambda s, p: clsrivc([s], {0: [order]}, tustin(), {0: p})[0]),
+        "CLSRIVC, wrong Q": coefficients(lambda s, p: clsrivc([s], {0: [order]}, tustin(6.0, 10.0), {0: p})[0]),
+        "two-stage": coefficients(lambda s, p: two_stage([s], 0, [order], p)),
         "direct fit": direct(order, "pair+lead"),
     }
     if noise == "coloured":
-        methods["RIVC"] = coefficients(lambda s: rivc([s], 0, [order]))
+        methods["RIVC"] = coefficients(lambda s, p: rivc([s], 0, [order], start=p))
     model = ArmaNoise(np.array([-0.85]), np.array([0.5])) if noise == "coloured" else ArmaNoise()
     innovation = 0.00498**2
     if noise == "coloured":
@@ -222,7 +239,7 @@ def delay(runs: int) -> None:
     order = Order(0, 2, 1, None)
     std = np.std(delayed_record(0, np.inf).y[30:]) * 10 ** (-15 / 20)
     methods = {
-        "SRIVC, dead time searched": coefficients(lambda s: srivc([s], 0, [order])),
+        "SRIVC, dead time searched": coefficients(lambda s, p: srivc([s], 0, [order], p)),
         "direct fit, all searched": searched(order, Structure.parse("pair+lead")),
     }
 
@@ -240,7 +257,7 @@ def delay(runs: int) -> None:
 def quantised(runs: int) -> None:
     """Wood-Berry under BLT PI, AR(1) disturbance of std 0.3, PV rounded; no method is told the controller."""
     fopdt = Structure.parse("fopdt")
-    for share in (0.1, 0.5, 1.0):
+    for share in (0.5, 1.0, 0.1):
         quantum = 0.3 * share
         for i in range(2):
             truth = np.concatenate([structure_of(WOOD_BERRY[i, j])[1] for j in range(2)])
@@ -252,7 +269,9 @@ def quantised(runs: int) -> None:
                 v = coloured(rng, 4000, 2, [1, -0.8], [1], 0.3)
                 return segment_of(simulate(WOOD_BERRY, BLT, r, 1.0, v=v, quantisation=quantum))
 
-            def fitted(segment: Segment, i: int = i, start: np.ndarray = start) -> tuple[np.ndarray, np.ndarray]:
+            def fitted(
+                segment: Segment, _: Shared, i: int = i, start: np.ndarray = start
+            ) -> tuple[np.ndarray, np.ndarray]:
                 specs = tuple(Spec(j, fopdt, tuple(start[3 * j : 3 * j + 3])) for j in range(2))
                 fit = estimate_row(Row(specs, pieces_of([segment], i)), 20.0)
                 return fit.theta, np.sqrt(np.diag(fit.covariance))

@@ -30,7 +30,10 @@ MEMORY = 0.2
 
 
 def clsrivc(
-    segments: Sequence[Segment], orders: Mapping[int, Sequence[Order]], controller: Controller
+    segments: Sequence[Segment],
+    orders: Mapping[int, Sequence[Order]],
+    controller: Controller,
+    start: Mapping[int, Array] | None = None,
 ) -> dict[int, PolynomialFit]:
     """Closed-loop simplified refined instrumental variables, one result an output of `orders`.
 
@@ -40,8 +43,9 @@ def clsrivc(
     controller and white noise its covariance s2 (sum zeta zeta')^-1 is the least that instruments from r can have.
 
     `orders` names the elements of every output of the plant: the instrument needs the whole loop. It starts from the
-    two-stage method, which is also what is left where the loop cannot be simulated (unstable, or no continuous law): a
-    note says so. OP limits are ignored in the instrument.
+    two-stage method (that from `start`, the coefficients of each output, where given), which is also what is left where
+    the loop cannot be simulated (unstable, or no law that runs in time): a note says so. OP limits are ignored in the
+    instrument.
 
     Gilson, Garnier, Young and Van den Hof (2008), in Garnier and Wang (eds.), Identification of Continuous-time Models
     from Sampled Data, Springer.
@@ -54,7 +58,7 @@ def clsrivc(
     law = controller.linearised(np.nanmean(np.vstack([s.y for s in segments]), axis=0))
     parts, samples, projected = {}, {}, {}
     for i, row in orders.items():
-        parts[i], samples[i], projected[i] = _projected_start(segments, i, row)
+        parts[i], samples[i], projected[i] = _projected_start(segments, i, row, None if start is None else start.get(i))
     notes: list[str] = []
     for _ in range(ROUNDS):
         plant = _matrix(orders, {i: refined.theta for i, refined in parts.items()}, n_y, n_u)
@@ -85,7 +89,9 @@ def clsrivc(
     }
 
 
-def two_stage(segments: Sequence[Segment], output: int, orders: Sequence[Order]) -> PolynomialFit:
+def two_stage(
+    segments: Sequence[Segment], output: int, orders: Sequence[Order], start: Array | None = None
+) -> PolynomialFit:
     """The projection method: no controller needed, only that set-points were recorded and moved.
 
     First each recorded input is projected on the past of all set-points (least squares on sums over blocks of lags
@@ -97,18 +103,18 @@ def two_stage(segments: Sequence[Segment], output: int, orders: Sequence[Order])
 
     Raises Refused where set-points are not recorded or do not move.
     """
-    refined, samples, notes = _projected_start(segments, output, orders)
+    refined, samples, notes = _projected_start(segments, output, orders, start)
     return finished("two-stage", orders, samples, refined, notes=notes)
 
 
 def _projected_start(
-    segments: Sequence[Segment], output: int, orders: Sequence[Order]
+    segments: Sequence[Segment], output: int, orders: Sequence[Order], start: Array | None
 ) -> tuple[Refined, tuple[Samples, ...], list[str]]:
     samples = samples_of(segments, output)
     common_sample_time(samples, "an instrument from set-points")
     inputs, shares = projected_inputs(segments)
     instruments = samples_of([replace(s, u=u) for s, u in zip(segments, inputs, strict=True)], output)
-    begun = best_start(orders, samples)
+    begun = best_start(orders, samples, start)
     refined = refine(orders, begun.theta, samples, _always(instruments))
     said = ", ".join(f"{100 * share:.0f} %" for share in shares)
     return refined, samples, [f"set-points explain {said} of the variance of the inputs"]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from trueplant.identify.noise import choose_order, fit_ar, lagged
+from trueplant.identify.noise import fit_ar, lagged, whitened_valid
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -114,6 +114,23 @@ def choose_arma(signals: Sequence[Array], valid: Sequence[BoolArray]) -> ArmaNoi
     return chosen
 
 
+def colour(errors: Sequence[Array], valid: Sequence[BoolArray]) -> int:
+    """Autoregressive order of errors by the Bayesian criterion; 0 where they are white."""
+    longest = max(0, min(LONGEST_AR, min(e.size for e in errors) // 10))
+    best, order = np.inf, 0
+    for p in (*range(min(longest, 6) + 1), *range(8, longest + 1, 4)):
+        _, variance, _ = fit_ar(errors, valid, p)
+        count = sum(int(whitened_valid(p, ok).sum()) for ok in valid)
+        if count < 5 * (p + 2) or variance <= 0:
+            break
+        criterion = np.log(variance) + np.log(count) * p / count
+        if criterion < best:
+            best, order = criterion, p
+        elif p > order + 8:
+            break
+    return order
+
+
 def coloured_moment(
     instruments: Sequence[Array], errors: Sequence[Array], valid: Sequence[BoolArray]
 ) -> tuple[Array, int]:
@@ -121,8 +138,7 @@ def coloured_moment(
 
     R is that of an autoregressive model of the errors, its order by the Bayesian criterion; order 0 is white noise.
     """
-    longest = max(0, min(LONGEST_AR, min(e.size for e in errors) // 10))
-    order = choose_order(errors, valid, longest)
+    order = colour(errors, valid)
     ar, variance, _ = fit_ar(errors, valid, order)
     total = np.zeros((instruments[0].shape[1],) * 2)
     for z, ok in zip(instruments, valid, strict=True):

@@ -12,6 +12,7 @@ from trueplant.errors import Refused
 from trueplant.identify.instrumental.noise import (
     ArmaNoise,
     choose_arma,
+    colour,
     coloured_moment,
     fit_arma,
     without_noise_directions,
@@ -27,7 +28,6 @@ from trueplant.identify.instrumental.start import (
     solve_instrumental,
     starts,
 )
-from trueplant.identify.noise import choose_order
 from trueplant.record.types import Segment
 
 Array = NDArray[np.float64]
@@ -189,6 +189,6 @@ def _check_inputs(orders: Sequence[Order], samples: Sequence[Samples]) -> None:
 def _closed_loop_note(segments: Sequence[Segment], point: Point) -> list[str]:
     if not any(segment.closed for segment in segments):
         return []
-    if choose_order(point.errors, point.usable, 20) == 0:
+    if colour(point.errors, point.usable) == 0:
         return []
     return ["coloured noise in a closed loop biases SRIVC, which its standard errors do not count: see rivc, clsrivc"]

@@ -149,7 +149,7 @@ def slices(orders: Sequence[Order]) -> tuple[slice, ...]:
 def nuisance(orders: Sequence[Order], theta: Array, samples: Samples) -> Array:
     """Columns (N, n_z) of what is not known of the past: the operating point and, unless the record starts at rest, the
     free response of every element, s^i/A for i below the order; 0 where the output was not measured."""
-    columns = [np.ones((samples.t.size, 1))]
+    columns: list[Array] = [np.ones((samples.t.size, 1))]
     for start, order, part in _unknown_starts(orders, samples):
         if order.lags:
             den = np.concatenate([[1.0], theta[part][: order.lags]])
@@ -157,8 +157,9 @@ def nuisance(orders: Sequence[Order], theta: Array, samples: Samples) -> Array:
             columns.append(samples.released(num, den, start).T)
         if order.integrators:
             # at the start the operating point of the input is not known, after a gap the level
-            since = np.where(np.arange(samples.t.size) >= start, samples.t - samples.t[start], 0.0)
-            columns.append((np.arange(samples.t.size) >= start)[:, None] * (1.0 if start else since[:, None]))
+            began = np.arange(samples.t.size) >= start
+            level = np.ones(samples.t.size) if start else samples.t
+            columns.append(np.asarray(np.where(began, level, 0.0)[:, None], dtype=float))
     return np.where(samples.valid[:, None], np.hstack(columns), 0.0)
 
 

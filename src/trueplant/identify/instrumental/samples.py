@@ -70,11 +70,10 @@ def samples_of(segments: Sequence[Segment], output: int) -> tuple[Samples, ...]:
     for segment in segments:
         valid = np.isfinite(segment.y[:, output])
         if not _is_uniform(segment) and valid.sum() >= 2:
-            inputs = np.asarray(np.column_stack([segment.u, segment.d]).T, dtype=np.float64)
-            t: Array = np.ascontiguousarray(segment.t - segment.t[0])
+            inputs: Array = np.ascontiguousarray(np.column_stack([segment.u, segment.d]).T)
             found.append(
                 Samples(
-                    t,
+                    np.asarray(segment.t - segment.t[0], dtype=np.float64),
                     np.where(valid, segment.y[:, output], 0.0),
                     valid,
                     np.ascontiguousarray(inputs - inputs[:, :1]),
@@ -107,7 +106,7 @@ def _is_uniform(segment: Segment) -> bool:
 
 
 def _of_piece(piece: Piece) -> Samples:
-    t = piece.h * np.arange(piece.y.size)
+    t = np.asarray(piece.h * np.arange(piece.y.size), dtype=np.float64)
     return Samples(t, piece.y, piece.valid, piece.inputs, piece.hold, piece.starts_at_rest, piece.restarts, piece.h)
 
 
