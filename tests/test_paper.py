@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import re
 
@@ -125,13 +127,16 @@ def test_table_4_and_what_20_percent_refers_to(entries):
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("paper") / "deep"
-    status = main(["paper", "--out", str(folder), "--seeds", "2"])
-    return status, folder
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        status = main(["paper", "--out", str(folder), "--seeds", "2", "--json"])
+    return status, folder, said.getvalue()
 
 
 def test_the_command_writes_both_files(written, entries):
-    status, folder = written
+    status, folder, said = written
     assert status == 0
+    assert said == (folder / "paper.json").read_text("utf-8")
     assert sorted(p.name for p in folder.iterdir()) == ["paper.html", "paper.json"]
     rows = json.loads((folder / "paper.json").read_text("utf-8"))
     assert all(list(row) == ["id", "what", "printed", "computed", "agrees", "note"] for row in rows)
@@ -159,6 +164,9 @@ def test_the_page_shows_every_value_and_needs_no_network(written):
     text = page[: page.index('<script type="application/json"')]
     rows = json.loads((written[1] / "paper.json").read_text("utf-8"))
     assert all(f">{row['id']}</code>" in text for row in rows)
+    compared = [row for row in rows if row["agrees"] is not None]
+    agreeing = sum(row["agrees"] for row in compared)
+    assert f"{agreeing} of {len(compared)} printed values" in text
     for number in range(4, 16):
         if number != 9:  # a flow sheet
             assert f"Figure {number}:" in text, number
