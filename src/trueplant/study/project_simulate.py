@@ -38,7 +38,7 @@ def simulate_record(project: Project) -> pl.DataFrame:
         raise ProjectError(f"{project.source}: has no [[controller]]: simulate runs the closed loop, so declare one")
     plant = _plant(project, plan)
     loop.check_loop(plant, controller)
-    every = _steps_per_sample(project, plan, plant)
+    every = steps_per_sample(project, plan, plant)
     h = plan.sample_time / every
     r, y0, u0 = _setpoints(project, plan, h)
     done = loop.simulate(
@@ -97,7 +97,7 @@ def _plant(project: Project, plan: Simulate) -> TransferMatrix:
     return TransferMatrix.of(rows, project.time_unit)
 
 
-def _steps_per_sample(project: Project, plan: Simulate, plant: TransferMatrix) -> int:
+def steps_per_sample(project: Project, plan: Simulate, plant: TransferMatrix) -> int:
     """Fine enough for continuous controllers, and such that every scan is a whole number of steps."""
     scans = [law.sample_time for law in project.controllers if law.sample_time is not None]
     wanted = 1
