@@ -215,13 +215,16 @@ def test_settings_that_stay_are_not_to_be_entered(result):
 def test_a_law_that_is_no_pid_is_shown_as_its_formula(result):
     loop = json.loads(json.dumps(result.to_dict()["controllers"][0]))
     for proposal in loop["proposals"]:
-        proposal["settings"], proposal["shown"] = {"tf": "0.5 (4 s + 1)/(4 s (s + 1))"}, None
+        proposal["settings"] = {"tf": "0.5 (4 s + 1)/(4 s (s + 1))", "others": {"level": "0.1/s"}}
+        proposal["shown"] = None
     made = retuned.retuned(loop, "%", "degC")
     assert ("Form", "ideal", "formula") in [(s.label, s.now, s.new) for s in made.settings]
-    assert ("Transfer function", "none", "0.5 (4 s + 1)/(4 s (s + 1))") in [
-        (s.label, s.now, s.new) for s in made.settings
-    ]
-    assert Controller(**tomllib.loads(made.toml)["controller"][0]).tf == "0.5 (4 s + 1)/(4 s (s + 1))"
+    formula = "0.5 (4 s + 1)/(4 s (s + 1)); 0.1/s from level"
+    assert ("Transfer function", "none", formula) in [(s.label, s.now, s.new) for s in made.settings]
+    own, other = (Controller(**table) for table in tomllib.loads(made.toml)["controller"])
+    assert own.tf == "0.5 (4 s + 1)/(4 s (s + 1))" and (other.output, other.tf) == ("level", "0.1/s")
+    line = settings_lines(dataclasses.replace(result, controllers=(loop,)))[0]
+    assert "tf = 0.5 (4 s + 1)/(4 s (s + 1)) (now none), and from level as in the report" in line
 
 
 VENDOR = {"gain": "proportional band", "integral": "repeats", "derivative_filter": "divisor", "time_unit": "min"}
@@ -269,3 +272,28 @@ def test_both_palettes_know_every_role(page):
     roles = {t["meta"]["role"] for f in book(page)["figures"].values() for t in f["data"]}
     assert {"before", "after", "estimate", "limit"} <= roles
     assert roles <= LIGHT.keys() and LIGHT.keys() == DARK.keys()
+
+
+def test_fit_and_residual_tests_are_tables_not_nested_lists(result, parsed):
+    said = next(text for a, text in parsed.all("section") if a.get("id") == "fit")
+    row = result.fit[0]
+    tests = row["residual_tests"]
+    assert f"{number(row['fit_percent_model'])} {number(row['fit_percent_plant'])}" in said
+    assert f"{number(tests['whiteness_p'])} {number(tests['input_p']['reflux'])}" in said
+    assert "p, unrelated to reflux" in said
+    section = next(k for k, (_, a, _) in enumerate(parsed.elements) if a.get("id") == "fit")
+    after = [tag for tag, _, _ in parsed.elements[section:]]
+    assert "dl" not in after[: after.index("section", 1)]
+
+
+def test_moves_that_would_settle_what_is_open_are_listed(result):
+    plan = {
+        "sentence": "move the set-point of top temperature by ±2 degC every 16 min",
+        "moves": [{"signal": "set-point", "name": "top_temperature", "size": 2.0, "unit": "degC", "every": 16.1}],
+        "settles": [{"output": "top_temperature", "input": "reflux", "parameter": "gain", "now": None, "then": 0.04}],
+    }
+    parsed = Page(without_plotly(render(dataclasses.replace(result, more_data=(plan,)))))
+    said = next(text for a, text in parsed.all("section") if a.get("id") == "more-data")
+    assert "Move the set-point of top temperature by ±2 degC every 16 min." in said
+    assert "set-point top_temperature 2 degC 16.1" in said and "top_temperature reflux gain – 0.04" in said
+    assert not [a for a, _ in Page(without_plotly(render(result))).all("section") if a.get("id") == "more-data"]

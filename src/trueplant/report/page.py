@@ -11,6 +11,7 @@ import numpy as np
 
 from trueplant.report import loops, retuned, tables
 from trueplant.report.frame import Book, Drawn, frame
+from trueplant.report.labels import label
 from trueplant.report.numbers import number, probability
 from trueplant.study.result import Curves, Result, RetuningCurves, Trend
 
@@ -18,59 +19,6 @@ if TYPE_CHECKING:
     import jinja2
 
 MOST_POINTS, ALL_POINTS, MOST_ROWS = 4000, 200_000, 60
-WORDS = (
-    "name samples sample_time start source used excluded findings excitation outputs inputs experiment output input "
-    "validation whiteness independence residuals kind signal message reason from to spans value loop closed hold "
-    "agreement controller_consistency consistent rms unit version time_spans seed settings method confidence "
-    "tolerance_percent margins peaks lower upper frequency current settings_now form metrics before after used_spans "
-    "excluded_spans update_interval time_unit refusal notes code where parameters standard_error interval verdict"
-)
-"""Field names of result.json that are shown as words; any other key may be the user's own name and stays as it is."""
-LABELS = {word: word.replace("_", " ").capitalize() for word in WORDS.split()} | {
-    "fit_percent_model": "Fit of the model (%)",
-    "fit_percent_plant": "Fit of the plant (%)",
-    "usable_share": "Share of PV that can be used",
-    "saturated_share": "Share of OP at a limit",
-    "worst_condition": "Largest condition number",
-    "sentences": "What is not enough",
-    "refused": "Refused",
-    "of": "Of",
-    "rank": "Directions that move apart",
-    "signals": "Signals",
-    "signal": "Signal",
-    "changes": "Moves",
-    "std": "Standard deviation",
-    "band": "Band (rad per time unit)",
-    "span": "Time span",
-    "not_applied": "Methods that do not apply",
-    "fit_percent": "Fit (%)",
-    "fit_percent_same_data": "Fit of the final estimate on the same data (%)",
-    "residual_tests": "Tests of the residuals",
-    "whiteness_p": "p, that they are white",
-    "input_p": "p, that they do not follow",
-    "noise_model_order": "Order of the noise model",
-    "prediction_error": "Prediction error (rms)",
-    "samples_per_error": "Samples from one error to the next",
-    "project": "Project",
-    "peaks": "Peaks of mu",
-    "NP": "NP, nominal performance",
-    "RS": "RS, robust stability",
-    "RP": "RP, robust performance",
-    "robust_performance_holds": "Robust performance holds",
-    "gain_margin": "Gain margin",
-    "phase_margin": "Phase margin (deg)",
-    "delay_margin": "Delay margin",
-    "Ms": "Ms, peak of |S|",
-    "Mt": "Mt, peak of |T|",
-    "stable": "Stable",
-    "model": "On the model",
-    "plant": "On the plant as estimated",
-    "controller_of": "Controller of",
-    "worse": "Loops that are close to instability on the plant, and were not on the model",
-    "project_sha256": "SHA-256 of the project",
-    "data_sha256": "SHA-256 of the data",
-    "sha256": "SHA-256",
-}
 
 
 def render(result: Result) -> str:
@@ -92,13 +40,14 @@ def render(result: Result) -> str:
             most_rows=MOST_ROWS,
             provenance=plain(result.provenance),
             data=plain(result.data),
-            fit=plain(result.fit),
+            fits=tables.fit_tables(plain(result.fit)),
             loop_line=loop_line(result),
             robustness=plain(result.robustness),
             today=_today(result),
             controllers=[one for one in plain(result.controllers) if not retuned.is_proposal(one)],
             retuned=_retuned(result, book),
-            comparison=tables.comparison(plain(result.methods)),
+            more_data=plain(result.more_data),
+            comparison=tables.comparison(plain(result.methods), result.elements),
             elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in result.elements],
             grid=_grid(result),
             scale=number(scale),
@@ -127,7 +76,7 @@ def environment(*packages: str) -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {"number": number, "probability": probability, "label": _label, "sentence": _sentence}
+    made.filters |= {"number": number, "probability": probability, "label": label, "sentence": _sentence}
     made.tests["spans"] = _is_spans
     made.tests["records"] = _is_records
     return made
@@ -146,10 +95,6 @@ def _z(confidence: float) -> float:
 def _sentence(text: str) -> str:
     text = text.strip()
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith(('.', '!', '?')) else '.'}"
-
-
-def _label(key: str) -> str:
-    return LABELS.get(key, str(key))
 
 
 def _is_spans(value: Any) -> bool:

@@ -174,7 +174,10 @@ def _values(proposal: Table) -> dict[str, Any]:
     if proposal.get("shown"):
         return dict(proposal["shown"])
     settings = proposal.get("settings") or {}
-    return {"tf": settings["tf"]} if "tf" in settings else {}
+    if "tf" not in settings:
+        return {}
+    others = (f"{formula} from {output}" for output, formula in settings.get("others", {}).items())
+    return {"tf": "; ".join([settings["tf"], *others])}
 
 
 def _value(value: Any) -> str:
@@ -184,12 +187,17 @@ def _value(value: Any) -> str:
 
 
 def _toml(loop: Table, settings: Table) -> str:
-    """The [[controller]] table to paste into the project."""
-    table = {"input": loop["input"], "output": loop["output"], **settings}
-    if loop.get("gain_unit") == "percent of span" and "tf" not in settings:
-        table["gain_unit"] = "percent of span"
-    lines = [f"{key} = {_toml_value(value)}" for key, value in table.items() if value is not None]
-    return "\n".join(["[[controller]]", *lines])
+    """The [[controller]] tables to paste into the project: this loop's, and those from other outputs to its input."""
+    own = {key: value for key, value in settings.items() if key != "others"}
+    if loop.get("gain_unit") == "percent of span" and "tf" not in own:
+        own["gain_unit"] = "percent of span"
+    others = ((output, {"tf": formula}) for output, formula in settings.get("others", {}).items())
+    blocks = []
+    for output, law in ((loop["output"], own), *others):
+        table = {"input": loop["input"], "output": output, **law}
+        lines = [f"{key} = {_toml_value(value)}" for key, value in table.items() if value is not None]
+        blocks.append("\n".join(["[[controller]]", *lines]))
+    return "\n\n".join(blocks)
 
 
 def _toml_value(value: Any) -> str:
@@ -286,10 +294,6 @@ def _proposal(one: Table, loop: Table, chosen: Table | None) -> Proposal:
     relative = MISSING
     if load.get("iae") is not None and today.get("iae"):
         relative = f"{number(100 * load['iae'] / today['iae'], 3)} %"
-    note = one.get("note") or ""
-    detuned = one.get("detuned")
-    if detuned is not None and abs(detuned - 1) > 1e-6:
-        note = f"{note + '; ' if note else ''}slowed down, gain times {number(detuned, 3)}"
     return Proposal(
         method="today" if kind == "now" else one["method"],
         kind=kind,
@@ -299,7 +303,7 @@ def _proposal(one: Table, loop: Table, chosen: Table | None) -> Proposal:
         movement=number((metrics.get("setpoint") or {}).get("total_variation"), 3),
         overshoot=_percent((metrics.get("setpoint") or {}).get("overshoot")),
         share=_percent(drawn.get("share")),
-        note=note,
+        note=one.get("note") or "",
     )
 
 

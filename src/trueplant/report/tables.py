@@ -98,6 +98,28 @@ def parameter_row(p: Parameter, scale: float) -> ParameterRow:
     )
 
 
+def fit_tables(fit: Sequence[Mapping[str, Any]]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """How well each output is predicted, and the tests of its residuals: one row each, nested tables as columns."""
+    fits: list[dict[str, Any]] = []
+    tests: list[dict[str, Any]] = []
+    for row in fit:
+        flat = {key: value for key, value in row.items() if key not in ("validation", "residual_tests")}
+        validation, residuals = row.get("validation"), row.get("residual_tests")
+        if validation:
+            flat |= {
+                "Validated on": validation["kind"],
+                "Fit there (%)": validation["fit_percent"],
+                "Fit there of the final estimate (%)": validation["fit_percent_same_data"],
+            }
+        fits.append(flat)
+        if residuals and row.get("output") not in [test["output"] for test in tests]:
+            test = {"output": row.get("output"), "p, white": residuals["whiteness_p"]}
+            test |= {f"p, unrelated to {name}": p for name, p in residuals["input_p"].items()}
+            known = ("whiteness_p", "input_p")
+            tests.append(test | {key: value for key, value in residuals.items() if key not in known})
+    return fits, tests
+
+
 def _is_elements(answer: Any) -> bool:
     return (
         isinstance(answer, list)
@@ -133,10 +155,10 @@ class Comparison:
     others: Mapping[str, Any]
 
 
-def comparison(methods: Mapping[str, Any]) -> Comparison:
+def comparison(methods: Mapping[str, Any], elements: Sequence[Element] = ()) -> Comparison:
     """`methods` as plain data: {method: [{output, input, parameters: [{name, unit, plant, ci, std_error}]}]}.
 
-    Entries of any other form are handed back in `others`.
+    Units that the methods do not state are those of the elements. Entries of any other form come back in `others`.
     """
     names = tuple(name for name, answer in methods.items() if _is_elements(answer))
     found: dict[tuple[str, str], dict[str, dict[str, Mapping[str, Any]]]] = {}
@@ -145,13 +167,17 @@ def comparison(methods: Mapping[str, Any]) -> Comparison:
             rows = found.setdefault((str(element["output"]), str(element["input"])), {})
             for p in _parameters(element):
                 rows.setdefault(str(p.get("name", "")), {})[method] = p
-    elements = tuple(
+    units = {(e.output, e.input, p.name): p.unit for e in elements for p in e.parameters}
+    rows_of = tuple(
         (
             element,
             tuple(
                 ComparisonRow(
                     plain_name(parameter),
-                    next((str(p["unit"]) for p in answers.values() if p.get("unit")), ""),
+                    next(
+                        (str(p["unit"]) for p in answers.values() if p.get("unit")),
+                        units.get((*element, parameter), ""),
+                    ),
                     tuple(_answer(answers[m]) if m in answers else MISSING for m in names),
                 )
                 for parameter, answers in rows.items()
@@ -159,7 +185,7 @@ def comparison(methods: Mapping[str, Any]) -> Comparison:
         )
         for element, rows in found.items()
     )
-    return Comparison(names, elements, {k: v for k, v in methods.items() if k not in names})
+    return Comparison(names, rows_of, {k: v for k, v in methods.items() if k not in names})
 
 
 def _answer(p: Mapping[str, Any]) -> str:

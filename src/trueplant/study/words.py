@@ -260,9 +260,11 @@ def settings_lines(result: Result) -> list[str]:
         changed = [
             f"{key} = {_setting(new[key])} (now {_setting(now.get(key))})"
             for key in new
-            if _setting(new[key]) != _setting(now.get(key))
+            if key != "others" and _setting(new[key]) != _setting(now.get(key))
         ]
         said = ", ".join(changed) or "as today"
+        if new.get("others"):
+            said += f", and from {', '.join(new['others'])} as in the report"
         lines.append(f"recommended for {loop['input']} ({loop['recommended']}): {said}")
     if loops and not lines:
         lines.append(f"no retuning is recommended: {_sentence(loops[0]['reason'] or 'see the report')}")

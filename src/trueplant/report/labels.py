@@ -1,0 +1,66 @@
+"""Field names of result.json as words."""
+
+from __future__ import annotations
+
+WORDS = (
+    "name samples sample_time start source used excluded findings excitation outputs inputs experiment output input "
+    "validation whiteness independence residuals kind signal message reason from to spans value loop closed hold "
+    "agreement controller_consistency consistent rms unit version time_spans seed settings method confidence "
+    "confirmed relative note tolerance_percent lower upper frequency current form metrics before after used_spans "
+    "excluded_spans update_interval time_unit refusal notes code where parameters standard_error interval verdict"
+)
+"""Field names of result.json that are shown as words; any other key may be the user's own name and stays as it is."""
+LABELS = {word: word.replace("_", " ").capitalize() for word in WORDS.split()} | {
+    "fit_percent_model": "Fit of the model (%)",
+    "fit_percent_plant": "Fit of the plant (%)",
+    "usable_share": "Share of PV that can be used",
+    "saturated_share": "Share of OP at a limit",
+    "worst_condition": "Largest condition number",
+    "sentences": "What is not enough",
+    "refused": "Refused",
+    "of": "Of",
+    "rank": "Directions that move apart",
+    "signals": "Signals",
+    "signal": "Signal",
+    "changes": "Moves",
+    "std": "Standard deviation",
+    "band": "Band (rad per time unit)",
+    "span": "Time span",
+    "not_applied": "Methods that do not apply",
+    "noise_model_order": "Order of the noise model",
+    "prediction_error": "Prediction error (rms)",
+    "samples_per_error": "Samples from one error to the next",
+    "project": "Project",
+    "stable": "Stable",
+    "model": "On the model",
+    "plant": "On the plant as estimated",
+    "parameter": "Parameter",
+    "now": "Now",
+    "wanted": "Wanted",
+    "then": "Then",
+    "size": "To each side",
+    "every": "Every",
+    "statistic": "Statistic",
+    "threshold": "Threshold",
+    "flagged": "Flagged",
+    "elements": "Elements",
+    "detectors": "Published detectors",
+    "cascade": "Cascades",
+    "follows": "Follows its set-point",
+    "basis": "Basis",
+    "deviation": "Largest deviation from 1",
+    "disturbance": "Disturbances",
+    "declared": "Declared",
+    "found_std": "Standard deviation found",
+    "jumps": "Jumps",
+    "background": "Beside them",
+    "assumed": "Assumed",
+    "project_sha256": "SHA-256 of the project",
+    "data_sha256": "SHA-256 of the data",
+    "sha256": "SHA-256",
+}
+
+
+def label(key: str) -> str:
+    """The words for a field name; a key that is not one of them may be the user's own name, and stays."""
+    return LABELS.get(key, str(key))
