@@ -1,5 +1,14 @@
 """Which elements changed, and whether it matters."""
 
+from trueplant.detect.causes import (
+    CommonFactor,
+    NoiseChange,
+    Sticking,
+    common_factors,
+    level_variance,
+    noise_change,
+    stuck,
+)
 from trueplant.detect.correlation import cross_correlation, partial_correlation
 from trueplant.detect.elements import Found, elements_found, judge_elements, verdicts
 from trueplant.detect.one_class import one_class
@@ -8,6 +17,7 @@ from trueplant.detect.ratio import plant_model_ratio
 from trueplant.detect.sensitivity import nominal_sensitivity
 from trueplant.detect.signals import Detection, Signals, signals_of
 from trueplant.detect.stepwise import stepwise
+from trueplant.detect.sticking import sticking
 from trueplant.detect.verdict import (
     Evidence,
     ParameterVerdict,
@@ -21,12 +31,16 @@ from trueplant.detect.verdict import (
 
 __all__ = [
     "DETECTORS",
+    "CommonFactor",
     "Detection",
     "Evidence",
     "Found",
+    "NoiseChange",
     "ParameterVerdict",
     "Signals",
+    "Sticking",
     "Verdict",
+    "common_factors",
     "cross_correlation",
     "elements_found",
     "grade",
@@ -35,6 +49,8 @@ __all__ = [
     "importance_open_loop",
     "judge",
     "judge_elements",
+    "level_variance",
+    "noise_change",
     "nominal_sensitivity",
     "one_class",
     "partial_correlation",
@@ -42,5 +58,7 @@ __all__ = [
     "published",
     "signals_of",
     "stepwise",
+    "sticking",
+    "stuck",
     "verdicts",
 ]

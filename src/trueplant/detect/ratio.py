@@ -85,7 +85,7 @@ def _error_responses(signals: Signals, errors: Array) -> tuple[Array, ComplexArr
     inverse = np.linalg.inv(gram + ridge_u)
     response = s_er @ project @ inverse
     noise = np.real(np.diagonal(inverse, axis1=1, axis2=2))
-    w: Array = 2 * np.pi * np.fft.rfftfreq(size, signals.h)[1 : size // 2]
+    w = np.asarray(2 * np.pi * np.fft.rfftfreq(size, signals.h)[1 : size // 2], dtype=np.float64)
     return w, np.asarray(response, dtype=np.complex128), np.asarray(np.maximum(noise, 1e-300), dtype=float)
 
 

@@ -14,6 +14,7 @@ from trueplant.detect import Found
 from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.study.cascade import cascade_notes, check_cascades
+from trueplant.study.causes import causes_of
 from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
 from trueplant.study.detectors import published_detections
@@ -69,6 +70,8 @@ def assemble(
         notes += cascade_notes(cascades)
     if consistency:
         methods["controller_consistency"] = list(consistency)
+    if answered:
+        notes += causes_of(study, estimates, found, elements)
     if study.project.analysis.detectors:
         methods["detectors"] = published_detections(study)
     notes += [Reason("methods", sentence) for sentence in others.agreement if "disagree" in sentence]

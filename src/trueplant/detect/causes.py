@@ -1,0 +1,130 @@
+"""Tests that tell causes apart: common factors of gains, a changed disturbance, a shifted level, a sticking valve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from trueplant.identify.noise import fit_ar, whiten
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CommonFactor:
+    """All gains of a row or a column have changed by the same factor."""
+
+    kind: str
+    """"row" (one output: its sensor) or "column" (one input: its actuator)."""
+    index: int
+    factor: float
+    std_error: float
+    p_equal: float
+    """That the factors are the same."""
+
+
+def common_factors(ratio: Array, covariance: Array, present: NDArray[np.bool_], level: float) -> list[CommonFactor]:
+    """Rows and columns whose gains have all changed, and by the same factor.
+
+    ratio (n_y, n_u): plant over model of each gain, NaN where it is not known; covariance (n_y n_u, n_y n_u) of them,
+    row after row; present (n_y, n_u): the elements that there are. Every gain of the row or column has to differ from
+    the model's by itself at `level` (two-sided, Bonferroni over the elements), and their equality must not be
+    rejected at `level` (Wald test of the differences). One gain alone can come from anywhere and is not reported.
+    """
+    n_y, n_u = ratio.shape
+    limit = norm.isf(level / (2 * max(int(present.sum()), 1)))
+    index = np.arange(n_y * n_u).reshape(n_y, n_u)
+    lines = [("row", i, index[i][present[i]]) for i in range(n_y)]
+    lines += [("column", j, index[:, j][present[:, j]]) for j in range(n_u)]
+    found = []
+    for kind, k, members in lines:
+        values = ratio.ravel()[members]
+        if members.size < 2 or not np.isfinite(values).all():
+            continue
+        cov = covariance[np.ix_(members, members)]
+        if np.any(np.abs(values - 1) < limit * np.sqrt(np.diag(cov))):
+            continue
+        weights = np.linalg.solve(cov, np.ones(members.size))
+        factor = float(weights @ values / weights.sum())
+        off = values - factor
+        p_equal = float(chi2.sf(off @ np.linalg.solve(cov, off), members.size - 1))
+        if p_equal >= level:
+            found.append(CommonFactor(kind, k, factor, float(weights.sum() ** -0.5), p_equal))
+    return found
+
+
+@dataclass(frozen=True)
+class NoiseChange:
+    """How the disturbance of one stretch of data differs from that of another."""
+
+    p_value: float
+    std: tuple[float, float]
+    """Standard deviations before and after."""
+    correlation: tuple[float, float]
+    """From one sample to the next, before and after."""
+
+
+def noise_change(before: Sequence[Array], after: Sequence[Array], order: int) -> NoiseChange:
+    """Do two groups of output errors (N,) come from the same autoregressive process of this order?
+
+    Likelihood ratio of one noise model for each against one for both: chi-square with order + 1 degrees of freedom.
+    """
+    groups = [[np.asarray(x - np.mean(x)) for x in group] for group in (before, after)]
+    own = [_innovations(group, group, order) for group in groups]
+    both = [*groups[0], *groups[1]]
+    pooled = _innovations(both, both, order)
+    power = [sum(float(e @ e) for e in es) for es in own]
+    count = [sum(e.size for e in es) for es in own]
+    joint = sum(float(e @ e) for e in pooled)
+    separate = sum(n * np.log(max(s, 1e-300) / n) for s, n in zip(power, count, strict=True))
+    ratio = sum(count) * np.log(max(joint, 1e-300) / sum(count)) - separate
+    std = [float(np.sqrt(np.mean(np.concatenate(group) ** 2))) for group in groups]
+    correlation = [
+        float(sum(x[1:] @ x[:-1] for x in group) / max(sum(float(x @ x) for x in group), 1e-300)) for group in groups
+    ]
+    p = float(chi2.sf(max(ratio, 0.0), order + 1))
+    return NoiseChange(p, (std[0], std[1]), (correlation[0], correlation[1]))
+
+
+def _innovations(train: Sequence[Array], signals: Sequence[Array], order: int) -> list[Array]:
+    valid = [np.ones(x.size, dtype=bool) for x in train]
+    ar = fit_ar(list(train), valid, order)[0]
+    return [np.asarray(whiten(ar, x)) for x in signals]
+
+
+def level_variance(v: Array, order: int) -> float:
+    """Variance of the mean of v (N,): its long-run variance by an autoregression, over N."""
+    centred = v - np.mean(v)
+    ar = fit_ar([centred], [np.ones(v.size, dtype=bool)], order)[0]
+    e = whiten(ar, centred)
+    gain = 1 / max(abs(1 + float(np.sum(ar))), 1e-3)
+    return float(np.mean(e**2) * gain**2 / v.size)
+
+
+@dataclass(frozen=True)
+class Sticking:
+    """A valve that stays until OP is farther away than a band, and then jumps to it."""
+
+    band: float
+    """In the unit of OP."""
+    p_value: float
+    """That there is none, with what a search over bands finds in noise taken off."""
+
+
+def stuck(op: Array, band: float) -> Array:
+    """Position (N,) of a valve that follows OP (N,) only when it is farther than `band` away, and then fully.
+
+    The model with one parameter of Stenman, Gustafsson and Forsman (2003), Int. J. Adapt. Control Signal Process. 17.
+    """
+    from trueplant.detect.valve import follow
+
+    return np.asarray(follow(np.ascontiguousarray(op, dtype=float), float(band)))
+
+
+def searched_p(gain: float, tried: int, degrees: int = 1) -> float:
+    """p-value of the largest of `tried` likelihood-ratio statistics (Bonferroni)."""
+    return float(min(1.0, tried * chi2.sf(max(gain, 0.0), degrees)))
