@@ -62,6 +62,11 @@ def test_peaks_are_marked_where_they_fail(result, parsed):
     assert row.count("▲") == sum(peaks[name]["RP"]["upper"] >= 1 for name in peaks)
 
 
+def test_worst_plant_stands_in_the_report(result, parsed):
+    formula = result.robustness["peaks"]["plant"]["worst_plant"][0]["tf"]
+    assert any(row == f"top_temperature reflux {formula}" for row in rows(parsed))
+
+
 def test_what_the_change_does_to_the_loop_stands_in_the_verdict(result, parsed):
     verdict = next(text for a, text in parsed.all("section") if "verdict" in (a.get("class") or ""))
     assert loop_line(result) in verdict

@@ -96,6 +96,23 @@ def test_peaks_under_the_declared_uncertainty_are_those_of_the_library(result):
         assert said["robust_performance_holds"] is found.passes
 
 
+def test_worst_plant_reaches_the_peak_and_stays_in_the_uncertainty(result):
+    said = result.robustness["peaks"]["plant"]
+    found = {(e["output"], e["input"]): e["tf"] for e in said["worst_plant"]}
+    outputs, inputs = ("top_temperature", "vaporisation"), ("reflux", "fuel_gas")
+    worst = TransferMatrix.of([[found.get((y, u), "0") for u in inputs] for y in outputs], "min")
+    s, controller = np.array([1j * said["RP"]["frequency"]]), law(result)
+    assert unstable_poles(worst, controller) == 0
+    S = np.linalg.inv(np.eye(2) + worst(s) @ controller(s))
+    reached = np.abs(tf("(0.5 s + 0.03)/s")(s)) * np.linalg.norm(S, ord=2, axis=(1, 2))
+    assert reached[0] == pytest.approx(said["RP"]["lower"], rel=1e-3)
+    # G (I + wI Delta): the relative change of each column is wI delta_j, with |delta_j| = 1/mu
+    dense = 1j * np.geomspace(1e-3, 30, 50)
+    change = worst(dense)[:, [0, 1], [0, 1]] / estimated(result)(dense)[:, [0, 1], [0, 1]] - 1
+    allowed = np.abs(tf("((1 + 0.075)*0.2 s + 0.15)/(0.1 s + 1)")(dense))[:, None] / said["RP"]["lower"]
+    assert np.abs(change) == pytest.approx(np.broadcast_to(allowed, change.shape), rel=1e-3)
+
+
 def test_curves_hold_the_peaks(result):
     assert result.curves is not None
     for curves in result.curves.mu:

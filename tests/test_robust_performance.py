@@ -129,6 +129,18 @@ def test_perturbation_beyond_robust_stability_destabilises():
         assert (unstable_poles(plant, case.controller) == 0) is stable
 
 
+@pytest.mark.parametrize("variant", ["printed", "eq37"])
+def test_perturbation_at_rest_is_a_change_of_gains(variant):
+    """No factor with a lag far beyond the slowest of the loop."""
+    case = mill(variant)
+    result = robust_performance(case.plant, case.controller, UNCERTAINTY, PERFORMANCE)
+    assert result.RP.frequency == 0
+    worst = perturbed_plant(case.plant, UNCERTAINTY, result.worst, result.worst_frequency)
+    assert min(abs(p) for row in worst.elements for e in row for p in e.poles) > 0.1
+    w = result.worst_frequency
+    assert weighted_error(worst, case.controller, PERFORMANCE, w)[0] == pytest.approx(result.RP.lower, rel=1e-5)
+
+
 def test_worst_plant_can_be_simulated():
     case = mill("eq37")
     result = robust_performance(case.model, case.controller, UNCERTAINTY, PERFORMANCE)

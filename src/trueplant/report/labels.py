@@ -35,6 +35,7 @@ LABELS = {word: word.replace("_", " ").capitalize() for word in WORDS.split()} |
     "model": "On the model",
     "plant": "On the plant as estimated",
     "parameter": "Parameter",
+    "tf": "Formula in s",
     "now": "Now",
     "wanted": "Wanted",
     "then": "Then",

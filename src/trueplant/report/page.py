@@ -132,6 +132,7 @@ def _today(result: Result) -> dict[str, Any]:
         "margins": loops.margin_loops(found, unit),
         "systems": systems,
         "peaks": peaks,
+        "worst": found.get("peaks", {}).get("plant", {}).get("worst_plant"),
         "drawn": loops.drawn_sentences(found),
         "inputs": inputs,
         "pairing": loops.pairing_rows(found, outputs, inputs),

@@ -30,6 +30,9 @@ ComplexArray = NDArray[np.complex128]
 
 STRUCTURES = ("input", "input full", "output", "output full", "additive", "elements")
 
+_REAL = 1e-6
+"""Angle below which a value is real: at rest rounding alone would ask for an all-pass of endless lag."""
+
 Response = Callable[[ComplexArray], NDArray[np.complex128] | NDArray[np.float64]]
 Weight = TransferFunction | Response | str | float
 Weights = Weight | Sequence[Weight]
@@ -162,7 +165,7 @@ def _turned(value: complex, frequency: float) -> TransferFunction:
     sign = 1.0
     if angle > 0:
         sign, angle = -1.0, angle - np.pi
-    if abs(angle) < 1e-9 or abs(angle + np.pi) < 1e-9:
-        return TransferFunction.rational([size * sign * (1 if abs(angle) < 1e-9 else -1)])
+    if abs(angle) < _REAL or abs(angle + np.pi) < _REAL:
+        return TransferFunction.rational([size * sign * (1 if abs(angle) < _REAL else -1)])
     lag = np.tan(-angle / 2) / frequency
     return TransferFunction.rational([-size * sign * lag, size * sign], [lag, 1.0])

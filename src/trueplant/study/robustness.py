@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from trueplant.errors import LoopError
 from trueplant.identify import OutputEstimate
 from trueplant.loop import Controller, Linear
-from trueplant.lti import TransferMatrix, tf
+from trueplant.lti import TransferMatrix, simplified, tf, to_formula
 from trueplant.robust import (
     Robustness,
     gain_and_dead_time_weight,
     margins,
     niederlinski,
     performance_weight,
+    perturbed_plant,
     rga,
     robust_performance,
 )
@@ -150,8 +151,13 @@ def _weighted(
     certain = _of_estimate(study, controller, systems["plant"], known, performance)
     if certain is not None:
         # without uncertainty it is the plant, whose nominal performance is there already
-        cases["estimate"], tests["estimate"] = certain, tuple(t for t in _tests(True, declared.wP is not None) if t != "NP")
+        cases["estimate"], tests["estimate"] = (
+            certain,
+            tuple(t for t in _tests(True, declared.wP is not None) if t != "NP"),
+        )
     table = {name: _peaks(found, tests[name]) for name, found in cases.items()}
+    if "RP" in tests["plant"] and cases["plant"].stable:
+        table["plant"]["worst_plant"] = _worst(study, systems["plant"], uncertainty, cases["plant"])
     curves = (_curves(name, found, table[name]) for name, found in cases.items() if found.stable)
     return table, tuple(curves)
 
@@ -178,6 +184,18 @@ def _of_estimate(
 def _interpolated(w: Array, size: Array) -> Callable[[ComplexArray], Array]:
     log_w, log_size = np.log(w), np.log(np.maximum(size, 1e-300))
     return lambda s: np.asarray(np.exp(np.interp(np.log(np.maximum(np.abs(s), 1e-300)), log_w, log_size)))
+
+
+def _worst(study: Study, plant: TransferMatrix, uncertainty: Any, found: Robustness) -> list[dict[str, str]]:
+    """Elements of the plant under the perturbation that makes the peak of robust performance."""
+    worst = perturbed_plant(plant, uncertainty, found.worst, found.worst_frequency)
+    outputs, inputs = study.project.output_names, study.project.input_names
+    return [
+        {"output": outputs[i], "input": inputs[j], "tf": to_formula(simplified(worst[i, j]))}
+        for i in range(worst.shape[0])
+        for j in range(worst.shape[1])
+        if not worst[i, j].is_zero
+    ]
 
 
 def _peaks(found: Robustness, tests: tuple[str, ...]) -> dict[str, Any]:
