@@ -19,7 +19,8 @@ from trueplant.robust import margins
 from trueplant.study import Project, Result
 from trueplant.study.project_parts import Tuning
 from trueplant.study.project_simulate import simulate_record
-from trueplant.tune import loop_metrics
+from trueplant.study.retuning_words import reason_of
+from trueplant.tune import Proposal, loop_metrics
 
 
 def demo(name: str, folder: Path, tuning: str) -> tuple[Result, TransferMatrix]:
@@ -314,6 +315,63 @@ def test_percent_of_span_needs_spans(tmp_path):
             """,
             tmp_path,
         )
+
+
+# -- which one to use ---------------------------------------------------------------------------------------------
+
+
+def judged(share: float, load: float, mu: float | None = None, noise: float = 1.0) -> dict[tuple[int, int], Any]:
+    plant = {"stable": True, "load": {"iae": load}, "noise": {"op_variation": noise}}
+    return {(0, 0): {"metrics": {"plant": plant}, "drawn": {"share_all": share, "mu_share": mu}}}
+
+
+def proposed(*methods: str) -> list[Proposal]:
+    return [Proposal(m, BARE, (True,), ("",), (None,)) for m in methods]
+
+
+BARE = Controller.diagonal([PID(Kc=1.0, Ti=10.0)])
+OURS = "certain-share"
+ASKED = {"Ms": 1.59, "share": 0.95, "mu": None}
+
+
+@pytest.mark.parametrize(
+    ("found", "today", "asked", "expected", "words"),
+    [
+        # ours first, although another has less error
+        (
+            {"certain-share": judged(0.97, 5.0), "simc": judged(0.96, 4.0)},
+            judged(0.5, 8.0),
+            ASKED,
+            "certain-share",
+            "-38 %",
+        ),
+        # the least error among those that hold
+        (
+            {"simc": judged(0.96, 6.0), "amigo": judged(0.99, 7.0), "imc": judged(0.9, 2.0)},
+            judged(0.5, 8.0),
+            ASKED,
+            "simc",
+            "",
+        ),
+        # nothing holds
+        ({"simc": judged(0.9, 4.0)}, judged(0.5, 8.0), ASKED, None, "90 %"),
+        # today holds, and there is little to win
+        ({"certain-share": judged(0.97, 7.5)}, judged(0.99, 8.0), ASKED, None, "keep them"),
+        # calmer than today's, which does not hold: the error may rise
+        ({"certain-share": judged(0.97, 9.0)}, judged(0.2, 8.0), ASKED, "certain-share", "+12 %"),
+        # a limit on mu counts like the other
+        ({"certain-share": judged(0.97, 5.0, 0.5)}, judged(0.5, 8.0, 0.5), {**ASKED, "mu": 1.0}, None, "no proposal"),
+        ({"certain-share": judged(0.97, 5.0, 0.96)}, judged(0.99, 8.0, 0.5), {**ASKED, "mu": 1.0}, "certain-share", ""),
+        # what is no PID only where nothing else was asked for
+        ({"lqg": judged(1.0, 2.0), "simc": judged(0.96, 6.0)}, judged(0.5, 8.0), ASKED, "simc", ""),
+        ({"lqg": judged(1.0, 2.0)}, judged(0.5, 8.0), ASKED, "lqg", ""),
+        ({"simc": judged(0.96, 6.0, noise=4.0)}, judged(0.5, 8.0), ASKED, "simc", "4 times as much"),
+    ],
+)
+def test_the_recommendation(found, today, asked, expected, words):
+    method, why = reason_of(proposed(*found), found, today, [(0, 0)], asked)
+    assert method == expected
+    assert words in why
 
 
 # -- a real rig ---------------------------------------------------------------------------------------------------

@@ -56,7 +56,7 @@ def test_stability_and_peaks_are_those_of_each_plant(scan, factor):
     law = Controller.diagonal(
         [PID(Kc=0.375 * factor, Ti=8.29, sample_time=scan), PID(Kc=-0.0754 * factor, Ti=23.6, sample_time=scan)]
     )
-    drawn = uncertain(WOOD_BERRY, 0.15).draw(25, 4)
+    drawn = uncertain(WOOD_BERRY, 0.15).draw(14, 4)
     w = common_grid(WOOD_BERRY, law, 0.5)
     found = peaks(drawn.response(w), law(axis(w)), w)
     for k in range(drawn.count):
@@ -126,9 +126,9 @@ def test_the_share_holds_for_plants_never_seen(kind):
     known = uncertain(WOOD_BERRY, 0.08, [(0, 0), (1, 1)])
     today = Controller.diagonal([PID(Kc=0.375, Ti=8.29), PID(Kc=-0.0754, Ti=23.6)])
     tasks = [LoopTask(i, i, 1.0, PID(Kc=1.0), kind) for i in range(2)]
-    found = tune_together(known, tasks, today, seed=5, count=400)
+    found = tune_together(known, tasks, today, seed=5, count=240)
     w = common_grid(WOOD_BERRY, found.controller, 1.0)
-    fresh = known.draw(1500, 77).response(w)
+    fresh = known.draw(800, 77).response(w)
     held = peaks(fresh, found.controller(axis(w)), w).within(1.59).all(axis=1)
     assert np.mean(held) > 0.95
     eager = peaks(fresh, found.nominal(axis(w)), w).within(1.59).all(axis=1)
