@@ -13,13 +13,14 @@ from trueplant import detect
 from trueplant.detect import Found
 from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
+from trueplant.study.band import band_test
 from trueplant.study.cascade import cascade_notes, check_cascades
 from trueplant.study.causes import causes_of
 from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
 from trueplant.study.detectors import published_detections
-from trueplant.study.notes import controller_notes, notes_of
 from trueplant.study.more_data import more_data
+from trueplant.study.notes import controller_notes, notes_of
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
 from trueplant.study.retuning import Retuning, retuning_of
 from trueplant.study.robustness import LoopToday, robustness_of
@@ -71,6 +72,10 @@ def assemble(
     if consistency:
         methods["controller_consistency"] = list(consistency)
     if answered:
+        inside, outside = band_test(study, plant, others.response)
+        if inside:
+            methods["band"] = inside
+        notes += outside
         notes += causes_of(study, estimates, found, elements)
     if study.project.analysis.detectors:
         methods["detectors"] = published_detections(study)
@@ -79,11 +84,11 @@ def assemble(
     loop = robustness_of(study, plant, estimates) if answered else LoopToday()
     retuned = retuning_of(study, plant, estimates, others.response) if answered else Retuning()
     curves = curves_of(study, estimates, found, plant, others.response)
+    plans = more_data(study, estimates, plant)
+    notes += [Reason("more-data", f"to settle what is open: {plan['sentence']}") for plan in plans[:1]]
     return Result(
         status="ok" if answered else "refused",
         reasons=tuple(reasons),
-    plans = more_data(study, estimates, plant)
-    notes += [Reason("more-data", f"to settle what is open: {plan['sentence']}") for plan in plans[:1]]
         provenance=provenance(study),
         data=data_tables(study),
         elements=elements,
@@ -91,10 +96,10 @@ def assemble(
         methods=methods,
         robustness=loop.table,
         controllers=retuned.table,
+        more_data=tuple(plans),
         notes=(*loop.notes, *retuned.notes, *notes),
         curves=replace(curves, mu=loop.mu, retuning=retuned.curves),
         plant_toml=study.project.with_model(updated).to_toml(),
-        more_data=tuple(plans),
     )
 
 
