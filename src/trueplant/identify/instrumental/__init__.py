@@ -1,5 +1,6 @@
 """Continuous-time estimators of polynomial elements: equation error, SRIVC, RIVC, CLSRIVC, two-stage."""
 
+from trueplant.identify.instrumental.choice import OrderChoice, choose_orders
 from trueplant.identify.instrumental.closed_loop import clsrivc, two_stage
 from trueplant.identify.instrumental.noise import ArmaNoise
 from trueplant.identify.instrumental.open_loop import rivc, srivc, state_variable_filter
@@ -10,7 +11,9 @@ from trueplant.identify.instrumental.structured import started
 __all__ = [
     "ArmaNoise",
     "Order",
+    "OrderChoice",
     "PolynomialFit",
+    "choose_orders",
     "clsrivc",
     "rivc",
     "srivc",

@@ -54,6 +54,17 @@ class Order:
         fixed = dead_time if structure.has_dead_time else 0.0
         return cls(column, poles, structure.leads, fixed, structure.integrators)
 
+    def coefficients(self, system: TransferFunction) -> Array | None:
+        """The parameters of a transfer function of this order; None where it is of another."""
+        if len(system.terms) != 1:
+            return None
+        (term,) = system.terms
+        den, num = np.array(term.den), np.array(term.num)
+        if len(den) != self.poles + 1 or len(num) > self.zeros + 1 or np.any(den[self.lags + 1 :] != 0):
+            return None
+        tail = [] if self.keeps_dead_time else [term.dead_time]
+        return np.concatenate([den[1 : self.lags + 1], np.zeros(self.zeros + 1 - len(num)), num, tail])
+
     @property
     def keeps_dead_time(self) -> bool:
         return isinstance(self.dead_time, (int, float))
