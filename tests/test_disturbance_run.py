@@ -51,7 +51,7 @@ def analysed(folder: Path, v: np.ndarray, r: np.ndarray, d: np.ndarray | None = 
         output=[{"name": "top", "pv": "pv0", "sp": "sp0"}, {"name": "bottom", "pv": "pv1", "sp": "sp1"}],
         input=[{"name": "reflux", "op": "op0"}, {"name": "steam", "op": "op1"}],
         model=elements + tables.pop("more", []),
-        controller=LAWS,
+        controller=tables.pop("controller", LAWS),
         **tables,
     )
     return run(Project.from_toml(made.to_toml(), folder))
@@ -114,6 +114,14 @@ def test_the_step_is_found_and_said(stepped):
     assert not any(note.code == "disturbance-model" for note in stepped.notes)
 
 
+def test_what_the_step_takes_from_the_parameters_is_said(stepped):
+    """A level that is not known takes from the gains, which are levels too, and next to nothing from the dead times."""
+    for row in stepped.methods["disturbance"]:
+        shares = {name: [x["share"] for x in row["lost"] if x["name"] == name] for name in ("gain", "dead_time")}
+        assert min(shares["gain"]) > 0.5
+        assert max(shares["dead_time"]) < 0.2
+
+
 def test_forms_that_a_step_breaks_are_not_applied(stepped):
     for name in ("joint", "closed-form"):
         assert "has to be estimated along" in stepped.methods["not_applied"][name]
@@ -145,6 +153,16 @@ def test_measured_disturbance_with_a_drifted_model_in_the_closed_form(tmp_path):
         assert row[0]["std_error"] < 1.6 * own
     assert "feed -> top as the fit estimated it along; feed -> bottom as declared" in result.methods["assumed"]
     assert all("agree within" in sentence for sentence in result.methods["agreement"])
+
+
+def test_closed_form_is_refused_where_setpoint_and_pv_act_differently(tmp_path):
+    rng = np.random.default_rng(14)
+    v = coloured(rng, 800, 2, [1, -0.8], [1], 0.1)
+    laws = [law | {"setpoint_weight": 0.5} for law in LAWS]
+    declared = [{"output": "top", "kind": "ar1", "std": 0.2, "time_constant": 5.0}]
+    result = analysed(tmp_path, v, random_switching(rng, 800, 2, 20.0), controller=laws, unmeasured=declared)
+    assert "otherwise on its set-point" in result.methods["not_applied"][WITH_CLOSED_FORM]
+    assert {(e["output"], e["input"]) for e in result.methods[WITH_FIT]} == {("top", "reflux"), ("top", "steam")}
 
 
 def test_where_a_disturbance_could_have_been_the_mismatch_it_is_said(tmp_path):

@@ -21,7 +21,7 @@ from scipy.stats import chi2
 
 from trueplant.disturbance.kalman import whitened
 from trueplant.disturbance.models import Part, ramps
-from trueplant.disturbance.noise import Noise, Signal, fit_noise_and_jumps, reduced
+from trueplant.disturbance.noise import Noise, Signal, criterion, fit_noise_and_jumps, reduced
 from trueplant.identify import Row, RowFit
 
 Array = NDArray[np.float64]
@@ -46,8 +46,8 @@ class DisturbedFit:
     noise: Noise
     jumps: tuple[tuple[int, ...], ...]
     """Samples of each piece (at the row's stride) at which a declared step was found to jump."""
-    deviance: float
-    """-2 log likelihood up to a constant."""
+    criterion: float
+    """-2 log likelihood up to a constant, and what the jumps cost (Bayesian criterion)."""
     whiteness_p: float
     """Ljung-Box test of the prediction errors."""
     lost: Array
@@ -109,13 +109,7 @@ def _alternated(
         theta = _descend(row, theta, noise, jumps)
         if same:
             break
-    total = 0.0
-    for k in range(len(row.pieces)):
-        e, _, logs = _whitened_piece(row, theta, k, noise, jumps[k], derivatives=False)
-        total += float(e @ e) + logs
-    # each jump is worth what two parameters, size and instant, cost by the Bayesian criterion
-    count = sum(int(row.measured(k)[1].sum()) for k in range(len(row.pieces)))
-    return theta, noise, jumps, total + 2 * np.log(count) * sum(map(len, jumps))
+    return theta, noise, jumps, criterion(noise, _signals(row, theta, jumps, ramps(declared)))
 
 
 def _whitened_piece(
@@ -192,9 +186,7 @@ def _descend(
     return theta
 
 
-def _finished(
-    row: Row, theta: Array, noise: Noise, jumps: tuple[tuple[int, ...], ...], deviance: float
-) -> DisturbedFit:
+def _finished(row: Row, theta: Array, noise: Noise, jumps: tuple[tuple[int, ...], ...], value: float) -> DisturbedFit:
     information, _, cost = _normal(row, theta, noise, jumps)
     count = sum(int(row.measured(k)[1].sum()) for k in range(len(row.pieces)))
     linear = sum(row.nuisance(theta, k).shape[1] + len(jumps[k]) for k in range(len(row.pieces)))
@@ -211,7 +203,7 @@ def _finished(
         covariance=max(ratio, 1.0) * inverse / np.outer(scale, scale),
         noise=noise,
         jumps=jumps,
-        deviance=deviance,
+        criterion=value,
         whiteness_p=_whiteness(row, theta, noise, jumps),
         lost=np.clip(1 - kept, 0.0, 1.0),
     )

@@ -20,6 +20,7 @@ MOST_JUMPS = 12
 FALSE_JUMP = 0.01
 """Chance that a jump is found in a signal that has none."""
 LEAST_SCALE = 1e-3
+ROUNDS = 4
 QUIET = 0.1
 """Share of the declared std of a step with which jumps are looked for."""
 
@@ -122,9 +123,10 @@ def fit_noise(declared: Sequence[Part], signals: Sequence[Signal], before: Noise
         white, std, tau, scale = np.exp(x)
         return Noise(tuple(declared), float(scale) if declared else 1.0, float(white), float(std), float(tau))
 
+    low = np.log([1e-4 * typical, 1e-3 * typical, h / 3, LEAST_SCALE])
+    high = np.log([1e4 * typical, 1e5 * typical, longest, 1.0])
+
     def cost(x: Array) -> float:
-        low = np.log([1e-4 * typical, 1e-3 * typical, h / 3, LEAST_SCALE])
-        high = np.log([1e4 * typical, 1e5 * typical, longest, 1.0])
         # a wall that rises keeps the simplex from folding up at the limits
         beyond = float(np.sum(np.maximum(low - x, 0) + np.maximum(x - high, 0)))
         return deviance(noise(np.clip(x, low, high)), signals) + 10 * beyond
@@ -143,12 +145,10 @@ def fit_noise(declared: Sequence[Part], signals: Sequence[Signal], before: Noise
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 0.1, "fatol": 0.1, "maxiter": 200},
     )
-    x = np.concatenate([found.x, fixed])
-    x[3] = np.clip(x[3], np.log(LEAST_SCALE), 0.0)
-    return noise(x)
+    return noise(np.clip(np.concatenate([found.x, fixed]), low, high))
 
 
-def _with_jumps(noise: Noise, signal: Signal) -> Signal:
+def with_jumps(noise: Noise, signal: Signal) -> Signal:
     """The signal with the jumps of its declared steps found, one after the other, the clearest first.
 
     A random walk spreads a single large change over all its samples, and takes the low frequencies from everything
@@ -174,19 +174,29 @@ def _with_jumps(noise: Noise, signal: Signal) -> Signal:
     return signal
 
 
-def find_jumps(noise: Noise, signal: Signal) -> Signal:
-    """The signal with its jumps; looked for with a small random walk, from which they stand out."""
-    return _with_jumps(replace(noise, scale=min(noise.scale, QUIET)), signal)
-
-
 def fit_noise_and_jumps(declared: Sequence[Part], signals: Sequence[Signal]) -> tuple[Noise, list[Signal]]:
-    """Noise and jumps of given output errors, each found with the other."""
+    """Noise and jumps of given output errors, each found with the other, or no jumps if they do not earn their keep.
+
+    The first jumps are looked for with a small random walk: one that was fitted without them has made up for them.
+    """
     signals = [replace(s, jumps=(), ramp=ramps(declared)) for s in signals]
     noise = fit_noise(declared, signals)
-    for _ in range(2):
-        found = [find_jumps(noise, s) for s in signals]
+    best = criterion(noise, signals), noise, signals
+    if not noise.step_states:
+        return best[1:]
+    trial = replace(noise, scale=min(noise.scale, QUIET))
+    for _ in range(ROUNDS):
+        found = [with_jumps(trial, s) for s in signals]
         if [s.jumps for s in found] == [s.jumps for s in signals]:
             break
-        signals = found
-        noise = fit_noise(declared, signals, noise)
-    return noise, signals
+        signals, trial = found, fit_noise(declared, found, noise)
+        value = criterion(trial, signals)
+        if value < best[0]:
+            best = value, trial, signals
+    return best[1:]
+
+
+def criterion(noise: Noise, signals: Sequence[Signal]) -> float:
+    """Bayesian criterion: each jump has to be worth its size and its instant."""
+    count = sum(int(s.valid.sum()) for s in signals)
+    return deviance(noise, signals) + 2 * float(np.log(count)) * sum(len(s.jumps) for s in signals)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trueplant.disturbance.kalman import smoothed, whitened
 from trueplant.disturbance.models import Part, ramps
-from trueplant.disturbance.noise import Noise, Signal, find_jumps, fit_noise_and_jumps
+from trueplant.disturbance.noise import Noise, Signal, fit_noise_and_jumps, with_jumps
 from trueplant.errors import UsageError
 from trueplant.identify import pieces_of
 from trueplant.lti import TransferMatrix, sampled_response
@@ -80,7 +80,7 @@ def recover(
         if own is None:
             own, (signal,) = fit_noise_and_jumps(parts, [signal])
         else:
-            signal = find_jumps(own, signal)
+            signal = with_jumps(own, signal)
         raw[:, i], value[:, i], std[:, i], known[:, i] = _one(own, signal)
         jumps[i] = signal.jumps
     return Recovered(segment.t, raw, value, std, known, tuple(jumps))
