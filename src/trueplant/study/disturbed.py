@@ -61,6 +61,11 @@ def without_measured(
     return [_without(s, sampled_response(measured, s.d - s.d[0], s.h, "linear"), controller) for s in segments]
 
 
+def acts_alike(controller: Controller) -> bool:
+    """Does the controller act on its set-point as on PV, but for the sign (F = 1, holds apart)?"""
+    return all(entry.one_degree for entry in controller.entries.values())
+
+
 def _without(segment: Segment, v: Array, controller: Controller | None) -> Segment:
     """The segment with v known, as (17) takes it, X = (E - V)(F R - V)^-1: PV less v, and v among what moves the loop.
 
@@ -69,7 +74,7 @@ def _without(segment: Segment, v: Array, controller: Controller | None) -> Segme
     is then noise in the first round of the estimate, and vanishes as its model becomes the plant and X = 0.
     """
     y = segment.y - v
-    if controller is None or not all(entry.one_degree for entry in controller.entries.values()):
+    if controller is None or not acts_alike(controller):
         return replace(segment, y=y)
     scan = controller.scan
     seen = v if scan is not None and scan > 0.99 * segment.h else (v + np.vstack([v[1:], v[-1:]])) / 2
@@ -181,6 +186,11 @@ def _row(
             for p in noise.declared
         ],
         "jumps": jumps,
+        "lost": [
+            {"input": study.columns[spec.column], "name": name, "share": float(share)}
+            for spec, part in zip(fit.row.specs, fit.row.slices, strict=True)
+            for name, share in zip(spec.structure.names, fit.lost[part], strict=True)
+        ],
         "background": {"white": noise.white, "std": noise.std, "time_constant": noise.time_constant},
         "whiteness_p": fit.whiteness_p,
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from trueplant.mismatch import FrequencyResponse, fit_locally
 from trueplant.record import Segment
 from trueplant.study.disturbed import (
     Disturbed,
+    acts_alike,
     assumed,
     declared_parts,
     estimate_disturbed,
@@ -62,7 +63,7 @@ class Estimated:
 
     parameters: Mapping[tuple[int, int], Array]
     covariance: Mapping[tuple[int, int], Array]
-    response: FrequencyResponse | None = field(default=None)
+    response: FrequencyResponse | None = None
 
 
 def compare_methods(study: Study, estimates: Mapping[int, OutputEstimate]) -> Compared:
@@ -126,9 +127,14 @@ def _with_disturbance(
     if wanted != "closed-form":
         parameters = {(i, j): disturbed.fits[i].theta[part] for (i, j), part in slices.items()}
         found[WITH_FIT] = Estimated(parameters, covariance)
-    why = None if wanted == "direct" else _why_not(study, "closed-form", taken_along=True)
-    if wanted != "direct" and why is None:
+    why = "" if wanted == "direct" else _why_not(study, "closed-form", taken_along=True)
+    if why is None:
         model, structures, controller = _problem(study, _segments(study, closed=True))
+        if controller is not None and not acts_alike(controller):
+            why = (
+                "a controller acts otherwise on its set-point than on PV: what v does to the loop is not told by r - v"
+            )
+    if why is None:
         cleaned = [s for s in without_unmeasured(disturbed, everything, controller) if s.closed]
         cleaned = without_measured(study, cleaned, disturbed.plant, controller)
         try:
