@@ -38,7 +38,7 @@ class EstimatorComparison:
     notes: Mapping[str, tuple[str, ...]]
     """What to know of each."""
     black_box: Mapping[str, Array]
-    """By method: p-values (n_y, n_u) of its plant against the black-box response of `identify.varx`, if there is one."""
+    """By method: p-values (n_y, n_u) of its plant against the black-box response (`identify.varx`), if there is one."""
 
     def elements(self, outputs: Sequence[str], inputs: Sequence[str], confidence: float = 0.95) -> dict[str, Any]:
         """{method: elements} as result.json lists methods."""

@@ -62,9 +62,9 @@ def choose_orders(
 
     Elements are chosen in turn, the others kept, until nothing changes. All candidates are weighed by the Bayesian
     criterion with one autoregressive noise model (in closed loop too, where the output error alone would choose too
-    much); the dead time is estimated for each. Young's criterion (Young 1989), which punishes coefficients that the data
-    do not determine, stands beside it in the table: alone it preferred what is too simple on three of four simulated
-    records.
+    much); the dead time is estimated for each. Young's criterion (Young 1989), which punishes coefficients that the
+    data do not determine, stands beside it in the table: alone it preferred what is too simple on three of four
+    simulated records.
 
     Raises Refused where nothing on the list can be fitted.
     """
