@@ -134,6 +134,8 @@ def test_every_proposal_has_its_row(result, parsed):
             now = result.controllers[0]["current"]["metrics"]["plant"]["load"]["iae"]
             assert f"{number(100 * proposal['metrics']['plant']['load']['iae'] / now, 3)} %" in row
             assert f"{number(100 * proposal['drawn']['share'], 3)} %" in row
+            mu = proposal["metrics"]["plant"]["mu"]["upper"]
+            assert f"{'▲ ' if mu >= 1 else ''}{number(mu, 3)}" in row
 
 
 def test_before_and_after_are_compared_on_the_plant(result, parsed):

@@ -32,7 +32,8 @@ def show(result: Result, written: Sequence[Path]) -> None:
         if line:
             out.print(Text(line))
     for reason in (*result.reasons, *result.notes):
-        out.print(Text(f"{'refused' if reason in result.reasons else 'note'}: {reason.message}"))
+        where = f" ({reason.where})" if reason.where else ""
+        out.print(Text(f"{'refused' if reason in result.reasons else 'note'}{where}: {reason.message}"))
     for path in written:
         out.print(Text(str(path)))
 

@@ -47,6 +47,7 @@ class Proposal:
     """"now", "recommended" or empty."""
     settings: tuple[str, ...]
     Ms: Cell
+    mu: Cell
     load: str
     movement: str
     overshoot: str
@@ -74,6 +75,11 @@ class Retuned:
     """By group."""
     headings: tuple[str, ...]
     proposals: tuple[Proposal, ...]
+
+    @property
+    def has_mu(self) -> bool:
+        """Were weights declared?"""
+        return any(proposal.mu.text not in (MISSING, "unstable") for proposal in self.proposals)
 
     @property
     def keeps(self) -> bool:
@@ -132,7 +138,7 @@ def _costs(loop: Table, chosen: Table) -> list[str]:
     mu = [_at("metrics", "plant", "mu", "upper")(one) for one in (loop["current"], chosen)]
     if mu[1] is not None and mu[1] >= 1:
         today = f" (today {number(mu[0], 3)})" if mu[0] is not None else ""
-        said.append(f"Robust performance is not reached: mu {number(mu[1], 3)}{today}, 1 would do.")
+        said.append(f"Robust performance is not reached: mu {number(mu[1], 3)}{today}, below 1 is needed.")
     return said
 
 
@@ -299,6 +305,7 @@ def _proposal(one: Table, loop: Table, chosen: Table | None) -> Proposal:
         kind=kind,
         settings=tuple(texts),
         Ms=_cell(metrics, metrics.get("Ms"), "", -2.0, "Ms"),
+        mu=_cell(metrics, (metrics.get("mu") or {}).get("upper"), "", -1.0, "mu"),
         load=relative,
         movement=number((metrics.get("setpoint") or {}).get("total_variation"), 3),
         overshoot=_percent((metrics.get("setpoint") or {}).get("overshoot")),
