@@ -9,7 +9,7 @@ from scipy.stats import binom, chi2
 
 from changing import PARAMETERS, changing_wood_berry, varying_lag
 from simulated import WOOD_BERRY, segment_of
-from trueplant.detect.since import Series, history, shift_at, slope
+from trueplant.detect.since import Series, Shift, history, slope
 from trueplant.detect.switch import critical, switch_time
 from trueplant.identify import Row, Spec, estimate_row, pieces_of
 from trueplant.lti import Structure
@@ -45,9 +45,7 @@ def test_step_of_known_size_is_found_with_the_power_of_its_chi_square() -> None:
     size, known, found = 0.25, 0, 0
     for _ in range(runs):
         s = series(rng, count, size * (np.arange(count) >= 6))
-        shift = shift_at(s, float(s.start[6]))
-        assert shift is not None
-        known += shift.p_value < 0.05
+        known += split(s, 6).p_value < 0.05
         found += history(s, draws=200).p_value < 0.05
     assert 0.6 * known < found <= known
 
@@ -82,19 +80,22 @@ def test_step_does_not_count_as_scatter() -> None:
         assert history(series(rng, 24, 1.0 * (np.arange(24) >= 11)), draws=50).scatter == 1.0
 
 
-def test_shift_is_the_weighted_difference_of_means() -> None:
-    rng = np.random.default_rng(7)
-    s = series(rng, 9)
-    found = shift_at(s, float(s.start[4]))
-    assert found is not None
-    weights = 1 / np.array([c[0, 0] for c in s.covariance])  # covariances are proportional, so one weight serves all
-    early, late = (np.average(s.theta[p], axis=0, weights=weights[p]) for p in (slice(0, 4), slice(4, 9)))
-    assert np.allclose(found.before, early) and np.allclose(found.after, late)
-    expected = COVARIANCE * (1 / np.sum(COVARIANCE[0, 0] * weights[:4]) + 1 / np.sum(COVARIANCE[0, 0] * weights[4:]))
-    assert np.allclose(found.covariance, expected)
-    d = late - early
-    assert found.p_value == pytest.approx(chi2.sf(d @ np.linalg.inv(expected) @ d, 3))
-    assert shift_at(s, float(s.start[0])) is None
+def split(s: Series, at: int) -> Shift:
+    """The weighted means of the windows before and from number `at` on."""
+    means = []
+    for part in (slice(0, at), slice(at, None)):
+        weights = np.linalg.inv(s.covariance[part])
+        covariance = np.linalg.inv(weights.sum(axis=0))
+        means.append((covariance @ np.einsum("kab,kb->a", weights, s.theta[part]), covariance))
+    return Shift(means[0][0], means[1][0], means[0][1] + means[1][1])
+
+
+def test_step_between_windows_gains_what_the_shift_across_it_is_worth() -> None:
+    """Likelihood ratio and Wald's statistic are the same in a linear model."""
+    s = series(np.random.default_rng(7), 9, 2.0 * (np.arange(9) >= 4))
+    found = history(s, draws=50)
+    assert found.kind == "step" and s.end[3] <= found.time <= s.start[4] + 1e-9
+    assert chi2.sf(found.step, 3) == pytest.approx(split(s, 4).p_value, rel=1e-6)
 
 
 def test_slope_of_exact_lines_is_exact() -> None:

@@ -69,7 +69,7 @@ class History:
 
 @dataclass(frozen=True, eq=False)
 class Shift:
-    """Generalised least-squares mean of the windows before and after an instant, and their difference."""
+    """Parameters before and after an instant, estimated from different data."""
 
     before: Array
     after: Array
@@ -112,16 +112,6 @@ def history(series: Series, draws: int = DRAWS, seed: int = 0) -> History:
     return History(float(p), kind, float(times[best]), step_gain, drift_gain, scatter)
 
 
-def shift_at(series: Series, instant: float, scatter: float = 1.0) -> Shift | None:
-    """The windows that end before an instant against those that begin after it; None where a side has none."""
-    tolerance = 1e-9 * max(abs(float(series.end[-1])), 1.0)
-    early, late = series.end <= instant + tolerance, series.start >= instant - tolerance
-    if not early.any() or not late.any():
-        return None
-    (a, c), (b, d) = _mean(series, early), _mean(series, late)
-    return Shift(a, b, scatter**2 * (c + d))
-
-
 def slope(series: Series, scatter: float = 1.0) -> tuple[Array, Array, Array]:
     """A straight line through the windows: values (m,) at the first and last instant, covariance (m, m) of the rise."""
     m = series.theta.shape[1]
@@ -134,12 +124,6 @@ def slope(series: Series, scatter: float = 1.0) -> tuple[Array, Array, Array]:
     inverse = np.linalg.inv(information)
     line = inverse @ moment
     return line[:m], line[:m] + line[m:], scatter**2 * inverse[m:, m:]
-
-
-def _mean(series: Series, which: NDArray[np.bool_]) -> tuple[Array, Array]:
-    weights = np.linalg.inv(series.covariance[which])
-    covariance = np.linalg.inv(weights.sum(axis=0))
-    return covariance @ np.einsum("kab,kb->a", weights, series.theta[which]), covariance
 
 
 def _instants(series: Series) -> Array:

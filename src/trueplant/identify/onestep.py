@@ -29,6 +29,7 @@ class OneStep:
 
     common: Array
     """(size,) the estimate of all windows together."""
+    common_covariance: Array
     theta: Array
     """(K, size)"""
     covariance: Array
@@ -54,7 +55,7 @@ def one_step(rows: Sequence[Row], noise: Sequence[Array], theta: Array) -> OneSt
             break
         theta = trial
     steps = np.array([-_solve(i, s) for i, s in zip(information, slope, strict=True)])
-    return OneStep(theta, theta + steps, np.array([_inverse(i) for i in information]))
+    return OneStep(theta, _inverse(total), theta + steps, np.array([_inverse(i) for i in information]))
 
 
 def _window(row: Row, ar: Array, theta: Array) -> tuple[Array, Array]:

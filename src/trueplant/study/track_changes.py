@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from trueplant.detect import holm
-from trueplant.detect.since import History, Series, Shift, history, shift_at, slope
+from trueplant.detect.since import History, Series, Shift, history, slope
 from trueplant.detect.switch import switch_time
 from trueplant.identify.crossed import TIMES
 from trueplant.identify.onestep import OneStep, one_step
@@ -94,7 +94,7 @@ class Followed:
         kept, windows = self.kept(column), self.inside(section)
         if not kept or len(windows) < 2:
             return None
-        place = np.arange(self.row.pilot.theta.size)[self._part(column)][self._order(column)][kept]
+        place = self._places(column)
         steps = self._steps(windows)
         return Series(
             np.array([w.start for w in windows]),
@@ -121,6 +121,19 @@ class Followed:
             np.array([f.covariance[np.ix_(kept, kept)] for f in found]),
         )
 
+    def together(self, column: int, section: tuple[float, float]) -> tuple[Array, Array] | None:
+        """What all windows of a section say together about an element, with its covariance."""
+        windows = self.inside(section)
+        if not windows or not self.kept(column):
+            return None
+        steps, place = self._steps(windows), self._places(column)
+        return steps.common[place], steps.common_covariance[np.ix_(place, place)]
+
+    def _places(self, column: int) -> NDArray[np.intp]:
+        """The kept parameters of an element among those of the row."""
+        part = np.arange(self.row.pilot.theta.size)[self._part(column)]
+        return np.asarray(part[self._order(column)][self.kept(column)])
+
     def _part(self, column: int) -> slice:
         return next(p for s, p in zip(self.row.specs, self.row.pilot.row.slices, strict=True) if s.column == column)
 
@@ -137,7 +150,8 @@ class Followed:
             start = np.sum(precise * [w.estimate.theta for w in windows], axis=0) / precise.sum(axis=0)
             steps = one_step(rows, [w.estimate.fit.ar for w in windows], start)
             if self.row.pilot.foretold_by:
-                steps = replace(steps, covariance=steps.covariance * TIMES**2)
+                more = steps.common_covariance * TIMES**2
+                steps = replace(steps, covariance=steps.covariance * TIMES**2, common_covariance=more)
             self.steps[key] = steps
         return self.steps[key]
 
@@ -170,7 +184,11 @@ def find_changes(
         gap = _dated(one, key, tests, float(adjusted[key]), level)
         one.gaps = sorted([*before, gap], key=lambda g: g.time)
         one.lay(say)
-        if not _holds(one, gap, level):
+        if _holds(one, gap, level):
+            if one.row.planned_across(gap.time):
+                one.row.replan(max(one.fitted, key=lambda w: w.estimate.fit.count).estimate)
+                one.lay(say)
+        else:
             one.gaps = before
             one.lay(say)
             barred.add(key)
@@ -193,9 +211,17 @@ def _test(followed: Sequence[Followed], tests: dict[Key, History], seed: int) ->
                 if series is not None:
                     wanted.add(key)
                     if key not in tests:
-                        tests[key] = history(series, seed=seed)
+                        tests[key] = _told(history(series, seed=seed), one.estimates(spec.column, section))
     for key in set(tests) - wanted:
         del tests[key]
+
+
+def _told(found: History, full: Series | None) -> History:
+    """The significance from the steps, the shape of a change from the full estimates, which no large change bends."""
+    if full is None or len(full) < 3:
+        return found
+    shape = history(full, draws=1)
+    return replace(found, kind=shape.kind, time=shape.time, step=shape.step, drift=shape.drift)
 
 
 def _dated(one: Followed, key: Key, tests: dict[Key, History], p: float, level: float) -> Gap:
@@ -229,18 +255,15 @@ def _between(before: Fitted, after: Fitted) -> tuple[float, float]:
 
 
 def _shift(one: Followed, column: int, gap: Gap) -> Shift | None:
-    """The windows between this step and its neighbours, before and after."""
+    """What the windows between this step and its neighbours say before and after; None where a side has none."""
     sections = one.sections()
     here = one.gaps.index(gap)
-    series = one.estimates(column, (sections[here][0], sections[here + 1][1]))
-    if series is None or len(series) < 2:
+    before, after = (one.together(column, section) for section in sections[here : here + 2])
+    if before is None or after is None:
         return None
-    scatter = 1.0
-    for section in (sections[here], sections[here + 1]):
-        side = one.series(column, section)
-        if side is not None:
-            scatter = max(scatter, history(side, draws=1).scatter)
-    return shift_at(series, gap.time, scatter)
+    series = [one.series(column, section) for section in sections[here : here + 2]]
+    scatter = max([1.0, *(history(s, draws=1).scatter for s in series if s is not None)])
+    return Shift(before[0], after[0], scatter**2 * (before[1] + after[1]))
 
 
 def _holds(one: Followed, gap: Gap, level: float) -> bool:
@@ -265,10 +288,13 @@ def _steps(one: Followed, gap: Gap, tests: dict[Key, History], n: int, level: fl
 
 
 def _gradual(one: Followed, key: Key, found: History, p: float, level: float) -> Change:
-    series, windows = one.series(key.column, key.section), one.inside(key.section)
+    windows = one.inside(key.section)
+    series = one.estimates(key.column, key.section)
+    if series is None or len(series) < 2:
+        series = one.series(key.column, key.section)
     assert series is not None  # it was tested
     before, after, covariance = slope(series, found.scatter)
-    if found.kind == "undecided" and len(series) == 2:
+    if len(series) == 2:
         before, after = series.theta
         covariance = series.covariance.sum(axis=0)
     interval = (windows[0].start, windows[-1].end)
@@ -326,12 +352,13 @@ def _elements(one: Followed, n: int, tests: dict[Key, History], changes: Sequenc
         own = [c for c in changes if (c.output, c.input) == (output, name)]
         count = sum(spec.column in w.found and not w.found[spec.column].reasons for w in one.fitted)
         tested = [h for key, h in tests.items() if (key.row, key.column) == (n, spec.column)]
+        across = [shift.p_value for gap in one.gaps if (shift := _shift(one, spec.column, gap)) is not None]
         kinds = [c.kind for c in own]
         if kinds:
             word = next(kind for kind in ("step", "drift", "undecided") if kind in kinds)
             out.append(TrackedElement(output, name, word, min(c.p_adjusted for c in own), count, _scatter(tested)))
-        elif tested:
-            p = float(min(1.0, len(tests) * min(h.p_value for h in tested)))
+        elif tested or across:
+            p = min([1.0, *(len(tests) * h.p_value for h in tested), *(len(one.row.specs) * p for p in across)])
             out.append(TrackedElement(output, name, "constant", p, count, _scatter(tested)))
         else:
             why = _why_untested(one, spec.column, count)

@@ -76,18 +76,40 @@ class FollowedRow:
     held: tuple[Held, ...]
     update: int
     timing: float
-    demand: Demand
-    settle: float
-    blocks: Mapping[int, Blocks]
-    """By experiment, in its own time."""
+    precision: float
     offsets: Mapping[int, float]
     """By experiment: added to its own time."""
+    moves: Mapping[int, Array]
+    """By experiment: when something moved."""
+    pieces: Mapping[int, tuple[Piece, ...]]
+    """By experiment: the whole record."""
+    pilot_stretch: tuple[float, float]
+    """Common time."""
+    demand: Demand = field(init=False)
+    settle: float = field(init=False)
+    blocks: Mapping[int, Blocks] = field(init=False)
+    """By experiment, in its own time."""
     fits: dict[Stretch, Fitted | Stretch] = field(default_factory=dict)
     """Those that were tried: fitted, or refused after all."""
 
     @property
     def specs(self) -> tuple[Spec, ...]:
         return self.pilot.row.specs
+
+    def planned_across(self, instant: float) -> bool:
+        """Does the estimate that the windows are planned from rest on data from both sides of an instant?"""
+        return self.pilot_stretch[0] < instant < self.pilot_stretch[1]
+
+    def replan(self, estimate: OutputEstimate) -> None:
+        """Plan windows from another estimate of this output."""
+        reasons = unanswered(estimate)
+        answered = [k for k in range(estimate.theta.size) if k not in reasons]
+        self.demand = demand_of(estimate.fit, answered, self.study.columns, self.precision)
+        self.settle = settling(estimate.fit)
+        self.blocks = {
+            k: blocks_of(estimate.fit, replace(estimate.row, pieces=found), self.moves[k])
+            for k, found in self.pieces.items()
+        }
 
     def windows(self, gaps: Sequence[tuple[float, float]], say: Progress) -> list[Fitted | Stretch]:
         """All windows in order of time; none reaches into one of the gaps (common time), where changes lie."""
@@ -193,34 +215,33 @@ def follow_rows(study: Study, offsets: Mapping[int, float], precision: float, sa
     update = samples_per_update(interval, study.segments[0].h)
     moves = {k: moves_of(study.screened[k].segments) for k in usable}
     say("a first estimate")
-    pilots = _pilots(study, moves, interval, timing)
+    pilots, (where, segments) = _pilots(study, moves, interval, timing)
+    stretch = (float(segments[0].t[0]) + offsets[where], float(segments[-1].t[-1]) + offsets[where])
     rows = []
     for i, pilot in pilots.items():
         say(f"{study.project.output_names[i]}: planning windows")
-        reasons = unanswered(pilot)
-        demand = demand_of(
-            pilot.fit, [k for k in range(pilot.theta.size) if k not in reasons], study.columns, precision
-        )
         own = {spec.column for spec in pilot.row.specs}
         model = study.model
         held = tuple(Held(j, model[i, j]) for j in range(model.shape[1]) if j not in own and not model[i, j].is_zero)
         pieces = {k: pieces_of(study.screened[k].segments, i, held, update) for k in usable}
-        blocks = {
-            k: blocks_of(pilot.fit, replace(pilot.row, pieces=found), moves[k]) for k, found in pieces.items() if found
-        }
-        settle = settling(pilot.fit)
-        rows.append(FollowedRow(study, i, pilot, held, update, timing, demand, settle, blocks, offsets))
+        pieces = {k: found for k, found in pieces.items() if found}
+        row = FollowedRow(study, i, pilot, held, update, timing, precision, offsets, moves, pieces, stretch)
+        row.replan(pilot)
+        rows.append(row)
     return rows
 
 
-def _pilots(study: Study, moves: Mapping[int, Array], interval: float, timing: float) -> dict[int, OutputEstimate]:
+def _pilots(
+    study: Study, moves: Mapping[int, Array], interval: float, timing: float
+) -> tuple[dict[int, OutputEstimate], tuple[int, list[Segment]]]:
     """Estimates of all outputs on the liveliest stretch; on a longer one where a gain stays open."""
     stride = choose_stride(study.segments, list(study.specs.values()), interval)
     samples = sum(len(s) for s in study.segments)
     wanted = PILOT * stride
     while True:
+        stretch = _liveliest(study, moves, wanted)
         found = identify_matrix(
-            _liveliest(study, moves, wanted),
+            stretch[1],
             study.model,
             study.specs,
             confidence=study.project.analysis.confidence,
@@ -228,7 +249,7 @@ def _pilots(study: Study, moves: Mapping[int, Array], interval: float, timing: f
             timing=timing,
         )
         if wanted >= samples or (found and not any(_gain_open(e) for e in found.values())):
-            return found
+            return found, stretch
         wanted *= 4
 
 
@@ -237,9 +258,9 @@ def _gain_open(estimate: OutputEstimate) -> bool:
     return any(names[k].startswith(("gain", "slope")) for k in unanswered(estimate))
 
 
-def _liveliest(study: Study, moves: Mapping[int, Array], samples: int) -> list[Segment]:
-    """The stretch of so many samples in which most moves are made."""
-    best, most = [], -1
+def _liveliest(study: Study, moves: Mapping[int, Array], samples: int) -> tuple[int, list[Segment]]:
+    """The experiment, and its stretch of so many samples, in which most moves are made."""
+    best, most = (0, list(study.segments[:1])), -1
     for k, moved in moves.items():
         segments = study.screened[k].segments
         h, first, last = segments[0].h, float(segments[0].t[0]), float(segments[-1].t[-1]) + segments[0].h
@@ -248,5 +269,5 @@ def _liveliest(study: Study, moves: Mapping[int, Array], samples: int) -> list[S
             end = last if a + 1.5 * length > last else a + length
             count = int(np.sum((moved >= a) & (moved < end)))
             if count > most:
-                most, best = count, part_of(segments, float(a), float(end))
+                most, best = count, (k, part_of(segments, float(a), float(end)))
     return best
