@@ -52,7 +52,7 @@ def _saturated(study: Study) -> list[Reason]:
         for name, share in zip(study.project.input_names, screened.saturated.mean(axis=0), strict=True):
             if share > AT_LIMIT:
                 message = (
-                    f"the valve was saturated: OP stood at a limit in {100 * share:.2g} % of the samples. The estimate "
+                    f"the actuator was saturated: OP stood at a limit in {100 * share:.2g} % of the samples. The estimate "
                     "takes OP as it was recorded and does not suffer, but the loop was not linear then"
                 )
                 causes.append(Reason("cause-valve-saturated", message, f"{screened.record.name}, {name}"))
@@ -206,7 +206,9 @@ def _plant(
     for e in rest:
         which = ", ".join(p.name.replace("_", " ") for p in e.parameters if p.changed)
         message = f"the plant itself has changed ({which}): no other element of its row and column moves with it"
-        if any(other is not e and (other.output == e.output or other.input == e.input) for other in rest):
+        if e.tf_model == "0":
+            message = "the plant has an element here that the model lacks"
+        elif any(other is not e and (other.output == e.output or other.input == e.input) for other in rest):
             message = f"the plant itself has changed ({which}), and others of its row or column with it, not alike"
         causes.append(Reason("cause-plant", message, f"{e.input} -> {e.output}"))
     return causes
