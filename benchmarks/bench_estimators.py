@@ -30,7 +30,7 @@ from benchmark_records import (
     rao_garnier_record,
     tustin,
 )
-from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
+from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant.identify import Row, RowFit, Spec, estimate_row, fit_row, pieces_of
 from trueplant.identify.estimate import fit_noise, largest_order
 from trueplant.identify.instrumental import (
@@ -46,6 +46,7 @@ from trueplant.identify.instrumental import (
 from trueplant.identify.instrumental.noise import without_noise_directions
 from trueplant.identify.instrumental.refine import evaluate
 from trueplant.identify.instrumental.samples import samples_of
+from trueplant.identify.varx import varx
 from trueplant.loop import simulate
 from trueplant.lti import Structure
 from trueplant.lti.structure import structure_of
@@ -286,6 +287,16 @@ def quantised(runs: int) -> None:
             compare(title, names, truth, record, limit, {"direct fit": fitted}, runs)
 
 
+def black_box(runs: int) -> None:
+    """How often the chi-square test of `identify.varx` rejects elements of the true Wood-Berry plant at 5 %."""
+    print("\nBlack-box test of the true plant, share rejected at 5 %, by lags of the ARX model")
+    segments = [segment_of(wood_berry(FIRST_SEED + k)) for k in range(min(runs, 100))]
+    for lags in (12, 24, 48, 64):
+        p = np.array([varx([segment], lags).test(WOOD_BERRY, ("zoh", "zoh"))[0] for segment in segments])
+        shares = ", ".join(f"{x:.3f}" for x in np.mean(p < 0.05, axis=0).ravel())
+        print(f"{lags:4d} lags, {len(segments)} runs: {shares} (elements 11, 12, 21, 22)", flush=True)
+
+
 def rounded_ar1(pole: float, driving: float, white: float) -> tuple[float, float]:
     """c and innovation variance of the ARMA(1, 1) that AR(1) noise plus white rounding errors is (spectral factor)."""
     total, cross = driving + white * (1 + pole**2), -white * pole
@@ -300,6 +311,7 @@ def main() -> None:
         "delay": delay,
         "closed-white": lambda runs: closed(runs, "white"),
         "quantised": quantised,
+        "black-box": black_box,
     }
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=1000)

@@ -72,6 +72,18 @@ def test_black_box_finds_an_estimator_that_is_wrong():
     assert varx([segment]).test(WOOD_BERRY, segment.hold)[0][0, 0] < 1e-6
 
 
+def test_a_dead_time_without_an_error_is_given_none():
+    segment, structure = delayed_record(3), Structure.parse("pair+lead")
+    compared = compare_estimators([segment], {(0, 0): structure}, methods=["equation-error", "srivc"])
+    rows = compared.elements(["y"], ["u"])
+    for method, known in (("equation-error", False), ("srivc", True)):
+        dead_time = rows[method][0]["parameters"][-1]
+        assert dead_time["name"] == "dead_time"
+        assert dead_time["plant"] == pytest.approx(8.0, abs=0.3)
+        assert (dead_time["std_error"] is not None) == known
+        assert (dead_time["ci"] is not None) == known
+
+
 def test_what_does_not_apply_says_why():
     segment = segment_of(wood_berry(7, samples=800))
     compared = compare_estimators([segment], ALL, None, WOOD_BERRY, ["clsrivc", "srivc"])

@@ -47,10 +47,9 @@ class EstimatorComparison:
         for method, found in self.found.items():
             rows = []
             for (i, j), (p, covariance) in sorted(found.items()):
-                std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
                 parameters = [
-                    {"name": n, "plant": float(v), "std_error": float(e), "ci": (float(v - z * e), float(v + z * e))}
-                    for n, v, e in zip(self.structures[i, j].names, p, std, strict=True)
+                    _listed(name, float(value), float(error), z)
+                    for name, value, error in zip(self.structures[i, j].names, p, _errors(covariance), strict=True)
                 ]
                 rows.append({"output": outputs[i], "input": inputs[j], "parameters": parameters})
             listed[method] = rows
@@ -62,12 +61,23 @@ class EstimatorComparison:
             lines.append(f"input {j + 1} -> output {i + 1}")
             for k, name in enumerate(structure.names):
                 values = [
-                    f"{method} {found[i, j][0][k]:.4g} ± {np.sqrt(max(found[i, j][1][k, k], 0.0)):.2g}"
+                    f"{method} {found[i, j][0][k]:.4g} ± {_errors(found[i, j][1])[k]:.2g}"
                     for method, found in self.found.items()
                     if (i, j) in found
                 ]
                 lines.append(f"  {name}: " + ", ".join(values))
         return "\n".join([*lines, *(f"{method}: {why}" for method, why in self.not_applied.items())])
+
+
+def _errors(covariance: Array) -> Array:
+    """Standard errors; NaN where the method gives none."""
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+def _listed(name: str, value: float, error: float, z: float) -> dict[str, Any]:
+    known = np.isfinite(error)
+    interval = (value - z * error, value + z * error) if known else None
+    return {"name": name, "plant": value, "std_error": error if known else None, "ci": interval}
 
 
 def compare_estimators(
@@ -129,9 +139,13 @@ def _run(
             "equation-error": lambda i: _equation_error(segments, i, orders[i]),
         }
         fits = {i: estimator[name](i) for i in rows}
-    found = {
-        (i, j): fits[i].as_structure(structures[i, j], k) for i, columns in rows.items() for k, j in enumerate(columns)
-    }
+    found: Found = {}
+    for i, columns in rows.items():
+        for k, j in enumerate(columns):
+            value, covariance = fits[i].as_structure(structures[i, j], k)
+            if fits[i].orders[k].keeps_dead_time and structures[i, j].has_dead_time:
+                covariance[-1, :] = covariance[:, -1] = np.nan  # found on a grid: its error is not known
+            found[i, j] = value, covariance
     return found, tuple(dict.fromkeys(note for fit in fits.values() for note in fit.notes))
 
 
