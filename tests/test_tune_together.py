@@ -221,6 +221,26 @@ def test_every_method_is_stable_and_keeps_its_crossover(form):
         assert (found.price[0] is not None) == (found.method == "certain-share")
 
 
+def test_pairs_off_the_diagonal_are_tuned_as_on_it():
+    """The same column with its inputs in the other order."""
+    swapped = TransferMatrix(tuple((row[1], row[0]) for row in WOOD_BERRY.elements), "min")
+    crossed = Controller({(1, 0): BLT.entries[0, 0], (0, 1): BLT.entries[1, 1]}, 2, 2)
+    own, other = (
+        propose(UncertainPlant(plant, {}), [LoopTask(a, 0, 0.4, LIKE), LoopTask(b, 1, 0.2, LIKE)], law, METHODS)
+        for plant, law, a, b in ((WOOD_BERRY, BLT, 0, 1), (swapped, crossed, 1, 0))
+    )
+    for straight, across in zip(own, other, strict=True):
+        assert straight.controller is not None and across.controller is not None
+        for i, j in ((0, 0), (1, 1)):
+            np.testing.assert_allclose(
+                across.controller.entries[1 - i, j].parallel, straight.controller.entries[i, j].parallel, rtol=1e-6
+            )
+
+
+LIKE = PID(Kc=1.0)
+METHODS = ("certain-share", "simc", "blt", "sequential")
+
+
 def test_luybens_settings_come_out_of_blt_and_are_calm():
     tasks = [LoopTask(i, i, 5.0, PID(Kc=1.0)) for i in range(2)]
     found = propose(UncertainPlant(WOOD_BERRY, {}), tasks, BLT, ["blt"])[0]

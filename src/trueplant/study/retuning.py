@@ -92,7 +92,10 @@ def retuning_of(
         return Retuning(
             notes=tuple(Reason("tuning", loop.why, study.project.input_names[loop.place[0]]) for loop in asked)
         )
-    return _Workshop(study, known, today, asked, tasks, estimates).retuning()
+    try:
+        return _Workshop(study, known, today, asked, tasks, estimates).retuning()
+    except LoopError as error:
+        return Retuning(notes=(Reason("tuning", f"no settings can be proposed: {error}"),))
 
 
 # -- the proposals --------------------------------------------------------------------------------------------------

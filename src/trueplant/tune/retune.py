@@ -93,6 +93,7 @@ METHODS: dict[str, Rule] = {
     "minimum-ise": _minimum("ISE"),
     "optimal-iae": _optimal("IAE"),
     "optimal-itae": _optimal("ITAE"),
+    "optimal-ise": _optimal("ISE"),
     "max-ki": lambda g, c: max_ki(g, c.limits, c.kind, c.alpha),
     "pole-placement": _placed,
     "loop-shaping": lambda g, c: loop_shaping(g, 60.0, None, c.kind, c.alpha),
