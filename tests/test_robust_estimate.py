@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from report_sample import LOOP
 from trueplant.cli.analyse import demo_text
 from trueplant.loop import PID, Controller, unstable_poles
 from trueplant.lti import TransferMatrix, tf
@@ -168,6 +169,22 @@ def test_peaks_of_drawn_loops_lie_between_those_at_the_ends_of_the_intervals(res
         )
     )
     assert low < fuel["Ms_q50"] < fuel["Ms_q95"] < high
+
+
+def test_what_the_loop_cannot_meet_is_said(tmp_path):
+    """P control leaves an offset: no bound of an integrating weight. Without wI only what a wP can say is said."""
+    law = LOOP.split("[tuning]")[0].replace("Kc = 0.6, Ti = 8.0", "Kc = 0.7")
+    law = law.replace("wI = {gain_percent = 15, dead_time = 0.4}\n", "")
+    project = Project.from_toml(law + "[simulate]" + LOOP.split("[simulate]")[1], tmp_path)
+    (tmp_path / "record.csv").write_bytes(as_file(simulate_record(project), "record.csv"))
+    found = analyse(project)
+    peaks = found.to_dict()["robustness"]["peaks"]
+    assert peaks["plant"]["NP"] == {"lower": None, "upper": None, "frequency": 0.0} and "RP" not in peaks["plant"]
+    assert peaks["plant"]["robust_performance_holds"] is None and peaks["estimate"]["RS"]["upper"] < 1
+    assert peaks["estimate"]["robust_performance_holds"] is False
+    said = next(note.message for note in found.notes if note.code == "robust-performance")
+    assert "wP integrates and the loop does not" in said
+    assert found.robustness["drawn"]["share_performance"] == 0.0
 
 
 def test_pairing_of_the_wrong_sign_is_named():

@@ -156,7 +156,7 @@ def _weighted(
             tuple(t for t in _tests(True, declared.wP is not None) if t != "NP"),
         )
     table = {name: _peaks(found, tests[name]) for name, found in cases.items()}
-    if "RP" in tests["plant"] and cases["plant"].stable:
+    if "RP" in tests["plant"] and math.isfinite(cases["plant"].RP.upper):
         table["plant"]["worst_plant"] = _worst(study, systems["plant"], uncertainty, cases["plant"])
     curves = (_curves(name, found, table[name]) for name, found in cases.items() if found.stable)
     return table, tuple(curves)
@@ -322,6 +322,8 @@ def _missed(peaks: Mapping[str, Any]) -> str:
             continue
         if not on_plant["stable"]:
             return f"with today's controller {what} is out of reach: the loop is unstable on the plant as estimated"
+        if not math.isfinite(on_plant[test]["upper"]):
+            return f"with today's controller {what} is out of reach: the weight wP integrates and the loop does not"
         if on_plant[test]["upper"] >= 1:
             where = "towards frequency 0" if on_plant[test]["frequency"] == 0 else "at its peak"
             return (

@@ -241,11 +241,16 @@ def loop_line(result: Result) -> str:
     if "RP" in peaks.get("plant", {}):
         before, today = peaks["model"]["RP"]["upper"], peaks["plant"]["RP"]["upper"]
         holds = "holds" if peaks["plant"]["robust_performance_holds"] else "does not hold"
-        text += f" Robust performance {holds}: mu peaks at {number(today)} ({number(before)} on the model)."
+        peak = f"mu peaks at {number(today)} ({number(before)} on the model)" if _finite(today) else "mu has no bound"
+        text += f" Robust performance {holds}: {peak}."
     drawn = result.robustness.get("drawn", {})
     if drawn and drawn["share_stable"] < 1:
         text += f" It is unstable on {100 * (1 - drawn['share_stable']):.2g} % of the plants that the data leave open."
     return text
+
+
+def _finite(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)
 
 
 def settings_lines(result: Result) -> list[str]:
