@@ -102,9 +102,18 @@ def compare_estimators(
     found: dict[str, Found] = {}
     refused: dict[str, str] = {}
     notes: dict[str, tuple[str, ...]] = {}
+    rows = {i: sorted(j for k, j in structures if k == i) for i in sorted({i for i, _ in structures})}
+    orders = {i: [Order.of(j, structures[i, j]) for j in columns] for i, columns in rows.items()}
+    iterative = set(methods) - {"direct", "equation-error"}
+    starts = {i: _start(segments, i, orders[i], model) for i in rows} if iterative else {}
     for name in methods:
         try:
-            found[name], notes[name] = _run(name, segments, structures, controller, model)
+            if name == "direct":
+                found[name], notes[name] = _direct(segments, structures, rows, model), ()
+                continue
+            fits = _fits(name, segments, orders, starts, controller)
+            found[name] = _in_structures(fits, structures)
+            notes[name] = tuple(dict.fromkeys(note for fit in fits.values() for note in fit.notes))
         except (TrueplantError, np.linalg.LinAlgError) as error:
             refused[name] = str(error)
     if not found:
@@ -112,41 +121,40 @@ def compare_estimators(
     return EstimatorComparison(dict(structures), found, refused, notes, _black_box(segments, structures, found))
 
 
-def _run(
+def _fits(
     name: str,
     segments: Sequence[Segment],
-    structures: Mapping[Place, Structure],
+    orders: Mapping[int, Sequence[Order]],
+    starts: Mapping[int, Array | None],
     controller: Controller | None,
-    model: TransferMatrix | None,
-) -> tuple[Found, tuple[str, ...]]:
-    rows = {i: sorted(j for k, j in structures if k == i) for i in sorted({i for i, _ in structures})}
-    if name == "direct":
-        return _direct(segments, structures, rows, model), ()
-    orders = {i: [Order.of(j, structures[i, j]) for j in columns] for i, columns in rows.items()}
-    starts = {i: _start(orders[i], i, model) for i in rows}
+) -> dict[int, PolynomialFit]:
+    """One of the polynomial estimators on every output."""
     if name == "clsrivc":
         if controller is None:
             raise Refused("clsrivc drives its instrument through the controller: declare it, or use two-stage")
-        if any(j >= controller.n_u for _, j in structures):
+        if any(order.column >= controller.n_u for row in orders.values() for order in row):
             raise Refused("clsrivc knows no measured disturbances: use srivc or rivc")
         given = {i: start for i, start in starts.items() if start is not None}
-        fits = clsrivc(segments, orders, controller, given or None)
-    else:
-        estimator: Mapping[str, Callable[[int], PolynomialFit]] = {
-            "srivc": lambda i: srivc(segments, i, orders[i], starts[i]),
-            "rivc": lambda i: rivc(segments, i, orders[i], start=starts[i]),
-            "two-stage": lambda i: two_stage(segments, i, orders[i], starts[i]),
-            "equation-error": lambda i: _equation_error(segments, i, orders[i]),
-        }
-        fits = {i: estimator[name](i) for i in rows}
+        return clsrivc(segments, orders, controller, given or None)
+    estimators: Mapping[str, Callable[[int], PolynomialFit]] = {
+        "srivc": lambda i: srivc(segments, i, orders[i], starts[i]),
+        "rivc": lambda i: rivc(segments, i, orders[i], start=starts[i]),
+        "two-stage": lambda i: two_stage(segments, i, orders[i], starts[i]),
+        "equation-error": lambda i: _equation_error(segments, i, orders[i]),
+    }
+    return {i: estimators[name](i) for i in orders}
+
+
+def _in_structures(fits: Mapping[int, PolynomialFit], structures: Mapping[Place, Structure]) -> Found:
     found: Found = {}
-    for i, columns in rows.items():
-        for k, j in enumerate(columns):
-            value, covariance = fits[i].as_structure(structures[i, j], k)
-            if fits[i].orders[k].keeps_dead_time and structures[i, j].has_dead_time:
+    for i, fit in fits.items():
+        for k, order in enumerate(fit.orders):
+            structure = structures[i, order.column]
+            value, covariance = fit.as_structure(structure, k)
+            if order.keeps_dead_time and structure.has_dead_time:
                 covariance[-1, :] = covariance[:, -1] = np.nan  # found on a grid: its error is not known
-            found[i, j] = value, covariance
-    return found, tuple(dict.fromkeys(note for fit in fits.values() for note in fit.notes))
+            found[i, order.column] = value, covariance
+    return found
 
 
 def _equation_error(segments: Sequence[Segment], output: int, orders: Sequence[Order]) -> PolynomialFit:
@@ -155,8 +163,22 @@ def _equation_error(segments: Sequence[Segment], output: int, orders: Sequence[O
     return state_variable_filter(segments, output, orders[0])
 
 
-def _start(orders: Sequence[Order], output: int, model: TransferMatrix | None) -> Array | None:
-    """The model's coefficients, where it has all of these elements in these orders."""
+def _start(
+    segments: Sequence[Segment], output: int, orders: Sequence[Order], model: TransferMatrix | None
+) -> Array | None:
+    """SRIVC's coefficients, from the model or from its own search, whichever costs less; None where both fail."""
+    fits: list[PolynomialFit] = []
+    for start in (None, _coefficients(orders, output, model)):
+        if start is not None or not fits:
+            try:
+                fits.append(srivc(segments, output, orders, start))
+            except (TrueplantError, np.linalg.LinAlgError):
+                continue
+    return min(fits, key=lambda fit: fit.cost).theta if fits else None
+
+
+def _coefficients(orders: Sequence[Order], output: int, model: TransferMatrix | None) -> Array | None:
+    """The model's, where it has all of these elements in these orders."""
     if model is None:
         return None
     parts = [
