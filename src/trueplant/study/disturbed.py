@@ -12,6 +12,8 @@ from scipy.stats import norm
 
 from trueplant.disturbance import DisturbedFit, Part, Recovered, fit_with_disturbance, likelihood_p, recover
 from trueplant.identify import OutputEstimate
+from trueplant.identify.intervals import normal_intervals
+from trueplant.identify.output import ROUNDING
 from trueplant.loop import Controller
 from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
 from trueplant.record import Segment
@@ -101,16 +103,19 @@ def assumed(study: Study, estimates: Mapping[int, OutputEstimate]) -> str:
     )
 
 
-def with_jumps(study: Study, estimates: Mapping[int, OutputEstimate], plant: TransferMatrix) -> Study:
+def disturbed_fits(study: Study, estimates: Mapping[int, OutputEstimate]) -> dict[int, DisturbedFit]:
+    """Plant and declared disturbance together, for each output that has one."""
+    return {i: fit_with_disturbance(estimates[i].fit, p) for i, p in declared_parts(study).items() if i in estimates}
+
+
+def with_jumps(study: Study, plant: TransferMatrix) -> Study:
     """The study whose segments say at which samples a declared step was found to jump; the same if there are none.
 
-    The fit then gives every jump a level of its own, as it does with an offset, and is as sure as that allows.
+    The fit then gives every jump a level of its own, as it does with an offset.
     """
-    stepping = {i for i, parts in declared_parts(study).items() if any(part.kind == "step" for part in parts)}
-    fits = {i: fit for i, fit in _fits(study, estimates).items() if i in stepping}
-    if not any(any(fit.jumps) for fit in fits.values()):
+    if not any(any(fit.jumps) for fit in study.disturbed.values()):
         return study
-    recovered = iter(_recovered(study, fits, _plant(plant, fits), study.segments))
+    recovered = iter(_recovered(study, _plant(plant, study.disturbed), study.segments))
     screened = [
         s if s.refusal else replace(s, segments=tuple(replace(p, jumps=next(recovered).jumps) for p in s.segments))
         for s in study.screened
@@ -118,22 +123,42 @@ def with_jumps(study: Study, estimates: Mapping[int, OutputEstimate], plant: Tra
     return replace(study, screened=tuple(screened))
 
 
+def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float, confidence: float) -> OutputEstimate:
+    """The estimate with parameters and intervals of the fit that takes the declared disturbance along.
+
+    It stays as it is where that fit does not describe the record, and where it has been widened for what the fit does
+    not know: experiments that disagree, disturbances that reach several outputs. `timing` as in `identify_output`.
+    """
+    known = estimate.foretold_by or estimate.jointly or (estimate.runs is not None and not estimate.runs.agree)
+    if fit is None or fit.whiteness_p < MISDESCRIBED or known:
+        return estimate
+    if not _same_elements(fit, estimate):
+        return estimate
+    dead = np.array([name.startswith("dead") for spec in fit.row.specs for name in spec.structure.names])
+    covariance = fit.covariance + np.diag((ROUNDING * fit.theta) ** 2 + np.where(dead, timing**2, 0.0))
+    low, high = (bound[:, None] for bound in fit.row.bounds())
+    intervals = np.clip(normal_intervals(fit.theta, covariance, confidence), low, high)
+    return replace(estimate, theta=fit.theta, covariance=covariance, intervals=intervals, order_dependence={})
+
+
+def _same_elements(fit: DisturbedFit, estimate: OutputEstimate) -> bool:
+    """Are the parameters of both in the same places? Not if an element that the model lacks was taken in meanwhile."""
+    own, other = ([(spec.column, spec.structure) for spec in row.specs] for row in (fit.row, estimate.row))
+    return own == other
+
+
 def estimate_disturbed(
     study: Study, estimates: Mapping[int, OutputEstimate], plant: TransferMatrix, segments: Sequence[Segment]
 ) -> Disturbed | None:
-    """Plant and declared disturbance of each output together; the disturbance is then recovered in the segments."""
-    fits = _fits(study, estimates)
+    """What the fits with a declared disturbance say, and the disturbance as recovered in the segments."""
+    fits = study.disturbed
     if not fits:
         return None
     whole = _plant(plant, fits)
-    recovered = _recovered(study, fits, whole, segments)
+    recovered = _recovered(study, whole, segments)
     notes = [note for i, fit in fits.items() for note in _notes(study, estimates[i], i, fit)]
     table = tuple(_row(study, i, fit, segments, recovered) for i, fit in fits.items())
     return Disturbed(fits, whole, recovered, table, tuple(notes))
-
-
-def _fits(study: Study, estimates: Mapping[int, OutputEstimate]) -> dict[int, DisturbedFit]:
-    return {i: fit_with_disturbance(estimates[i].fit, p) for i, p in declared_parts(study).items() if i in estimates}
 
 
 def _plant(plant: TransferMatrix, fits: Mapping[int, DisturbedFit]) -> TransferMatrix:
@@ -148,10 +173,8 @@ def _plant(plant: TransferMatrix, fits: Mapping[int, DisturbedFit]) -> TransferM
     return TransferMatrix(tuple(rows), plant.time_unit)
 
 
-def _recovered(
-    study: Study, fits: Mapping[int, DisturbedFit], plant: TransferMatrix, segments: Sequence[Segment]
-) -> tuple[Recovered, ...]:
-    noises = {i: fit.noise for i, fit in fits.items()}
+def _recovered(study: Study, plant: TransferMatrix, segments: Sequence[Segment]) -> tuple[Recovered, ...]:
+    noises = {i: fit.noise for i, fit in study.disturbed.items()}
     return tuple(recover(s, plant, declared_parts(study), noises) for s in segments)
 
 
@@ -201,13 +224,13 @@ def _notes(study: Study, estimate: OutputEstimate, i: int, fit: DisturbedFit) ->
     level = 1 - study.project.analysis.confidence
     name = study.project.output_names[i]
     notes = []
-    plain = np.sqrt(np.diag(estimate.covariance))
+    plain = np.sqrt(np.diag(estimate.fit.covariance))
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        if spec.start is None:
+        if spec.start is None or not _same_elements(fit, estimate):
             continue
         model = np.array(spec.start, dtype=float)
         index = np.arange(part.start, part.stop)
-        z = np.abs(estimate.theta[index] - model) / np.maximum(plain[index], 1e-300)
+        z = np.abs(estimate.fit.theta[index] - model) / np.maximum(plain[index], 1e-300)
         alone = float(np.min(2 * norm.sf(z))) * index.size
         found = likelihood_p(fit, index, model)
         where = f"{study.columns[spec.column]} -> {name}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,7 @@ from trueplant.record.times import unit_seconds
 from trueplant.study.result import Reason, Result
 
 if TYPE_CHECKING:
+    from trueplant.disturbance import DisturbedFit
     from trueplant.study.project import Project
 
 Array = NDArray[np.float64]
@@ -41,6 +42,8 @@ class Study:
     specs: dict[tuple[int, int], Spec]
     """The elements to estimate."""
     notes: tuple[Reason, ...] = ()
+    disturbed: Mapping[int, DisturbedFit] = field(default_factory=dict)
+    """The outputs with a declared unmeasured disturbance, estimated along with it."""
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -86,9 +89,9 @@ def analyse(project: Project, progress: Progress | None = None) -> Result:
     if not estimates:
         reasons.append(Reason("nothing-to-estimate", "no output has both an element to estimate and usable data"))
         return refused(study, reasons, consistency)
-    study = _with_elements_of(study, estimates)
     if project.unmeasured:
         study, estimates = _with_disturbances(study, estimates, say)
+    study = _with_elements_of(study, estimates)
     say("comparing methods")
     others = compare_methods(study, estimates)
     say("putting the result together")
@@ -201,9 +204,7 @@ def translated(own: Structure, values: Array, wanted: Structure) -> tuple[float,
 
 def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
     """The estimate of each output that has elements to estimate and data to do it from."""
-    usable = [s for s in study.screened if s.refusal is None]
-    updates = [float(np.max(s.update_interval)) for s in usable if s.update_interval.size]
-    interval = max(updates, default=0.0)
+    interval = _update_interval(study)
     return identify_matrix(
         study.segments,
         study.model,
@@ -233,12 +234,24 @@ def _with_elements_of(study: Study, estimates: Mapping[int, OutputEstimate]) -> 
 def _with_disturbances(
     study: Study, estimates: dict[int, OutputEstimate], say: Progress
 ) -> tuple[Study, dict[int, OutputEstimate]]:
-    """The estimates again, if a declared unmeasured disturbance was found to jump within the records."""
-    from trueplant.study.disturbed import with_jumps
+    """Study and estimates that know the declared unmeasured disturbances."""
+    from trueplant.study.disturbed import disturbed_fits, resting_on, with_jumps
 
-    say("looking for unmeasured disturbances")
-    told = with_jumps(study, estimates, plant_matrix(study, estimates))
-    return (study, estimates) if told is study else (told, estimate(told, say))
+    say("estimating unmeasured disturbances")
+    fits = disturbed_fits(study, estimates)
+    plant = plant_matrix(study, estimates)
+    told = with_jumps(replace(study, disturbed=fits), plant)
+    if any(segment.jumps for segment in told.segments):
+        estimates = estimate(told, say)
+    timing = timing_error(study, _update_interval(study))
+    confidence = study.project.analysis.confidence
+    return told, {i: resting_on(found, fits.get(i), timing, confidence) for i, found in estimates.items()}
+
+
+def _update_interval(study: Study) -> float:
+    """Longest time between real updates of a PV."""
+    usable = [s for s in study.screened if s.refusal is None]
+    return max((float(np.max(s.update_interval)) for s in usable if s.update_interval.size), default=0.0)
 
 
 def timing_error(study: Study, update_interval: float) -> float:
