@@ -52,8 +52,8 @@ def _saturated(study: Study) -> list[Reason]:
         for name, share in zip(study.project.input_names, screened.saturated.mean(axis=0), strict=True):
             if share > AT_LIMIT:
                 message = (
-                    f"the actuator was saturated: OP stood at a limit in {100 * share:.2g} % of the samples. The estimate "
-                    "takes OP as it was recorded and does not suffer, but the loop was not linear then"
+                    f"the actuator was saturated: OP stood at a limit in {100 * share:.2g} % of the samples. The "
+                    "estimate takes OP as it was recorded and does not suffer, but the loop was not linear then"
                 )
                 causes.append(Reason("cause-valve-saturated", message, f"{screened.record.name}, {name}"))
     return causes
