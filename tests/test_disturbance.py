@@ -15,11 +15,12 @@ from trueplant.disturbance import DisturbedFit, Part, fit_with_disturbance, like
 from trueplant.disturbance.kalman import smoothed, whitened
 from trueplant.disturbance.models import system_of
 from trueplant.errors import UsageError
-from trueplant.identify import OutputEstimate, Spec, identify_output
+from trueplant.identify import OutputEstimate, Spec, identify_output, pieces_of
 from trueplant.loop import Simulation, simulate, step_disturbance
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.lti.structure import structure_of
 from trueplant.mismatch import fit_locally
+from trueplant.record import Segment
 
 H = 0.7
 PARTS = [Part("step", 0.3), Part("drift", 0.02), Part("ar1", 0.5, 4.0)]
@@ -278,3 +279,32 @@ def test_a_huge_disturbance_could_have_been_the_mismatch():
     simulation = stepped(5, samples=600, size=0.0)
     found = together(simulation, 1, std=10.0)
     assert likelihood_p(found, np.array([0]), np.array([6.6]), largest=True) > 0.05
+
+
+# -- jumps in the fit ------------------------------------------------------------------------------------------
+
+
+def test_a_jump_that_is_known_is_a_level_of_its_own():
+    """Free of noise: with the jump given the fit is exact, and without it is not."""
+    rng = np.random.default_rng(10)
+    v = step_disturbance(800, 1.0, 300.0, [3.0, 0.0])
+    segment = segment_of(simulate(PLANT, BLT, random_switching(rng, 800, 2, 20.0), 1.0, v=v))
+    specs = [Spec(j, STRUCTURES[0, j][0], tuple(STRUCTURES[0, j][1])) for j in range(2)]
+    true = np.concatenate([TRUE[0, 0], TRUE[0, 1]])
+    told, untold = (identify_output([replace(segment, jumps=jumps)], 0, specs) for jumps in (((300,), ()), ()))
+    assert told is not None and untold is not None
+    assert np.allclose(told.theta, true, rtol=1e-5)
+    assert not np.allclose(untold.theta, true, rtol=1e-3)
+
+
+def test_jumps_keep_their_place_when_segments_are_joined_and_cut():
+    whole = segment_of(stepped(2, samples=400))
+
+    def part(a: int, b: int, jumps: tuple[int, ...]) -> Segment:
+        arrays = {name: getattr(whole, name)[a:b] for name in ("t", "r", "u", "y", "d", "free")}
+        return replace(whole, **arrays, jumps=(jumps, ()))
+
+    (piece,) = pieces_of([part(0, 150, (40,)), part(160, 400, (20, 100))], 0)
+    assert piece.jumps == (40, 180, 260)
+    assert piece.from_sample(100, 250).jumps == (80,)
+    assert pieces_of([part(0, 150, (40,))], 1)[0].jumps == ()
