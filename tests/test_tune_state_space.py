@@ -109,6 +109,13 @@ def test_the_fastest_keeps_the_limits_in_both_loops():
     assert len(found.controller.entries) == 4
 
 
+def test_the_fastest_counts_the_scan():
+    sampled, continuous = (fastest(DELAYED, "lqg", [0.5], 1.4, scans) for scans in ([1.0], None))
+    assert {entry.sample_time for entry in sampled.controller.entries.values()} == {1.0}
+    assert margins(DELAYED, sampled.controller).Ms <= 1.4
+    assert sampled.bandwidth < continuous.bandwidth
+
+
 def test_units_do_not_matter():
     """Time in seconds, PV in thousandths: the same controller in other units."""
     minutes = lqg(DELAYED, 0.4)

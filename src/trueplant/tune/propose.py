@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.errors import LoopError
-from trueplant.loop import PID, Controller, Linear, unstable_poles
+from trueplant.loop import PID, Controller, Linear
 from trueplant.loop.pid import Entry
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.robust import margins
@@ -285,14 +285,16 @@ def _by_design(
     if len(tasks) != len(today.entries):
         raise LoopError("replaces all controllers at once: tune all loops")
     square = TransferMatrix(tuple(tuple(plant[j.output, i.input] for i in tasks) for j in tasks), plant.time_unit)
-    found = fastest(square, method, [task.crossover for task in tasks], limit)
+    scans = [task.like.sample_time for task in tasks]
+    found = fastest(square, method, [task.crossover for task in tasks], limit, scans)
     entries: dict[tuple[int, int], Entry] = {}
     for (i, j), entry in found.controller.entries.items():
-        like = tasks[i].like
         assert isinstance(entry, Linear)
-        entries[tasks[i].input, tasks[j].output] = replace(entry, sample_time=like.sample_time, limits=like.limits)
+        entries[tasks[i].input, tasks[j].output] = replace(entry, limits=tasks[i].like.limits)
     controller = replace(today, entries=entries)
-    if unstable_poles(plant, controller):
-        raise LoopError("with the scan of today's controllers its loops would be unstable")
-    note = f"no PID but a transfer function, for a bandwidth of {found.bandwidth:.3g} rad per time unit"
+    note = (
+        "no PID: there is no equivalent in any of its forms, enter it as a transfer function (designed for a bandwidth of "
+        f"{found.bandwidth:.3g} rad per time unit, with dead time by a Pade approximation of order {found.pade_order}; "
+        "judged with the exact one)"
+    )
     return Proposal(method, controller, (True,) * len(tasks), (note,) * len(tasks), (None,) * len(tasks))

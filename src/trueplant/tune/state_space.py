@@ -16,7 +16,7 @@ weights 1 there. In these terms
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -118,16 +118,24 @@ DESIGNS: dict[str, Callable[[TransferMatrix, Bandwidth, int], Designed]] = {
 
 
 def fastest(
-    plant: TransferMatrix, method: str, crossovers: Sequence[float], limit: float = 1.59, pade_order: int = 2
+    plant: TransferMatrix,
+    method: str,
+    crossovers: Sequence[float],
+    limit: float = 1.59,
+    scans: Sequence[float | None] | None = None,
+    pade_order: int = 2,
 ) -> Designed:
     """The design of the largest bandwidth that keeps Ms and the crossovers on the exact plant.
 
-    crossovers: of each loop, pairs on the diagonal, rad per time unit. Raises LoopError if there is none.
+    crossovers: of each loop, pairs on the diagonal, rad per time unit; scans: of the controller that writes each input,
+    None for a continuous one. Raises LoopError if there is no such design.
     """
     why = "no bandwidth was found that keeps the limits"
     for factor in _TRIES:
         try:
             found = DESIGNS[method](plant, [float(factor) * w for w in crossovers], pade_order)
+            if scans is not None:
+                found = replace(found, controller=_scanned(found.controller, scans))
             if unstable_poles(plant, found.controller):
                 continue
             reached = [margins(plant, found.controller, i) for i in range(plant.shape[1])]
@@ -140,6 +148,11 @@ def fastest(
         if slow and all(m.Ms <= limit for m in reached):
             return found
     raise LoopError(f"{method} with a Pade plant of order {pade_order}: {why}")
+
+
+def _scanned(controller: Controller, scans: Sequence[float | None]) -> Controller:
+    entries = {place: replace(entry, sample_time=scans[place[0]]) for place, entry in controller.entries.items()}
+    return replace(controller, entries=entries)
 
 
 def _designed(
