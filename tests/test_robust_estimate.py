@@ -13,7 +13,7 @@ from trueplant.lti.structure import Structure
 from trueplant.plants import mill, splitter, wood_berry
 from trueplant.robust import margins, robust_performance
 from trueplant.study import Project, Result
-from trueplant.study.drawn import Spread
+from trueplant.study.drawn import element_errors, varying
 from trueplant.study.pipeline import analyse
 from trueplant.study.project_simulate import as_file, simulate_record
 from trueplant.study.robustness import pairing_of
@@ -23,44 +23,57 @@ FOPDT = Structure.parse("fopdt")
 W = np.geomspace(1e-3, 30, 120)
 
 
+THETA = np.array([2.0, 5.0, 1.5, -1.0, 8.0, 3.0])
+"""One output, two inputs: gain, lag and dead time of each element."""
+
+
+def plant_of(theta: np.ndarray) -> TransferMatrix:
+    return TransferMatrix((tuple(FOPDT.transfer(p) for p in theta.reshape(2, 3)),))
+
+
 def one_row(spread: np.ndarray) -> UncertainPlant:
-    """One output, two inputs: gains, lags, dead times of both elements with the covariance spread (6, 6)."""
-    theta = np.array([2.0, 5.0, 1.5, -1.0, 8.0, 3.0])
-    plant = TransferMatrix((tuple(FOPDT.transfer(p) for p in theta.reshape(2, 3)),))
-    return UncertainPlant(plant, {0: KnownRow((0, 1), (FOPDT, FOPDT), theta, spread)})
-
-
-def on_the_ellipsoid(spread: Spread, count: int) -> np.ndarray:
-    from scipy.stats import chi2
-
-    directions = np.random.default_rng(2).normal(size=(count, spread.mean.size))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    root = np.linalg.cholesky(spread.covariance)
-    return spread.mean + np.sqrt(chi2.ppf(0.9, spread.mean.size)) * directions @ root.T
+    return UncertainPlant(plant_of(THETA), {0: KnownRow((0, 1), (FOPDT, FOPDT), THETA, spread)})
 
 
 @pytest.mark.parametrize(("size", "least"), [(1e-4, 0.95), (0.3, 0.0)])
 def test_errors_of_elements_bound_every_plant_of_the_confidence_region(size, least):
     """Closely where errors are small; with dead times that are uncertain by many periods not at all below."""
-    root = np.tril(np.random.default_rng(0).normal(size=(6, 6)))
-    covariance = size**2 * np.diag([0.05, 1, 1, 0.05, 1, 1]) @ (root @ root.T) @ np.diag([0.05, 1, 1, 0.05, 1, 1])
-    spread = Spread(one_row(covariance / np.linalg.norm(root) ** 2))
-    bound = spread.errors(W, 0.9)
-    nominal = spread.plant(spread.mean)(1j * W)
-    found = np.array([np.abs(spread.plant(v)(1j * W) - nominal) for v in on_the_ellipsoid(spread, 4000)]).max(axis=0)
+    shape = np.tril(np.random.default_rng(0).normal(size=(6, 6)))
+    root = size * np.diag([0.05, 1, 1, 0.05, 1, 1]) @ shape / np.linalg.norm(shape)
+    bound = element_errors(one_row(root @ root.T), W, 0.9)
+    directions = np.random.default_rng(2).normal(size=(4000, 6))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    radius = np.sqrt(10.644640675668422)  # 90 % of chi-square with 6 degrees of freedom
+    nominal = plant_of(THETA)(1j * W)
+    plants = (plant_of(THETA + radius * root @ d)(1j * W) for d in directions)
+    found = np.max([np.abs(plant - nominal) for plant in plants], axis=0)
     assert np.all(found <= 1.1 * bound)
     assert np.all(found > least * bound)
 
 
 def test_error_of_a_dead_time_is_never_counted_as_more_than_turning_round():
-    covariance = np.diag([0.0, 0.0, 4.0, 0.0, 0.0, 0.0])
-    spread = Spread(one_row(covariance))
-    assert spread.mean == pytest.approx([1.5])
-    bound = spread.errors(W, 0.9)
-    nominal = np.abs(spread.plant(spread.mean)(1j * W))
+    known = one_row(np.diag([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))
+    assert varying(known) == 1
+    bound = element_errors(known, W, 0.9)
+    nominal = np.abs(known.nominal(1j * W))
     reach = 2.0 * 1.6448536269514722  # 90 % of a normal variable
     assert bound[:, :, 0] == pytest.approx(nominal[:, :, 0] * np.minimum(reach * W, 2)[:, None], rel=1e-4)
     assert np.all(bound[:, :, 1] == 0)
+
+
+def test_each_delayed_term_has_a_dead_time_of_its_own():
+    """2 exp(-s)/(5 s + 1) - exp(-3 s)/(5 s + 1): an error of the second dead time moves the second term only."""
+    structure = Structure.parse("fopdt+delayed")
+    theta = np.array(
+        [{"gain1": 2.0, "gain2": -1.0, "tau1": 5.0, "dead_time1": 1.0, "dead_time2": 3.0}[n] for n in structure.names]
+    )
+    covariance = np.diag([1e-4 if name == "dead_time2" else 0.0 for name in structure.names])
+    known = UncertainPlant(
+        TransferMatrix(((structure.transfer(theta),),)), {0: KnownRow((0,), (structure,), theta, covariance)}
+    )
+    reach = 1e-2 * 1.6448536269514722
+    alone = np.abs(1 / (5j * W + 1)) * np.minimum(reach * W, 2)
+    assert element_errors(known, W, 0.9)[:, 0, 0] == pytest.approx(alone, rel=1e-4)
 
 
 # -- in a result ----------------------------------------------------------------------------------------------

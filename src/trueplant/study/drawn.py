@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.identify import OutputEstimate, unanswered
-from trueplant.lti import TransferFunction, TransferMatrix
+from trueplant.lti import Structure, TransferMatrix
 from trueplant.robust import covariance_weight
 from trueplant.study.pipeline import believed
 from trueplant.tune.drawn import KnownRow, UncertainPlant
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+BoolArray = NDArray[np.bool_]
 
 
 def uncertain_plant(
@@ -44,74 +45,58 @@ def uncertain_plant(
     return UncertainPlant(plant, rows, steady)
 
 
-class Spread:
-    """The parameters of an uncertain plant that vary, as one vector, and the errors of the plant that they allow."""
+def varying(known: UncertainPlant) -> int:
+    """How many parameters of the plant are uncertain."""
+    return sum(int(np.sum(np.diag(row.covariance) > 0)) for row in known.rows.values())
 
-    def __init__(self, known: UncertainPlant) -> None:
-        from scipy.linalg import block_diag
 
-        self._known = known
-        self._free = {i: np.diag(row.covariance) > 0 for i, row in known.rows.items()}
-        self.mean = np.concatenate([np.zeros(0), *(known.rows[i].theta[free] for i, free in self._free.items())])
-        """(n_p,)"""
-        blocks = [known.rows[i].covariance[np.ix_(free, free)] for i, free in self._free.items()]
-        self.covariance: Array = block_diag(*blocks) if blocks else np.zeros((0, 0))
-        """(n_p, n_p)"""
-        self._dead = np.array(
-            [
-                name.startswith("dead")
-                for i, row in known.rows.items()
-                for name, free in zip((n for s in row.structures for n in s.names), self._free[i], strict=True)
-                if free
-            ],
-            dtype=bool,
-        )
+def element_errors(known: UncertainPlant, w: Array, confidence: float) -> Array:
+    """Size (n_w, n_y, n_u + n_d) of each element's error within the joint confidence region of all parameters.
 
-    def plant(self, values: Array) -> TransferMatrix:
-        """The plant with other values (n_p,) of these parameters."""
-        elements, start = [list(row) for row in self._known.nominal.elements], 0
-        for i, row in self._known.rows.items():
-            theta, free = row.theta.copy(), self._free[i]
-            theta[free] = values[start : start + int(free.sum())]
-            start += int(free.sum())
-            for j, structure, part in zip(row.columns, row.structures, row.slices, strict=True):
-                elements[i][j] = structure.transfer(theta[part])
-        return TransferMatrix(tuple(map(tuple, elements)), self._known.nominal.time_unit)
+    As `covariance_weight`, to first order; but where the error of a dead time has turned the phase, that counts as
+    twice the size of its term at most.
+    """
+    from scipy.stats import chi2
 
-    def errors(self, w: Array, confidence: float) -> Array:
-        """Size (n_w, n_y, n_u + n_d) of the error of each element within the joint confidence region of all parameters.
-
-        As `covariance_weight`, to first order; but where the error of a dead time has turned the phase, that counts as
-        twice the size of its term at most.
-        """
-        others = self.covariance.copy()
-        others[self._dead, :] = others[:, self._dead] = 0.0
-        turned = self._turned(w, confidence)
-        found = np.zeros((w.size, *self._known.nominal.shape))
-        for i, row in self._known.rows.items():
-            for j in row.columns:
-
-                def response(values: Array, i: int = i, j: int = j) -> ComplexArray:
-                    return np.asarray(self.plant(values)[i, j](1j * w)[:, None, None])
-
-                linear, limited = (
-                    covariance_weight(response, self.mean, spread, "additive", confidence)
-                    for spread in (self.covariance, others)
-                )
-                found[:, i, j] = np.minimum(linear, limited + turned[:, i, j])
+    found = np.zeros((w.size, *known.nominal.shape))
+    if not varying(known):
         return found
+    reach = float(chi2.ppf(confidence, varying(known)))
+    for i, row in known.rows.items():
+        for j, structure, part in zip(row.columns, row.structures, row.slices, strict=True):
+            theta, covariance = row.theta[part], row.covariance[part, part]
+            free = np.diag(covariance) > 0
+            if not free.any():
+                continue
+            # the joint region seen from these parameters alone: their ellipsoid, with the radius of all
+            larger = covariance * reach / float(chi2.ppf(confidence, int(free.sum())))
+            dead = np.array([name.startswith("dead") for name in structure.names])
+            steady = np.where(dead[:, None] | dead[None, :], 0.0, larger)
+            linear, limited = (
+                _first_order(structure, theta, free, spread, w, confidence) for spread in (larger, steady)
+            )
+            late = np.sqrt(reach * np.diag(covariance))[dead]
+            found[:, i, j] = np.minimum(linear, limited + _turned(structure, theta, late, w))
+    return found
 
-    def _turned(self, w: Array, confidence: float) -> Array:
-        """(n_w, n_y, n_u + n_d) bounds of what the errors of the dead times alone do to each element."""
-        from scipy.stats import chi2
 
-        radius = float(np.sqrt(chi2.ppf(confidence, self.mean.size)))
-        bound = np.zeros((w.size, *self._known.nominal.shape))
-        for i, row in self._known.rows.items():
-            spread = radius * np.sqrt(np.diag(row.covariance))
-            for j, structure, part in zip(row.columns, row.structures, row.slices, strict=True):
-                late = [s for name, s in zip(structure.names, spread[part], strict=True) if name.startswith("dead")]
-                for term, reach in zip(structure.transfer(row.theta[part]).terms, late, strict=False):
-                    size = np.abs(TransferFunction((term,))(1j * w))
-                    bound[:, i, j] += size * np.minimum(w * reach, 2.0)
-        return bound
+def _first_order(
+    structure: Structure, theta: Array, free: BoolArray, spread: Array, w: Array, confidence: float
+) -> Array:
+    def response(values: Array) -> ComplexArray:
+        p = theta.copy()
+        p[free] = values
+        return np.asarray(structure.transfer(p)(1j * w)[:, None, None], dtype=np.complex128)
+
+    return covariance_weight(response, theta[free], spread[np.ix_(free, free)], "additive", confidence)
+
+
+def _turned(structure: Structure, theta: Array, late: Array, w: Array) -> Array:
+    """(n_w,) the most that errors of the dead times up to `late` do, term by term."""
+    bound = np.zeros(w.size)
+    for k, most in enumerate(late):
+        alone = theta.copy()
+        alone[: structure.delayed] = 0.0
+        alone[k] = theta[k]
+        bound += np.abs(structure.transfer(alone)(1j * w)) * np.minimum(w * most, 2.0)
+    return bound

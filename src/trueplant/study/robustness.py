@@ -26,7 +26,7 @@ from trueplant.robust import (
 )
 from trueplant.robust.generalised import channels
 from trueplant.robust.grid import on_axis, rates_of
-from trueplant.study.drawn import Spread, uncertain_plant
+from trueplant.study.drawn import element_errors, uncertain_plant, varying
 from trueplant.study.project_parts import PerformanceNumbers, UncertaintyNumbers
 from trueplant.study.result import MuCurves, Reason
 from trueplant.tune.drawn import UncertainPlant, common_grid, peaks
@@ -171,12 +171,11 @@ def _of_estimate(
     study: Study, controller: Controller, plant: TransferMatrix, known: UncertainPlant, performance: Any
 ) -> Robustness | None:
     """Robust performance over the plants within the confidence of the estimate, each element's error on its own."""
-    spread = Spread(known)
-    if not spread.mean.size:
+    if not varying(known):
         return None
     grid = rates_of(plant, controller).grid(per_decade=30)
     w = np.append(1e-9 * grid[0], grid)
-    size = spread.errors(w, study.project.analysis.confidence)[:, :, : plant.shape[1]].reshape(w.size, -1)
+    size = element_errors(known, w, study.project.analysis.confidence)[:, :, : plant.shape[1]].reshape(w.size, -1)
     weights = [_interpolated(w, element) for element in size.T]
     return robust_performance(plant, controller, weights, performance, "elements")
 
@@ -243,7 +242,7 @@ def _drawn(
     """
     laws = [entry.tf for entry in controller.entries.values() if isinstance(entry, Linear)]
     elements = [element for row in plant.elements for element in row]
-    if any(np.any(f.poles.real > 0) for f in (*elements, *laws)) or not Spread(known).mean.size:
+    if any(np.any(f.poles.real > 0) for f in (*elements, *laws)) or not varying(known):
         return {}
     n_y, n_u = plant.shape
     seed = study.project.analysis.seed
