@@ -112,12 +112,10 @@ def _with_disturbance(
 ) -> Disturbed | None:
     """The fit and (17) with the declared unmeasured disturbance estimated along, put into `found`."""
     wanted = study.project.analysis.method
-    if not study.project.unmeasured or wanted == "joint":
-        return None
     everything = [s for s in study.segments if len(s) <= LARGEST]
     disturbed = estimate_disturbed(study, estimates, plant, everything)
-    if disturbed is None:
-        return None
+    if disturbed is None or wanted == "joint":
+        return disturbed
     slices = {
         (i, spec.column): part
         for i, fit in disturbed.fits.items()
