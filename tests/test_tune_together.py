@@ -202,16 +202,15 @@ def test_what_cannot_be_promised_is_refused():
 BLT = Controller.diagonal([PID(Kc=0.375, Ti=8.29), PID(Kc=-0.0754, Ti=23.6)])
 
 
-@pytest.mark.parametrize("form", ["ideal", "parallel"])
-def test_every_method_is_stable_and_keeps_its_crossover(form):
-    like = PID(Kc=1.0) if form == "ideal" else PID(form="parallel", Kp=1.0)
+def test_every_method_is_stable_and_keeps_its_crossover():
+    like = PID(form="parallel", Kp=1.0)
     tasks = [LoopTask(0, 0, 0.4, like), LoopTask(1, 1, 0.2, like)]
     known = uncertain(WOOD_BERRY, 0.05, [(0, 0), (1, 1)])
     methods = ("certain-share", "as-designed", "ziegler-nichols", "simc", "lambda", "blt", "sequential")
     for found in propose(known, tasks, BLT, methods, model=WOOD_BERRY):
         assert found.controller is not None and all(found.answered), found.notes
         assert unstable_poles(WOOD_BERRY, found.controller) == 0
-        assert {law.form for law in found.controller.entries.values()} == {form}
+        assert {law.form for law in found.controller.entries.values()} == {"parallel"}
         w = np.geomspace(0.4, 20, 400)
         for task in tasks:
             g = WOOD_BERRY[task.output, task.input]

@@ -293,8 +293,8 @@ def _by_design(
         entries[tasks[i].input, tasks[j].output] = replace(entry, limits=tasks[i].like.limits)
     controller = replace(today, entries=entries)
     note = (
-        "no PID: there is no equivalent in any of its forms, enter it as a transfer function (designed for a bandwidth of "
-        f"{found.bandwidth:.3g} rad per time unit, with dead time by a Pade approximation of order {found.pade_order}; "
+        "no PID: there is no equivalent in any of its forms, enter it as a transfer function (designed for a bandwidth "
+        f"of {found.bandwidth:.3g} rad per time unit, with dead time by a Pade approximation of order {found.pade_order}; "
         "judged with the exact one)"
     )
     return Proposal(method, controller, (True,) * len(tasks), (note,) * len(tasks), (None,) * len(tasks))
