@@ -119,7 +119,7 @@ def comparison(shown: Shown, output: int, step: float) -> go.Figure:
 
 def errors(runs: Estimates) -> go.Figure:
     """Root mean square errors of our estimates and median errors of the paper's route beside the bound."""
-    names = [name.replace("delay", "dead time ").replace("gain", "gain ").replace("tau", "tau ") for name in NAMES]
+    names = [name.replace("delay", "θ").replace("gain", "K").replace("tau", "τ") for name in NAMES]
     rms = np.sqrt(np.mean(percent(runs.ours) ** 2, axis=0))
     route = np.median(percent(runs.route), axis=0)
     figure = go.Figure()
@@ -132,5 +132,7 @@ def errors(runs: Estimates) -> go.Figure:
         marker = {"color": LIGHT[role], "size": size, "symbol": symbol, "line": {"width": 2}}
         shown = np.where(values > 1e-6, values, np.nan)
         figure.add_trace(go.Scatter(x=names, y=shown, mode="markers", name=name, marker=marker, meta={"role": role}))
-    figure.update_yaxes(type="log", title_text="Error (% of the true value)")
+    limits = [-1.0, 2.5]
+    figure.update_yaxes(type="log", title_text="Error (% of the true value)", range=limits, **log_ticks(limits))
+    figure.update_xaxes(tickangle=0)
     return framed(figure, 330)

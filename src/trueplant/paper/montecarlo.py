@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.identify import Row, Spec, identify_output, paper_route, pieces_of
+from trueplant.lti import sampled_response
 from trueplant.lti.structure import structure_of
 from trueplant.paper.records import ELEMENTS, FOPDT, POLE, case, noise_std, parameters, record, segment_of
 from trueplant.record import Segment
@@ -99,13 +100,16 @@ def bound(segment: Segment, output: int, columns: tuple[int, ...], kind: str) ->
     y, _ = row.measured(0)
     response, gradient = row.response_and_gradient(truth, 0)
     nuisance = row.nuisance(truth, 0)
+    # inputs count from their first sample: what that leaves out is an operating point and a past, known here
+    own = [sampled_response(loop.plant[output, j], segment.u[:, j], segment.h) for j in columns]
+    whole = np.sum(own, axis=0)
+    past = np.asarray(np.linalg.lstsq(nuisance, whole - response, rcond=None)[0], dtype=float)
+    gradient = gradient + row.nuisance_gradient(truth, 0, past)
     a, c, variance = noise_model(kind)
     psi = [lfilter(a, c, gradient, axis=0), lfilter(a, c, nuisance, axis=0)]
     if kind != "white":
-        v = y - response
-        v = v - nuisance @ np.linalg.lstsq(nuisance, v, rcond=None)[0]
-        e = lfilter(a, c, v)
-        psi += [np.concatenate([[0.0], lfilter([1.0], c, x)[:-1]])[:, None] for x in (v, e)]
+        v = y - whole
+        psi += [np.concatenate([[0.0], lfilter([1.0], c, x)[:-1]])[:, None] for x in (v, lfilter(a, c, v))]
     gradients = np.hstack(psi)[0 if kind == "white" else SETTLING :]
     scale = np.linalg.norm(gradients, axis=0)
     inverse = np.linalg.pinv((gradients / scale).T @ (gradients / scale))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from trueplant import __version__
@@ -21,6 +21,17 @@ MU: Legend = (
     ("setpoint", "plant, 1.0137 as (37) implies"),
 )
 
+COLUMNS = ("median_error", "rms_error", "bound", "rms_over_bound", "coverage", "median_error_of_route")
+HEADINGS = (
+    "Parameter",
+    "Ours, median error (%)",
+    "Ours, rms error (%)",
+    "Cramér-Rao bound (%)",
+    "rms over bound",
+    "Share of 95 % intervals that hold the truth",
+    "Paper's route, median error (%)",
+)
+
 
 @dataclass(frozen=True)
 class Chapter:
@@ -31,6 +42,8 @@ class Chapter:
     text: str
     groups: tuple[tuple[Legend, tuple[Drawn, ...]], ...]
     entries: tuple[Entry, ...]
+    numbers: tuple[tuple[str, tuple[str, ...], list[list[str]]], ...] = ()
+    """Tables of numbers: caption, headings, rows."""
 
 
 def render(paper: Paper) -> str:
@@ -163,7 +176,16 @@ def _seeds(paper: Paper, book: Book) -> Chapter:
         "records, many "
         "times."
     )
-    return Chapter("seeds", "Table 4 over many records", text, ((legend, drawn),), tuple(entries))
+    numbers = tuple((what[0].upper() + what[1:], HEADINGS, _rows(paper, kind)) for kind, what in KINDS.items())
+    return Chapter("seeds", "Table 4 over many records", text, ((legend, drawn),), tuple(entries), numbers)
+
+
+def _rows(paper: Paper, kind: str) -> list[list[str]]:
+    rows = []
+    for e in paper.records.entries:
+        if e.id.startswith(f"mc.{kind}.") and isinstance(e.computed, Mapping):
+            rows.append([e.id.rsplit(".", 1)[1], *(value(e.computed[key]) for key in COLUMNS)])
+    return rows
 
 
 def summary(paper: Paper) -> str:
