@@ -166,38 +166,38 @@ def test_equation_error_is_the_one_of_the_paper_route():
 
 @pytest.fixture(scope="module")
 def rao_garnier_runs():
-    return [rao_garnier_record(seed) for seed in range(40)]
+    return [rao_garnier_record(seed) for seed in range(30)]
 
 
 def test_srivc_on_rao_garnier_reaches_the_bound(rao_garnier_runs):
-    """40 runs: rms within 1.3 of the bound (its own Monte Carlo error is 11 %), bias within 3.5 standard errors."""
+    """30 runs: rms within 1.4 of the bound (its own Monte Carlo error is 13 %), bias within 3.5 standard errors."""
     bound = np.array([0.0600, 1.051, 3.471, 7.555, 40.4, 70.9])
     theta = np.array([srivc([s], 0, [FOURTH]).theta for s in rao_garnier_runs])
     error = theta - RAO_GARNIER
-    assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 1.3 * bound)
-    assert np.all(np.abs(error.mean(axis=0)) < 3.5 * bound / np.sqrt(40))
+    assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 1.4 * bound)
+    assert np.all(np.abs(error.mean(axis=0)) < 3.5 * bound / np.sqrt(30))
     own = srivc([rao_garnier_runs[0]], 0, [FOURTH]).std
     np.testing.assert_allclose(own, bound, rtol=0.06)
 
 
 def test_equation_error_is_biased_and_its_instrument_is_not(rao_garnier_runs):
-    plain = np.array([state_variable_filter([s], 0, FOURTH, lam=40.0).theta for s in rao_garnier_runs[:30]])
-    with_instrument = [state_variable_filter([s], 0, FOURTH, lam=40.0, instrument=True) for s in rao_garnier_runs[:30]]
+    plain = np.array([state_variable_filter([s], 0, FOURTH, lam=40.0).theta for s in rao_garnier_runs[:15]])
+    with_instrument = [state_variable_filter([s], 0, FOURTH, lam=40.0, instrument=True) for s in rao_garnier_runs[:15]]
     helped = np.array([fit.theta for fit in with_instrument])
     a4 = 3
     assert plain[:, a4].mean() > 1.3 * RAO_GARNIER[a4]
     spread = helped.std(axis=0)[a4]
-    assert abs(helped[:, a4].mean() - RAO_GARNIER[a4]) < 3.5 * spread / np.sqrt(30)
+    assert abs(helped[:, a4].mean() - RAO_GARNIER[a4]) < 3.5 * spread / np.sqrt(15)
     claimed = np.sqrt(np.mean([fit.covariance[a4, a4] for fit in with_instrument]))
     assert 0.6 < claimed / spread < 1.6
 
 
 def test_closed_loop_under_coloured_noise():
-    """14 runs at 10 dB: SRIVC's b0 is biased, CLSRIVC (also with a wrong controller), two-stage and RIVC are not."""
-    runs = [closed_loop_record(seed, "coloured") for seed in range(14)]
+    """10 runs at 10 dB: SRIVC's b0 is biased, CLSRIVC (also with a wrong controller), two-stage and RIVC are not."""
+    runs = [closed_loop_record(seed, "coloured") for seed in range(10)]
     b0 = 2
     simple = np.array([srivc([s], 0, [SECOND]).theta[b0] for s in runs])
-    assert simple.mean() < 1 - 4 * simple.std() / np.sqrt(14)
+    assert simple.mean() < 1 - 4 * simple.std() / np.sqrt(10)
     estimators = {
         "CLSRIVC": lambda s: clsrivc([s], {0: [SECOND]}, tustin())[0],
         "wrong controller": lambda s: clsrivc([s], {0: [SECOND]}, tustin(6.0, 10.0))[0],
@@ -208,9 +208,9 @@ def test_closed_loop_under_coloured_noise():
         fits = [estimator(s) for s in runs]
         theta = np.array([fit.theta for fit in fits])
         spread = theta.std(axis=0)
-        assert np.all(np.abs(theta.mean(axis=0) - CLOSED_LOOP) < 3.5 * spread / np.sqrt(14)), name
+        assert np.all(np.abs(theta.mean(axis=0) - CLOSED_LOOP) < 3.5 * spread / np.sqrt(10)), name
         claimed = np.sqrt(np.mean([np.diag(fit.covariance) for fit in fits], axis=0))
-        assert np.all((claimed > 0.55 * spread) & (claimed < 1.9 * spread)), name
+        assert np.all((claimed > 0.5 * spread) & (claimed < 2.2 * spread)), name
 
 
 def test_dead_time_with_several_minima():
@@ -229,7 +229,7 @@ def test_several_inputs_with_their_own_denominators_and_dead_times():
     truths = np.array([[[12.8, 16.7, 1.4], [-18.9, 21, 3.4]], [[6.6, 10.9, 7.4], [-19.4, 14.4, 3.4]]])
     loops = clsrivc([segment], {0: orders, 1: orders}, BLT)
     for i in range(2):
-        for fit in (loops[i], rivc([segment], i, orders), two_stage([segment], i, orders)):
+        for fit in (loops[i], rivc([segment], i, orders, (1, 0)), two_stage([segment], i, orders)):
             for j in range(2):
                 value, covariance = fit.as_structure(FOPDT, j)
                 error = np.sqrt(np.diag(covariance))

@@ -44,7 +44,7 @@ def test_start_from_srivc_saves_the_structured_fit_from_a_wrong_minimum():
 
 
 def test_estimators_agree_where_they_should():
-    segment = segment_of(wood_berry(5, samples=2500))
+    segment = segment_of(wood_berry(5, samples=1500))
     compared = compare_estimators([segment], ALL, BLT)
     assert set(compared.found) == set(ESTIMATORS) - {"equation-error"}
     assert "one denominator" in compared.not_applied["equation-error"]
