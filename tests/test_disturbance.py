@@ -149,6 +149,7 @@ def test_mismatch_under_a_large_unmeasured_step():
         assert np.all(np.abs(errors(found, i)[[0, 3]]) < 0.05 * np.abs(found.theta[[0, 3]]))
 
 
+@pytest.mark.slow
 def test_intervals_cover_under_a_step():
     """Two records, twelve parameters each: at 95 % 1.2 of 24 outside, more than 5 in 0.1 % of such tests."""
     outside = 0
