@@ -294,7 +294,7 @@ def _by_design(
     controller = replace(today, entries=entries)
     note = (
         "no PID: there is no equivalent in any of its forms, enter it as a transfer function (designed for a bandwidth "
-        f"of {found.bandwidth:.3g} rad per time unit, with dead time by a Pade approximation of order {found.pade_order}; "
-        "judged with the exact one)"
+        f"of {found.bandwidth:.3g} rad per time unit and a Pade approximation of order {found.pade_order}, judged with "
+        "the exact dead time)"
     )
     return Proposal(method, controller, (True,) * len(tasks), (note,) * len(tasks), (None,) * len(tasks))
