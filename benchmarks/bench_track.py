@@ -1,6 +1,6 @@
 """Tracking on simulated Wood-Berry records: false alarms, changes found and told apart, coverage of their instant.
 
-    python benchmarks/bench_track.py [runs a case]
+    python benchmarks/bench_track.py [runs a case] [word of the case's name]
 
 Every record has 6,000 samples of 1 min, BLT controllers, set-points that switch at random every 20 min on average,
 an AR(1) disturbance of standard deviation 0.3 in each output; seeds 0, 1, 2, ... The process itself changes
@@ -82,7 +82,10 @@ def line(case: Case, tracks: list[Track]) -> str:
 
 def main() -> None:
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    wanted = sys.argv[2] if len(sys.argv) > 2 else ""
     for name, case in CASES.items():
+        if wanted not in name:
+            continue
         print(f"{name}: {line(case, [followed(case.make(seed)) for seed in range(runs)])}", flush=True)
 
 

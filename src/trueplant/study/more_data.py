@@ -20,11 +20,10 @@ from trueplant.identify import OutputEstimate, unanswered
 from trueplant.identify.estimate import UNDERMODELLED
 from trueplant.identify.search import lag_of
 from trueplant.lti import TransferMatrix
-from trueplant.record.times import unit_seconds
-from trueplant.study.planned_moves import GOLDEN, Bench, combined, fit_at, information, noise_of, pattern
+from trueplant.study.planned_moves import GOLDEN, Bench, Plan, combined, fit_at, information, noise_of, pattern
+from trueplant.study.planned_words import plan_sentence
 from trueplant.study.project_parts import Simulate
 from trueplant.study.project_simulate import steps_per_sample
-from trueplant.study.words import number
 
 if TYPE_CHECKING:
     from trueplant.study.pipeline import Study
@@ -60,19 +59,6 @@ class Open:
     wanted: float
     """Half-width of its interval."""
     now: float
-
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """Moves, how long they take, and what each open parameter would then be known to (half-width)."""
-
-    size: Mapping[int, float]
-    """By channel: the set-point goes this far to each side of where it is now."""
-    interval: Mapping[int, float]
-    length: float
-    suffices: bool
-    then: tuple[float, ...]
-    limited_by: str
 
 
 def more_data(study: Study, estimates: Mapping[int, OutputEstimate], plant: TransferMatrix) -> list[dict[str, Any]]:
@@ -309,55 +295,10 @@ def _entry(study: Study, bench: Bench, plan: Plan, asked: Sequence[Open]) -> dic
         for one, then in zip(asked, plan.then, strict=True)
     ]
     return {
-        "sentence": _sentence(study, moves, settles, plan, closed),
+        "sentence": plan_sentence(project.time_unit, moves, settles, plan, closed),
         "moves": moves,
         "length": plan.length,
         "suffices": plan.suffices,
         "limited_by": plan.limited_by,
         "settles": settles,
     }
-
-
-def _sentence(
-    study: Study, moves: Sequence[Mapping[str, Any]], settles: Sequence[Mapping[str, Any]], plan: Plan, closed: bool
-) -> str:
-    unit = study.project.time_unit
-    parts = [
-        f"{'the set-point' if closed else 'OP'} of {_spoken(m['name'])} by ±{_plain(m['size'])}"
-        f"{' ' + m['unit'] if m['unit'] else ''} every {_plain(m['every'])} {unit}"
-        for m in moves
-    ]
-    worst = max(settles, key=lambda s: (s["now"] is None, (s["now"] or 0.0) / s["wanted"]))
-    name = "time constant" if worst["parameter"].startswith("tau") else _spoken(worst["parameter"])
-    known = f"±{number(worst['then'], 2)}{' ' + worst['unit'] if worst['unit'] else ''}"
-    text = f"move {' and '.join(parts)} for {_duration(plan.length, unit)}: "
-    text += f"the {name} of {_spoken(worst['input'])} -> {_spoken(worst['output'])} would then be known to {known}"
-    if worst["now"] is not None:
-        text += f" (now ±{number(worst['now'], 2)})"
-    others = len(settles) - 1
-    if plan.suffices and others:
-        text += f", and {others} other open parameter{'s' if others > 1 else ''} well enough too"
-    if not plan.suffices:
-        text += ". That is still not what is asked for, but longer or larger moves were not looked at"
-    if plan.limited_by:
-        text += f" ({plan.limited_by} limits the size)"
-    if not closed:
-        text += ". With the loop in manual; declare the controller to have set-point moves planned instead"
-    return text
-
-
-def _plain(value: float) -> str:
-    return f"{value:.6g}"
-
-
-def _duration(length: float, unit: str) -> str:
-    """In the project's unit, or in hours or days where that reads better."""
-    seconds = length * unit_seconds(unit)
-    for size, name in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2 * size and size > unit_seconds(unit):
-            return f"{number(seconds / size, 2)} {name}"
-    return f"{_plain(length)} {unit}"
-
-
-def _spoken(name: str) -> str:
-    return name.replace("_", " ")

@@ -66,6 +66,19 @@ class Bench:
         return y.std(axis=0), u.std(axis=0)
 
 
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Moves, how long they take, and what each open parameter would then be known to (half-width)."""
+
+    size: Mapping[int, float]
+    """By channel: the set-point goes this far to each side of where it is now."""
+    interval: Mapping[int, float]
+    length: float
+    suffices: bool
+    then: tuple[float, ...]
+    limited_by: str
+
+
 def pattern(samples: int, h: float, intervals: Mapping[int, float], channels: int) -> Array:
     """(samples, channels): each channel named goes to +1, then to -1, and so on, every so long; the rest is still."""
     moves = np.zeros((samples, channels))

@@ -16,8 +16,8 @@ from trueplant.study.track_result import Track, TrackedExperiment, Window, Windo
 if TYPE_CHECKING:
     from trueplant.study.pipeline import Progress, Study
     from trueplant.study.project import Project
-    from trueplant.study.track_changes import Followed
     from trueplant.study.track_rows import Fitted
+    from trueplant.study.track_series import Followed
 
 PRECISION = 0.1
 """Relative standard error of gains, time constants and dead times (of these relative to lag and dead time)."""

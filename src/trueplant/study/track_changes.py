@@ -8,7 +8,7 @@ none reaches across, and the tests are repeated, until nothing is left.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,11 +18,9 @@ from scipy.stats import norm
 from trueplant.detect import holm
 from trueplant.detect.since import History, Series, Shift, history, slope
 from trueplant.detect.switch import switch_time
-from trueplant.identify.crossed import TIMES
-from trueplant.identify.onestep import OneStep, one_step
 from trueplant.study.track_result import Change, Moved, TrackedElement
 from trueplant.study.track_rows import Fitted, FollowedRow
-from trueplant.study.track_windows import Stretch
+from trueplant.study.track_series import Followed, Gap
 
 if TYPE_CHECKING:
     from trueplant.study.pipeline import Progress
@@ -30,21 +28,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MOST_CHANGES = 20
-ANSWERED = 0.8
-"""A parameter takes part in the history of its element if so many windows answer it."""
 AROUND = 2
 """Windows on each side of a step that date it."""
-
-
-@dataclass(frozen=True)
-class Gap:
-    """A step: no window reaches into its interval."""
-
-    time: float
-    interval: tuple[float, float]
-    found_in: int
-    """The column that was tested."""
-    p_adjusted: float
 
 
 @dataclass(frozen=True)
@@ -56,106 +41,6 @@ class Key:
     section: tuple[float, float]
 
 
-@dataclass(eq=False)
-class Followed:
-    """A row with its gaps and its windows as they now are."""
-
-    row: FollowedRow
-    gaps: list[Gap] = field(default_factory=list)
-    windows: list[Fitted | Stretch] = field(default_factory=list)
-    steps: dict[tuple[Stretch, ...], OneStep] = field(default_factory=dict)
-
-    @property
-    def fitted(self) -> list[Fitted]:
-        return [w for w in self.windows if isinstance(w, Fitted)]
-
-    def lay(self, say: Progress) -> None:
-        self.windows = self.row.windows([g.interval for g in self.gaps], say)
-
-    def sections(self) -> list[tuple[float, float]]:
-        edges = [-np.inf, *(t for gap in self.gaps for t in gap.interval), np.inf]
-        return list(zip(edges[::2], edges[1::2], strict=True))
-
-    def kept(self, column: int) -> list[int]:
-        """The parameters of an element that its history rests on; none if its gain is not among them."""
-        windows = [w.found[column] for w in self.fitted if column in w.found]
-        if not windows:
-            return []
-        names = windows[0].spec.structure.names
-        share = [np.mean([k not in f.reasons for f in windows]) for k in range(len(names))]
-        kept = [k for k in range(len(names)) if share[k] >= ANSWERED]
-        return kept if any(names[k].startswith(("gain", "slope")) for k in kept) else []
-
-    def inside(self, section: tuple[float, float]) -> list[Fitted]:
-        return [w for w in self.fitted if w.start >= section[0] and w.end <= section[1]]
-
-    def series(self, column: int, section: tuple[float, float]) -> Series | None:
-        """What the windows of a section say about an element, each as a step from what they say together."""
-        kept, windows = self.kept(column), self.inside(section)
-        if not kept or len(windows) < 2:
-            return None
-        place = self._places(column)
-        steps = self._steps(windows)
-        return Series(
-            np.array([w.start for w in windows]),
-            np.array([w.end for w in windows]),
-            steps.theta[:, place],
-            steps.covariance[:, place[:, None], place],
-        )
-
-    def estimates(self, column: int, section: tuple[float, float]) -> Series | None:
-        """The full estimates of an element in the windows of a section that answer for it."""
-        kept = self.kept(column)
-        used = [
-            w
-            for w in self.inside(section)
-            if kept and column in w.found and not any(k in w.found[column].reasons for k in kept)
-        ]
-        if not used:
-            return None
-        found = [w.found[column] for w in used]
-        return Series(
-            np.array([w.start for w in used]),
-            np.array([w.end for w in used]),
-            np.array([f.theta[kept] for f in found]),
-            np.array([f.covariance[np.ix_(kept, kept)] for f in found]),
-        )
-
-    def together(self, column: int, section: tuple[float, float]) -> tuple[Array, Array] | None:
-        """What all windows of a section say together about an element, with its covariance."""
-        windows = self.inside(section)
-        if not windows or not self.kept(column):
-            return None
-        steps, place = self._steps(windows), self._places(column)
-        return steps.common[place], steps.common_covariance[np.ix_(place, place)]
-
-    def _places(self, column: int) -> NDArray[np.intp]:
-        """The kept parameters of an element among those of the row."""
-        part = np.arange(self.row.pilot.theta.size)[self._part(column)]
-        return np.asarray(part[self._order(column)][self.kept(column)])
-
-    def _part(self, column: int) -> slice:
-        return next(p for s, p in zip(self.row.specs, self.row.pilot.row.slices, strict=True) if s.column == column)
-
-    def _order(self, column: int) -> NDArray[np.intp]:
-        """Lags in order of size, as in `Found`."""
-        structure = next(s.structure for s in self.row.specs if s.column == column)
-        return np.asarray(structure.sorted(self.row.pilot.theta[self._part(column)]))
-
-    def _steps(self, windows: Sequence[Fitted]) -> OneStep:
-        key = tuple(w.stretch for w in windows)
-        if key not in self.steps:
-            rows = [w.estimate.fit.row for w in windows]
-            precise = np.array([1 / np.maximum(np.diag(w.estimate.covariance), 1e-300) for w in windows])
-            start = np.sum(precise * [w.estimate.theta for w in windows], axis=0) / precise.sum(axis=0)
-            steps = one_step(rows, [w.estimate.fit.ar for w in windows], start)
-            if self.row.pilot.foretold_by:
-                more = steps.common_covariance * TIMES**2
-                steps = replace(steps, covariance=steps.covariance * TIMES**2, common_covariance=more)
-            self.steps[key] = steps
-        return self.steps[key]
-
-
 def find_changes(
     rows: Sequence[FollowedRow], level: float, seed: int, say: Progress
 ) -> tuple[list[Followed], list[TrackedElement], list[Change]]:
@@ -165,8 +50,9 @@ def find_changes(
         one.lay(say)
     tests: dict[Key, History] = {}
     settled: dict[Key, float] = {}
-    """Drifts and undecided changes, by their adjusted p-value, and steps that fell apart when they were dated."""
+    """Drifts and undecided changes, by their adjusted p-value."""
     barred: set[Key] = set()
+    """Steps that fell apart when they were dated."""
     for _ in range(MOST_CHANGES):
         say("looking for changes")
         _test(followed, tests, seed)
@@ -192,10 +78,12 @@ def find_changes(
             one.gaps = before
             one.lay(say)
             barred.add(key)
-    changes = [c for k, p in settled.items() for c in [_gradual(followed[k.row], k, tests[k], p, level)]]
+    # Sections that a later step has cut are gone, and what was found in them was looked for again in their parts.
+    changes = [_gradual(followed[k.row], k, tests[k], p, level) for k, p in settled.items() if k in tests]
     for one in followed:
         for gap in one.gaps:
-            changes += _steps(one, gap, tests, followed.index(one), level)
+            drifting = {k.column for k in settled if k in tests and followed[k.row] is one and _borders(gap, k.section)}
+            changes += _steps(one, gap, level, drifting)
     changes.sort(key=lambda c: (c.time if c.time is not None else c.interval[0], c.output, c.input))
     return followed, [e for n, one in enumerate(followed) for e in _elements(one, n, tests, changes)], changes
 
@@ -238,9 +126,9 @@ def _dated(one: Followed, key: Key, tests: dict[Key, History], p: float, level: 
     changing = np.zeros(before.size, dtype=bool)
     for spec, part in zip(row.specs, row.slices, strict=True):
         other = tests.get(replace(key, column=spec.column))
-        near = other is not None and other.kind == "step" and other.p_value < level
-        near = near and around[0].start <= other.time <= around[-1].end  # type: ignore[union-attr]
-        changing[part] = spec.column == key.column or near
+        stepped = other is not None and other.kind == "step" and other.p_value < level
+        near = other is not None and around[0].start <= other.time <= around[-1].end
+        changing[part] = spec.column == key.column or (stepped and near)
     ar = windows[last].estimate.fit.ar
     search = (around[0].start + one.row.settle / 5, around[-1].end - one.row.settle / 5)
     found = switch_time(row.without_unseen(before), clock, before, after, changing, ar, search, 1 - level)
@@ -272,11 +160,18 @@ def _holds(one: Followed, gap: Gap, level: float) -> bool:
     return shift is not None and shift.p_value < level
 
 
-def _steps(one: Followed, gap: Gap, tests: dict[Key, History], n: int, level: float) -> list[Change]:
-    """The elements that changed at a step: the one in which it was found, and others that changed with it."""
+def _borders(gap: Gap, section: tuple[float, float]) -> bool:
+    return section[1] == gap.interval[0] or section[0] == gap.interval[1]
+
+
+def _steps(one: Followed, gap: Gap, level: float, drifting: set[int]) -> list[Change]:
+    """The elements that changed at a step: the one in which it was found, and others that changed with it.
+
+    Those that drift beside it differ across it anyway, and are not said to have stepped.
+    """
     columns = [spec.column for spec in one.row.specs]
     shifts = {c: s for c in columns if (s := _shift(one, c, gap)) is not None}
-    others = [c for c in shifts if c != gap.found_in]
+    others = [c for c in shifts if c != gap.found_in and c not in drifting]
     adjusted = dict(zip(others, holm([shifts[c].p_value for c in others]), strict=True)) if others else {}
     adjusted = {c: float(p) for c, p in adjusted.items() if p < level} | {gap.found_in: gap.p_adjusted}
     return [

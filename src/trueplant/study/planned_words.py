@@ -1,0 +1,55 @@
+"""A plan of moves in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from trueplant.record.times import unit_seconds
+from trueplant.study.planned_moves import Plan
+from trueplant.study.words import number
+
+
+def plan_sentence(
+    unit: str, moves: Sequence[Mapping[str, Any]], settles: Sequence[Mapping[str, Any]], plan: Plan, closed: bool
+) -> str:
+    """What to move, for how long, and what the worst known parameter would then be known to; `unit` is that of time."""
+    parts = [
+        f"{'the set-point' if closed else 'OP'} of {_spoken(m['name'])} by ±{_plain(m['size'])}"
+        f"{' ' + m['unit'] if m['unit'] else ''} every {_plain(m['every'])} {unit}"
+        for m in moves
+    ]
+    worst = max(settles, key=lambda s: (s["now"] is None, (s["now"] or 0.0) / s["wanted"]))
+    name = "time constant" if worst["parameter"].startswith("tau") else _spoken(worst["parameter"])
+    known = f"±{number(worst['then'], 2)}{' ' + worst['unit'] if worst['unit'] else ''}"
+    text = f"move {' and '.join(parts)} for {_duration(plan.length, unit)}: "
+    text += f"the {name} of {_spoken(worst['input'])} -> {_spoken(worst['output'])} would then be known to {known}"
+    if worst["now"] is not None:
+        text += f" (now ±{number(worst['now'], 2)})"
+    others = len(settles) - 1
+    if plan.suffices and others:
+        text += f", and {others} other open parameter{'s' if others > 1 else ''} well enough too"
+    if not plan.suffices:
+        text += ". That is still not what is asked for, but longer or larger moves were not looked at"
+    if plan.limited_by:
+        text += f" ({plan.limited_by} limits the size)"
+    if not closed:
+        text += ". With the loop in manual; declare the controller to have set-point moves planned instead"
+    return text
+
+
+def _plain(value: float) -> str:
+    return f"{value:.6g}"
+
+
+def _duration(length: float, unit: str) -> str:
+    """In the project's unit, or in hours or days where that reads better."""
+    seconds = length * unit_seconds(unit)
+    for size, name in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2 * size and size > unit_seconds(unit):
+            return f"{number(seconds / size, 2)} {name}"
+    return f"{_plain(length)} {unit}"
+
+
+def _spoken(name: str) -> str:
+    return name.replace("_", " ")
