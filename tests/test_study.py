@@ -80,10 +80,15 @@ def test_false_alarms_are_rare_when_nothing_changed(tmp_path):
 
 
 def test_a_changed_disturbance_is_no_mismatch(tmp_path):
-    rng = np.random.default_rng(7)
-    v = coloured(rng, 3000, 2, [1, -1.7, 0.72], [1], 0.6)
-    written(tmp_path, "record.csv", simulate(WOOD_BERRY, BLT, random_switching(rng, 3000, 2, 20.0), 1.0, v=v))
-    assert not changed(run(project(tmp_path, controller=CONTROLLERS)))
+    """One alarm in four records would be chance (one in twenty each), two hardly."""
+    alarms = 0
+    for seed in range(7, 11):
+        rng = np.random.default_rng(seed)
+        v = coloured(rng, 3000, 2, [1, -1.7, 0.72], [1], 0.6)
+        written(tmp_path, "record.csv", simulate(WOOD_BERRY, BLT, random_switching(rng, 3000, 2, 20.0), 1.0, v=v))
+        result = run(project(tmp_path, controller=CONTROLLERS))
+        alarms += bool(changed(result))
+    assert alarms <= 1
 
 
 def test_another_controller_is_said_and_is_no_mismatch(tmp_path):
