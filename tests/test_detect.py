@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from scipy.stats import chi2, norm
 
 from trueplant.detect import Evidence, grade, holm, importance_in_loop, judge
 
@@ -66,3 +68,15 @@ def test_grades():
     assert grade([0.05, 0.2], [True, True], True) == "B"
     assert grade([0.05, 0.2], [True, True], False) == "C"
     assert grade([0.05], [False], True) == "D"
+
+
+def test_the_whole_is_judged_by_its_own_covariance_and_parameters_by_theirs():
+    """Two gains known by their sum far better than singly; one of them widened by its profile."""
+    narrow = np.array([[1.0, -0.98], [-0.98, 1.0]])
+    wide = np.diag([9.0, 1.0])
+    moved = np.array([1.2, 1.2])
+    verdict = judge([Evidence((0.0, 0.0), moved, wide, (True, True), None, narrow)])[0]
+    # the sum has moved by 2.4 with a standard deviation of 0.2, the difference not at all
+    assert verdict.verdict == "changed" and verdict.p_adjusted == pytest.approx(chi2.sf(144.0, 2))
+    assert verdict.parameters[0].p_value == pytest.approx(2 * norm.sf(0.4))
+    assert judge([Evidence((0.0, 0.0), moved, wide, (True, True))])[0].verdict == "unchanged"

@@ -32,6 +32,9 @@ class Found:
     spec: Spec
     theta: Array
     covariance: Array
+    joint: Array
+    """The covariance for tests of the whole: without the widening of single parameters by their profiles, which
+    stretches strong correlations and which the likelihood ratio makes up for."""
     intervals: Array
     reasons: Mapping[int, str]
     """Parameters that are not answered, by their place in theta."""
@@ -50,6 +53,7 @@ def elements_found(model: TransferMatrix, estimates: Mapping[int, OutputEstimate
                 spec,
                 estimate.theta[index],
                 estimate.covariance[np.ix_(index, index)],
+                (estimate.covariance if estimate.unprofiled is None else estimate.unprofiled)[np.ix_(index, index)],
                 estimate.intervals[index],
                 {k: reasons[int(place)] for k, place in enumerate(index) if int(place) in reasons},
                 _model_values(model, i, spec),
@@ -83,6 +87,7 @@ def judge_elements(
             found[p].covariance,
             tuple(k not in found[p].reasons for k in range(len(found[p].theta))),
             _other_p(estimates[p[0]], found[p]),
+            found[p].joint,
         )
         for p in places
     ]

@@ -29,6 +29,8 @@ class Evidence:
     answered: tuple[bool, ...]
     strictest: float | None = None
     """p-value of another test of the same question (likelihood ratio, absence), if there is one: the larger counts."""
+    joint: Array | None = None
+    """Covariance for the test of the whole element, if it is not the one that single parameters are judged by."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ def _joint_p(evidence: Evidence, tested: Sequence[int]) -> float:
     """That the tested parameters all still have the model's values."""
     index = np.array(tested)
     shift = evidence.plant[index] - np.array([evidence.model[k] for k in tested], dtype=float)
-    covariance = evidence.covariance[np.ix_(index, index)]
+    whole = evidence.covariance if evidence.joint is None else evidence.joint
+    covariance = whole[np.ix_(index, index)]
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     normal = covariance / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(normal)

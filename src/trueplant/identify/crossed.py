@@ -68,7 +68,9 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
         covariance = covariance + np.diag(added)
         low, high = found.row.bounds()
         intervals = np.clip(normal_intervals(theta, covariance, confidence), low[:, None], high[:, None])
-        better[i] = replace(found, theta=theta, covariance=covariance, intervals=intervals, jointly=True)
+        better[i] = replace(
+            found, theta=theta, covariance=covariance, intervals=intervals, unprofiled=None, jointly=True
+        )
     return better
 
 
@@ -82,4 +84,7 @@ def less_sure(estimate: OutputEstimate, others: Sequence[int], confidence: float
         ]
     )
     covariance = estimate.covariance * TIMES**2
-    return replace(estimate, covariance=covariance, intervals=intervals, foretold_by=tuple(others))
+    unprofiled = None if estimate.unprofiled is None else estimate.unprofiled * TIMES**2
+    return replace(
+        estimate, covariance=covariance, intervals=intervals, unprofiled=unprofiled, foretold_by=tuple(others)
+    )

@@ -52,6 +52,9 @@ class OutputEstimate:
     validation: Validation | None
     foretold_by: tuple[int, ...] = ()
     """Other outputs whose past prediction errors foretell this one's (`crossed`); the covariance counts that."""
+    unprofiled: Array | None = None
+    """The covariance before profiles widened it: those make up for a likelihood that is not quadratic, and stretch
+    strong correlations. A test that stands beside the likelihood ratio takes this one; None: as `covariance`."""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
 
@@ -128,12 +131,15 @@ def identify_output(
     intervals = normal_intervals(theta, covariance, confidence)
     low, high = fit.row.bounds()
     intervals = np.clip(intervals, np.where(np.isfinite(low), low, -np.inf)[:, None], high[:, None])
+    unprofiled = covariance
     if not np.any(shifts) and (runs is None or runs.agree):
         for index in _profiled(fit):
             ends = widened(profile_interval(fit, index, confidence), float(theta[index]), known_to[index], confidence)
             covariance = as_wide_as(covariance, index, float(theta[index]), ends, confidence)
             intervals[index] = ends
-    return OutputEstimate(output, fit, theta, covariance, intervals, runs, moved, tests, validate(fit))
+    return OutputEstimate(
+        output, fit, theta, covariance, intervals, runs, moved, tests, validate(fit), unprofiled=unprofiled
+    )
 
 
 def _profiled(fit: RowFit) -> list[int]:
