@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated import WOOD_BERRY, segment_of, wood_berry
 
+from simulated import WOOD_BERRY, segment_of, wood_berry
 from trueplant.identify import identify_matrix, specs_of
 from trueplant.lti import TransferMatrix, tf
 from trueplant.lti.structure import structure_of

@@ -156,11 +156,11 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
         nuisance = [row.nuisance(part, k) for row, part in zip(rows, parts, strict=True)]
         filtered = [_filtered(ar, z, i) for i, z in enumerate(nuisance)]
         columns = _stacked(root, np.concatenate(filtered, axis=2), use)
-        e = _stacked(root, sum(_filtered(ar, v[:, [i]], i) for i in range(n_y)), use)[:, 0]
+        e = _stacked(root, _prediction_errors(ar, v)[:, :, None], use)[:, 0]
         weights = np.split(_nuisance_weights(columns, e), np.cumsum([z.shape[1] for z in nuisance])[:-1])
         v -= np.column_stack([z @ w for z, w in zip(nuisance, weights, strict=True)])
         v[~whole] = 0.0
-        plain = sum(_filtered(ar, v[:, [i]], i) for i in range(n_y))[:, :, 0]
+        plain = _prediction_errors(ar, v)
         plain[~use] = 0.0
         errors.append(plain)
         if not derivatives:
@@ -296,7 +296,7 @@ def _vector_ar(v: Sequence[Array], valid: Sequence[BoolArray], order: int) -> tu
     weights = np.linalg.lstsq(past, now, rcond=1e-10)[0] if order else np.zeros((0, n))
     rest = now - past @ weights
     determinant = np.linalg.slogdet(rest.T @ rest / max(len(rest), 1))[1]
-    return -weights.reshape(order, n, n).transpose(0, 2, 1), float(determinant), len(rest)
+    return np.asarray(-weights.reshape(order, n, n).transpose(0, 2, 1)), float(determinant), len(rest)
 
 
 def _chosen_order(v: Sequence[Array], valid: Sequence[BoolArray], fits: Sequence[RowFit]) -> int:
@@ -308,6 +308,15 @@ def _chosen_order(v: Sequence[Array], valid: Sequence[BoolArray], fits: Sequence
         _, determinant, count = _vector_ar(v, valid, order)
         scores.append(count * determinant + 2 * order * n * n)
     return int(np.argmin(scores))
+
+
+def _prediction_errors(ar: Array, v: Array) -> Array:
+    """(n - order, n_y) of output errors v (n, n_y)."""
+    order, n = ar.shape[0], len(v)
+    out = v[order:].copy()
+    for k in range(order):
+        out += v[order - k - 1 : n - k - 1] @ ar[k].T
+    return out
 
 
 def _filtered(ar: Array, x: Array, source: int) -> Array:
