@@ -13,13 +13,18 @@ import numpy as np
 import polars as pl
 import pytest
 
-from changing import PROJECT, changing_wood_berry, write_project
+from changing import PARAMETERS, PROJECT, changing_wood_berry, write_project
+from simulated import segment_of
 from trueplant.cli.app import main
 from trueplant.errors import DataError, UsageError
+from trueplant.identify import Row, Spec, fit_row, pieces_of
+from trueplant.identify.noise import whiten
+from trueplant.lti import Structure
 from trueplant.report.track import render
-from trueplant.study import Project
+from trueplant.study import Project, track_windows
 from trueplant.study.track import track
 from trueplant.study.track_result import Change, Moved, Track, TrackedElement, TrackedExperiment, Window, WindowElement
+from trueplant.study.track_windows import blocks_of, moves_of
 
 N = 2600
 X = np.arange(N)
@@ -169,6 +174,29 @@ def test_records_that_overlap_are_an_error(tmp_path: Path) -> None:
     project = Project.from_toml(PROJECT.replace('["record.csv"]', '["a.csv", "b.csv"]'), tmp_path)
     with pytest.raises(DataError, match=r"a\.csv and b\.csv overlap in time"):
         lay_out(prepare(project))
+
+
+def test_blocks_hold_the_information_of_the_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the stride and the chunks: blocks end with the record, and add up to its information."""
+    specs = tuple(Spec(j, Structure.parse("fopdt"), PARAMETERS[0, j]) for j in range(2))
+    segment = segment_of(changing_wood_berry(6, 1501))
+    theta = np.array([*PARAMETERS[0, 0], *PARAMETERS[0, 1]])
+    for stride in (1, 4):
+        row = Row(specs, pieces_of([segment], 0), stride)
+        fit = fit_row(row, theta, np.array([-0.5]), iterations=0)
+        moves = moves_of([segment])
+        monkeypatch.setattr(track_windows, "CHUNK", 20_000)
+        blocks = blocks_of(fit, row, moves)
+        assert blocks.end[-1] <= segment.t[-1] + segment.h and np.all(blocks.start[1:] == blocks.end[:-1])
+        assert blocks.active.all() and blocks.errors.sum() == pytest.approx(1501 / stride, abs=2)
+        _, gradient = row.response_and_gradient(theta, 0)
+        x = whiten(fit.ar, np.column_stack([gradient, np.ones(len(gradient))]))
+        assert np.allclose(blocks.information.sum(axis=0), x.T @ x / fit.variance, rtol=1e-9)
+        monkeypatch.setattr(track_windows, "CHUNK", 100)
+        again = blocks_of(fit, row, moves)
+        scale = np.sqrt(np.diag(blocks.information.sum(axis=0)))
+        difference = (again.information.sum(axis=0) - blocks.information.sum(axis=0)) / np.outer(scale, scale)
+        assert np.abs(difference).max() < 1e-3  # the past beyond ten lags is left out
 
 
 def test_impossible_precision_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,6 +27,8 @@ FEWEST_ERRORS = 200
 """In a window: with fewer the noise model is not worth its name."""
 SETTLED = 5.0
 """Lags after which a move no longer counts as excitation."""
+WARM = 2.0
+"""Settling times before each chunk from which its responses start."""
 LONGEST = 0.25
 """Share of an experiment's time that a window may take where single moves do not suffice."""
 MOST = 80
@@ -143,14 +145,16 @@ def _piece_blocks(fit: RowFit, row: Row, length: int, settle: float) -> tuple[Ar
     piece, stride, order = row.pieces[0], row.stride, fit.ar.size
     total = len(range(0, piece.y.size, stride))
     count, size = -(-total // length), fit.theta.size + 1
-    warm = int(np.ceil(settle / (piece.h * stride))) + order
+    warm = int(np.ceil(WARM * settle / (piece.h * stride))) + order
     information, errors = np.zeros((count, size, size)), np.zeros(count)
     per_chunk = max(1, CHUNK // length)
     for first in range(0, count, per_chunk):
         begin, end = first * length, min((first + per_chunk) * length, total)
         early = max(begin - warm, 0)
-        chunk = piece.from_sample(early * stride, min(end * stride, piece.y.size))
-        part = replace(row, pieces=(chunk,))
+        span = slice(early * stride, min(end * stride, piece.y.size))
+        # All chunks keep the operating point of the piece: each at its own, they would differ by steps.
+        inputs = np.ascontiguousarray(piece.inputs[:, span])
+        part = replace(row, pieces=(replace(piece.from_sample(span.start, span.stop), inputs=inputs),))
         _, gradient = part.response_and_gradient(fit.theta, 0)
         valid = part.measured(0)[1]
         if valid.size <= order:
@@ -168,7 +172,8 @@ def _piece_blocks(fit: RowFit, row: Row, length: int, settle: float) -> tuple[Ar
         seen = np.zeros(blocks * length)
         seen[: len(late)] = use[skip:]
         errors[first : first + blocks] = seen.reshape(blocks, length).sum(axis=1)
-    edges = np.minimum(np.arange(count + 1) * length, total) * piece.h * stride + piece.start
+    last = piece.h * (piece.y.size - 0.5)  # no block reaches into what follows, whatever the stride
+    edges = piece.start + np.minimum(np.arange(count + 1) * length * piece.h * stride, last)
     return edges[:-1], edges[1:], information, errors
 
 
