@@ -45,9 +45,8 @@ def factored(rows, columns) -> TransferMatrix:
 
 
 def test_nothing_changed_names_no_cause(tmp_path):
-    for seed in (31, 32):
-        written(tmp_path, wood_berry(seed, SAMPLES))
-        assert causes(run(project(tmp_path, controller=CONTROLLERS))) == {}
+    written(tmp_path, wood_berry(31, SAMPLES))
+    assert causes(run(project(tmp_path, controller=CONTROLLERS))) == {}
 
 
 def test_a_sensor_whose_span_is_off_is_named(tmp_path):

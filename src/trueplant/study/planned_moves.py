@@ -126,6 +126,8 @@ def information(fit: RowFit, u: Array, h: float, n_columns: int, known: bool) ->
     use = whitened_valid(fit.ar.size, row.measured(0)[1])
     columns = np.where(use[:, None], columns, 0.0) / np.linalg.norm(columns, axis=0).clip(1e-300)
     scale = np.linalg.norm(whiten(fit.ar, gradient), axis=0).clip(1e-300)
+    # Rows with noise models of other orders are to have the same lengths.
+    columns = np.vstack([np.zeros((fit.ar.size, columns.shape[1])), columns])
     length = -(-len(columns) // LENGTHS)
     count, size = -(-len(columns) // length), fit.theta.size
     padded = np.zeros((count * length, columns.shape[1]))
@@ -135,7 +137,7 @@ def information(fit: RowFit, u: Array, h: float, n_columns: int, known: bool) ->
     across, within = total[:, :size, size:], total[:, size:, size:]
     within = within + 1e-12 * np.eye(within.shape[1])
     told = total[:, :size, :size] - across @ np.linalg.solve(within, np.swapaxes(across, 1, 2))
-    ends = np.minimum(np.arange(1, count + 1) * length + fit.ar.size, len(gradient)) * h * row.stride
+    ends = np.minimum(np.arange(1, count + 1) * length, len(columns)) * h * row.stride
     return told * np.outer(scale, scale) / fit.variance / (1.0 if known else TIMES**2), ends
 
 
@@ -147,5 +149,7 @@ def combined(existing: Array, told: Array) -> Array:
     prior = (vectors / np.maximum(values, 1e-10)) @ vectors.T
     scaled = prior + told * np.outer(scale, scale)
     size = np.sqrt(np.einsum("naa->na", scaled))
-    inverse = np.linalg.inv(scaled / (size[:, :, None] * size[:, None, :]))
-    return np.asarray(np.sqrt(np.einsum("naa->na", inverse)) / size * scale)
+    # Where parameters are known only together, rounding leaves nothing of the smallest values.
+    values, vectors = np.linalg.eigh(scaled / (size[:, :, None] * size[:, None, :]))
+    inverse = np.sum(vectors**2 / np.maximum(values, 1e-14)[:, None, :], axis=2)
+    return np.asarray(np.sqrt(inverse) / size * scale)
