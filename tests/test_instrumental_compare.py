@@ -44,7 +44,7 @@ def test_start_from_srivc_saves_the_structured_fit_from_a_wrong_minimum():
 
 
 def test_estimators_agree_where_they_should():
-    segment = segment_of(wood_berry(5, samples=1500))
+    segment = segment_of(wood_berry(5, samples=2500))
     compared = compare_estimators([segment], ALL, BLT)
     assert set(compared.found) == set(ESTIMATORS) - {"equation-error"}
     assert "one denominator" in compared.not_applied["equation-error"]
@@ -87,6 +87,8 @@ def test_a_dead_time_without_an_error_is_given_none():
 def test_what_does_not_apply_says_why():
     segment = segment_of(wood_berry(7, samples=800))
     compared = compare_estimators([segment], ALL, None, WOOD_BERRY, ["clsrivc", "srivc"])
+    assert "a plant this slow needs" in compared.not_applied["black box"]
+    assert not compared.black_box
     assert "declare it, or use two-stage" in compared.not_applied["clsrivc"]
     assert list(compared.found) == ["srivc"]
     blind = replace(segment, r=np.full_like(segment.r, np.nan))

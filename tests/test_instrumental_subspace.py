@@ -100,7 +100,9 @@ def test_order_and_lags_are_chosen_and_said(runs):
 
 def test_what_cannot_be_answered_is_refused(runs):
     with pytest.raises(Refused, match="too short"):
-        varx([replace(runs[0], **{k: getattr(runs[0], k)[:30] for k in ("t", "r", "u", "y", "d", "free")})])
+        varx([replace(runs[0], **{k: getattr(runs[0], k)[:20] for k in ("t", "r", "u", "y", "d", "free")})])
+    with pytest.raises(Refused, match="remembers 12, and a plant this slow needs 45.4"):
+        varx(runs[:1], 12).test(WOOD_BERRY, HOLD)
     with pytest.raises(Refused, match="input 2 does not move"):
         varx([replace(runs[0], u=runs[0].u * [1, 0])])
     with pytest.raises(UsageError, match="different sample times"):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.errors import Refused, UsageError
-from trueplant.lti.transfer import TransferMatrix
+from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.mismatch.sampling import sampled_frequency_response
 from trueplant.record.types import Segment
 
@@ -25,7 +25,9 @@ ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 LAGS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
 """The longest that the record affords is used."""
-SAMPLES_PER_COEFFICIENT = 15
+SPANNED = 2.0
+"""The lags have to span so many times the slowest lag of a plant, and its dead time, for the plant to be tested."""
+SAMPLES_PER_COEFFICIENT = 8
 TESTED = 12
 """Frequencies at which a model is held against the response."""
 RESOLVED = 1e-8
@@ -67,7 +69,15 @@ class Varx:
         Returns the p-values (n_y, n_u), small where the element does not fit, and the number of directions (n_y, n_u)
         that the data resolve; without w at `tested`. A plant estimated from the same data fits a little better than
         chance.
+
+        Raises Refused where the lags are too short for a plant this slow: it would be held against a bias.
         """
+        needed = max((_settling(element) for row in plant.elements for element in row), default=0.0)
+        if self.lags * self.h < needed:
+            raise Refused(
+                f"the black box remembers {self.lags * self.h:.4g}, and a plant this slow needs {needed:.4g} at least: "
+                "use records sampled less often, or longer ones"
+            )
         w = self.tested if w is None else w
         return self.distance(sampled_frequency_response(plant, w, self.h, hold), w)
 
@@ -187,6 +197,13 @@ def _enough(data: Sequence[tuple[Array, Array]], lags: int) -> bool:
     """Are there SAMPLES_PER_COEFFICIENT rows for each coefficient of an output?"""
     samples = sum(max(len(y) - lags, 0) for y, _ in data)
     return bool(samples >= SAMPLES_PER_COEFFICIENT * lags * (data[0][0].shape[1] + data[0][1].shape[1]))
+
+
+def _settling(element: TransferFunction) -> float:
+    poles = element.poles
+    decaying = poles[poles.real < 0]
+    slowest = float(np.max(-1 / decaying.real)) if decaying.size else 0.0
+    return SPANNED * slowest + max((term.dead_time for term in element.terms), default=0.0)
 
 
 def arrays_of(segment: Segment) -> tuple[Array, Array]:

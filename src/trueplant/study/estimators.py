@@ -61,7 +61,7 @@ class EstimatorComparison:
             lines.append(f"input {j + 1} -> output {i + 1}")
             for k, name in enumerate(structure.names):
                 values = [
-                    f"{method} {found[i, j][0][k]:.4g} ± {_errors(found[i, j][1])[k]:.2g}"
+                    f"{method} {found[i, j][0][k]:.4g}{_plus_minus(_errors(found[i, j][1])[k])}"
                     for method, found in self.found.items()
                     if (i, j) in found
                 ]
@@ -72,6 +72,10 @@ class EstimatorComparison:
 def _errors(covariance: Array) -> Array:
     """Standard errors; NaN where the method gives none."""
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+def _plus_minus(error: float) -> str:
+    return f" ± {error:.2g}" if np.isfinite(error) else " (error unknown)"
 
 
 def _listed(name: str, value: float, error: float, z: float) -> dict[str, Any]:
@@ -118,7 +122,12 @@ def compare_estimators(
             refused[name] = str(error)
     if not found:
         raise Refused("no estimator applies: " + "; ".join(f"{name}: {why}" for name, why in refused.items()))
-    return EstimatorComparison(dict(structures), found, refused, notes, _black_box(segments, structures, found))
+    try:
+        tests = _black_box(segments, structures, found)
+    except TrueplantError as error:
+        tests = {}
+        refused["black box"] = str(error)
+    return EstimatorComparison(dict(structures), found, refused, notes, tests)
 
 
 def _fits(
@@ -222,10 +231,7 @@ def _black_box(
     segments: Sequence[Segment], structures: Mapping[Place, Structure], found: Mapping[str, Found]
 ) -> dict[str, Array]:
     n_y, n_u = segments[0].y.shape[1], segments[0].u.shape[1]
-    try:
-        response = varx(segments)
-    except TrueplantError:
-        return {}
+    response = varx(segments)
     tests = {}
     for name, elements in found.items():
         plant = [[TransferFunction()] * n_u for _ in range(n_y)]
