@@ -57,10 +57,14 @@ def _drawn(track: Track, element: TrackedElement, book: Book) -> Drawn | None:
     figure = element_figure(track, element, windows, changes, names)
     estimated = sum(any(e.input == element.input for e in w.elements) for w in windows)
     refused = sum(w.status == "refused" for w in windows)
-    caption = f"{estimated} windows, each with its interval; {refused} stretches refused. History: {element.history}."
+    caption = f"{_count(estimated, 'window')} estimated, {_count(refused, 'stretch', 'es')} of the record refused."
     if changes:
         caption += " " + " ".join(change_sentence(c, track.time_unit).replace("->", "→") for c in changes)
-    return book.add(figure, f"{element.input} → {element.output}", caption)
+    return book.add(figure, f"Parameters of {element.input} → {element.output}", caption)
+
+
+def _count(n: int, word: str, plural: str = "s") -> str:
+    return f"{n} {word}{plural if n != 1 else ''}"
 
 
 def _names(windows: Sequence[Window], column: str) -> list[str]:
