@@ -23,6 +23,8 @@ CLEAR = 2.0
 """Difference of the Bayesian criterion (in units of -2 log likelihood) from which the two count as told apart."""
 SCATTERED = 1e-2
 """Significance from which windows count as scattering beyond their covariances."""
+DRIFT_SHOWS = 5
+"""Windows from which a drift can be called one: with fewer, a step within the middle one looks the same."""
 FEWEST = 6
 """Windows from which their scatter can be judged."""
 
@@ -109,6 +111,8 @@ def history(series: Series, draws: int = DRAWS, seed: int = 0) -> History:
     difference = step_gain - drift_gain - np.log(count * m)
     told = count > 2 and abs(difference) >= CLEAR
     kind = "undecided" if not told else "step" if difference > 0 else "drift"
+    if kind == "drift" and count < DRIFT_SHOWS:
+        kind = "undecided"
     return History(float(p), kind, float(times[best]), step_gain, drift_gain, scatter)
 
 

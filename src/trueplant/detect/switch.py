@@ -14,6 +14,7 @@ conservative.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,7 +122,7 @@ def _limited(theta: Array, step: Array) -> Array:
 
 
 def _parts(row: Row, clock: Array, before: Array, after: Array, changing: BoolArray) -> _Parts:
-    columns: list[list[Array]] = [[] for _ in range(7)]
+    columns: list[list[NDArray[Any]]] = [[] for _ in range(7)]
     sizes = [row.nuisance(before, k).shape[1] for k in range(len(row.pieces))]
     for k, piece in enumerate(row.pieces):
         y, valid = row.measured(k)

@@ -27,6 +27,8 @@ FEWEST_ERRORS = 200
 """In a window: with fewer the noise model is not worth its name."""
 SETTLED = 5.0
 """Lags after which a move no longer counts as excitation."""
+LEAST_SETTLINGS = 3.0
+"""Settling times in a window: in less its unknown initial state costs more than SHORTFALL allows for."""
 WARM = 2.0
 """Settling times before each chunk from which its responses start."""
 LONGEST = 0.25
@@ -68,6 +70,8 @@ class Demand:
     names: tuple[str, ...]
     """Parameters in words, such as "gain of reflux"."""
     precision: float
+    shortest: float
+    """Time that a window takes at least."""
 
     def met(self, information: Array) -> bool:
         return bool(np.all(SHORTFALL * standard_errors(information) <= self.limits))
@@ -102,7 +106,7 @@ def demand_of(fit: RowFit, answered: Sequence[int], columns: Sequence[str], prec
         if names[k].startswith(("gain", "slope", "dead")) or names[k] == "tau1":
             limits[k] = precision * size[k]
     words = tuple(f"{name.replace('_', ' ')} of {column}" for name, column in zip(names, inputs, strict=True))
-    return Demand(limits, words, precision)
+    return Demand(limits, words, precision, LEAST_SETTLINGS * settling(fit))
 
 
 def settling(fit: RowFit) -> float:
@@ -216,7 +220,9 @@ def _runs(blocks: Blocks) -> list[tuple[int, int]]:
 
 
 def _enough(blocks: Blocks, demand: Demand, a: int, b: int) -> bool:
-    return bool(blocks.errors[a:b].sum() >= FEWEST_ERRORS) and demand.met(blocks.information[a:b].sum(axis=0))
+    if blocks.end[b - 1] - blocks.start[a] < demand.shortest or blocks.errors[a:b].sum() < FEWEST_ERRORS:
+        return False
+    return demand.met(blocks.information[a:b].sum(axis=0))
 
 
 def _greedy(blocks: Blocks, demand: Demand, a: int, b: int) -> list[tuple[int, int]]:
