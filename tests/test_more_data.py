@@ -128,8 +128,9 @@ def loop_project(folder: Path, extra: str = "", op_limits: str = "", loop: str =
     """A single loop whose record of 200 min says little (simulated)."""
     plant = TransferMatrix.of([["2 exp(-3 s)/(12 s + 1)"]], "min")
     law = Controller.diagonal([PID(Kc=0.8, Ti=12.0, sample_time=1.0)])
-    sim = simulate(plant, law, 60 + alternating_steps(200, 1.0, 80.0, [1.0]), 1.0, noise=noise, seed=3, u0=50.0, y0=60.0)
-    columns = {"t": sim.t, "sp": sim.r[:, 0] + 0.0, "op": sim.u[:, 0], "pv": sim.y[:, 0]}
+    setpoint = 60 + alternating_steps(200, 1.0, 80.0, [1.0])
+    sim = simulate(plant, law, setpoint, 1.0, noise=noise, seed=3, u0=50.0, y0=60.0)
+    columns = {"t": sim.t, "sp": sim.r[:, 0], "op": sim.u[:, 0], "pv": sim.y[:, 0]}
     pl.DataFrame(columns).write_csv(folder / "record.csv")
     path = folder / "project.toml"
     path.write_text(f"""
