@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from historian import swinging_door
 from trueplant.errors import DataError
 from trueplant.record import Channel, Layout, Screened, read_record, screen
 
@@ -201,13 +202,67 @@ def test_quantum(quantum: float) -> None:
     assert not finding.excludes
 
 
-def test_swinging_door_compression() -> None:
+def test_lines_between_every_tenth_sample_leave_nothing_usable() -> None:
     data = loop()
     t = data["t"]
     kept = np.arange(0, N, 10)
     data["pv"] = np.interp(t, t[kept], data["pv"][kept])
-    (finding,) = [f for f in screened(data).findings if f.kind == "compressed"]
+    result = screened(data)
+    (finding,) = [f for f in result.findings if f.kind == "compressed"]
     assert finding.value == pytest.approx(0.1, abs=0.02)
+    assert finding.excludes
+    assert "T was compressed by its historian until little" in (result.refusal or "")
+
+
+@pytest.mark.parametrize("digits", [None, 5, 3])
+@pytest.mark.parametrize("deviation", [0.25, 0.5, 1.0])
+def test_swinging_door_leaves_its_mark_at_any_printing(deviation: float, digits: int | None) -> None:
+    """Deviations in standard deviations of the noise; the share stored is known here, since we stored it."""
+    data = loop()
+    whole = data["pv"]
+    data["pv"] = swinging_door(whole, 0.1 * deviation)
+    stored = float(np.mean(data["pv"] == whole))
+    if digits is not None:
+        data["pv"] = np.round(data["pv"], digits)
+    (finding,) = [f for f in screened(data).findings if f.kind == "compressed"]
+    assert finding.signal == "T"
+    assert finding.value == pytest.approx(stored, abs=0.05)
+
+
+def test_a_compressed_op_is_told_and_refused_where_little_is_left() -> None:
+    data = loop()
+    jitter = 0.3 * np.random.default_rng(7).standard_normal(N)
+    for deviation, refused in ((0.1, False), (0.3, True)):
+        data["op"] = swinging_door(loop()["op"] + jitter, deviation)
+        result = screened(data)
+        (finding,) = [f for f in result.findings if f.kind == "compressed"]
+        assert finding.signal == "Q"
+        assert ("OP of Q was compressed" in (result.refusal or "")) == refused
+
+
+@pytest.mark.parametrize("every", [2, 5])
+def test_the_ramps_of_integral_action_while_pv_is_held_are_no_compression(every: int) -> None:
+    data = loop()
+    data["pv"] = np.repeat(data["pv"][::every], every)[:N]
+    for late in (0, 1):
+        error = np.roll(data["sp"] - data["pv"], late)
+        data["op"] = 40 + np.cumsum(error - np.mean(error)) / 40
+        assert "compressed" not in kinds(screened(data))
+
+
+def test_a_compressed_op_is_told_beside_a_pv_that_is_held() -> None:
+    data = loop()
+    data["op"] = swinging_door(data["op"] + 0.3 * np.random.default_rng(7).standard_normal(N), 0.3)
+    data["pv"] = np.repeat(data["pv"][::3], 3)[:N]
+    assert "compressed" in kinds(screened(data))
+
+
+def test_ramps_and_rate_limits_are_no_compression() -> None:
+    data = loop()
+    rate = 0.05 * np.sign(np.sin(np.arange(N) / 30))
+    data["op"] = 40 + np.cumsum(rate)
+    data["pv"] = 50 + 0.2 * np.cumsum(rate)
+    assert "compressed" not in kinds(screened(data))
 
 
 def test_range_of_the_instrument() -> None:

@@ -9,15 +9,19 @@ import numpy as np
 
 from trueplant.errors import DataError
 from trueplant.record import sensor
+from trueplant.record.compression import filled_in, moves
 from trueplant.record.layout import Channel, Layout
 from trueplant.record.numbers import counted
+from trueplant.record.refusal import FEWEST_USABLE, why_refused
 from trueplant.record.runs import equal_runs, hold_short, spans_of, spread
 from trueplant.record.segments import SHORT_GAP, SHORTEST, Clock, clock_of, segments_of
 from trueplant.record.types import Array, BoolArray, Finding, Record, Screened
 
-FEWEST_USABLE = 20
-"""Usable samples of some PV, below which nothing can be said."""
-_MOST_NOT_FREE = 0.5
+_COMPRESSED = 0.05
+"""Share of filled-in samples from which on compression is said."""
+_MOST_FILLED_PV = 0.85
+"""Share from which on such a PV is left out. Behind a swinging door, intervals from simulated Wood-Berry records with
+more than that miss the truth in a fifth of the cases (benchmarks/bench_compression.py)."""
 _LIMIT_TOLERANCE = 1e-4
 
 
@@ -44,6 +48,7 @@ def screen(
     for j, channel in enumerate(layout.inputs):
         saturated[:, j] = _saturated(record, j, bounds[channel.name], channel, log)
         _report_input(record, j, channel, log)
+        _report_compressed_op(record, j, channel, log)
     usable = np.isfinite(record.y) & ~excluded[:, None]
     interval = np.zeros(record.y.shape[1])
     for i, channel in enumerate(layout.outputs):
@@ -53,7 +58,7 @@ def screen(
         log.missing(record.d[:, k], channel.name)
     free = ~saturated & record.automatic
     segments = segments_of(record, usable, free, clock, experiment)
-    refusal = _refusal(record, layout, usable, saturated, excluded)
+    refusal = why_refused(record, layout, usable, saturated, excluded, log.findings)
     if refusal is None and not segments:
         refusal = (
             f"{record.name}: no stretch of {SHORTEST} samples with OP and a usable PV is left; "
@@ -225,7 +230,18 @@ def _output(
             return bad | stuck, clock.h
         return bad, clock.h
     every, q = sensor.update_every(v), sensor.quantum(v)
-    _report_sensor(record, at, v, every, q, name, clock, log)
+    _report_sensor(every, q, name, clock, record.time_unit, log)
+    share = filled_in(record.t[at], v, q)
+    if share > _COMPRESSED:
+        lost = share > _MOST_FILLED_PV
+        message = (
+            f"{name} was compressed by its historian: {100 * share:.3g} % of its samples, where it moves, lie on "
+            f"straight lines between the others, so that only {100 * (1 - share):.3g} % carry information"
+            f"{'; left out' if lost else ''}."
+        )
+        log.add("compressed", name, message, np.isfinite(y) if lost else None, lost, 1 - share)
+        if lost:
+            return bad | np.isfinite(y), every * clock.h
     stuck, spike = np.zeros(y.size, dtype=bool), np.zeros(y.size, dtype=bool)
     stuck[at] = sensor.frozen(v, np.nan_to_num(record.u[at]))
     if stuck.any():
@@ -239,22 +255,28 @@ def _output(
     return bad | stuck | spike, every * clock.h
 
 
-def _report_sensor(
-    record: Record, at: np.ndarray, v: Array, every: float, q: float, name: str, clock: Clock, log: _Log
-) -> None:
-    unit = record.time_unit
+def _report_sensor(every: float, q: float, name: str, clock: Clock, unit: str, log: _Log) -> None:
     if every > 1:
         message = f"{name} is updated every {every * clock.h:.3g} {unit} ({every:.3g} samples) and held in between."
         log.add("held", name, message, value=every * clock.h)
     if q > 0:
         log.add("quantised", name, f"{name} moves in steps of {q:.4g} (quantisation).", value=q)
-    share = sensor.interpolated(record.t[at], v)
-    if share > 0.5:
+
+
+def _report_compressed_op(record: Record, j: int, channel: Channel, log: _Log) -> None:
+    """Only the OP of a controller never runs in straight lines: a person may have moved that of an open loop so."""
+    at = np.flatnonzero(np.isfinite(record.u[:, j]))
+    alive = [i for i, y in enumerate(record.y[at].T) if np.unique(y[np.isfinite(y)]).size > 1]
+    if not record.closed or at.size < FEWEST_USABLE or not alive:
+        return
+    u = record.u[at, j]
+    share = filled_in(record.t[at], u, sensor.quantum(u), moves(record.y[at][:, alive]))
+    if share > _COMPRESSED:
         message = (
-            f"{name} was compressed by its historian: {100 * share:.3g} % of its samples lie on straight lines "
-            f"between the others, so that only {100 * (1 - share):.3g} % carry information."
+            f"OP of {channel.name} was compressed by its historian: {100 * share:.3g} % of its samples, where it "
+            "moves, lie on straight lines between the others, and what OP really did there is not in the record."
         )
-        log.add("compressed", name, message, value=1 - share)
+        log.add("compressed", channel.name, message, value=1 - share)
 
 
 def _report_outliers(y: Array, known: BoolArray, name: str, log: _Log) -> None:
@@ -267,38 +289,3 @@ def _report_outliers(y: Array, known: BoolArray, name: str, log: _Log) -> None:
     if high > low and 0 < np.sum(far) < 0.02 * y.size:
         message = f"{name} lies far from all its other values in {_count(far)}; declare its limits to leave them out."
         log.add("outlier", name, message, far, value=float(np.mean(far)))
-
-
-def _refusal(
-    record: Record, layout: Layout, usable: BoolArray, saturated: BoolArray, excluded: BoolArray
-) -> str | None:
-    kept = ~excluded
-    if not kept.any():
-        return f"{record.name}: all of the record is excluded; shorten `exclude`"
-    u = record.u[kept]
-    moves = np.nanmax(u, axis=0) - np.nanmin(u, axis=0) if np.isfinite(u).any(axis=0).all() else np.zeros(1)
-    if not np.any(moves > 0):
-        return f"{record.name}: OP never moves, so the record says nothing about the plant; use one in which it does"
-    if np.max(np.sum(usable, axis=0)) < FEWEST_USABLE:
-        still = [c.name for i, c in enumerate(layout.outputs) if np.nanmax(record.y[:, i]) == np.nanmin(record.y[:, i])]
-        if len(still) == len(layout.outputs):
-            return f"{record.name}: PV of {', '.join(still)} is frozen all the time; check the sensor or the tag"
-        return (
-            f"{record.name}: fewer than {FEWEST_USABLE} usable PV samples are left after screening; "
-            "see the findings, and export a longer or cleaner record"
-        )
-    if not record.closed:
-        return None
-    manual = ~record.automatic
-    stuck = (saturated | manual)[kept]
-    if np.mean(stuck.any(axis=1)) <= _MOST_NOT_FREE:
-        return None
-    j = int(np.argmax(np.mean(stuck, axis=0)))
-    how = "in manual" if np.mean(manual[kept, j]) > np.mean(saturated[kept, j]) else "at its limit"
-    verb = "was" if how == "in manual" else "sat"
-    some = f", one OP or another for {100 * np.mean(stuck.any(axis=1)):.3g} %" if record.u.shape[1] > 1 else ""
-    return (
-        f"{record.name}: OP of {layout.inputs[j].name} {verb} {how} for {100 * np.mean(stuck[:, j]):.3g} % of "
-        f"the record{some}: the loop was open for most of the time. Use `exclude` to keep the stretches "
-        "in which OP was free, or a record in which it was"
-    )

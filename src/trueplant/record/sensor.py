@@ -1,10 +1,10 @@
-"""What one PV shows about its own sensor and historian: held, quantised, spiking, frozen, compressed."""
+"""What one PV shows about its own sensor and historian: held, quantised, spiking, frozen."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from trueplant.record.runs import equal_runs, spread, true_runs
+from trueplant.record.runs import equal_runs, spread
 from trueplant.record.types import Array, BoolArray
 
 _SPIKE_SCALE = 4.5
@@ -115,14 +115,3 @@ def frozen(y: Array, u: Array) -> BoolArray:
         if (noisy or moving) and np.any(np.ptp(piece, axis=0) > 0.05 * span):
             out |= spread(begin[k : k + 1], length[k : k + 1], y.size)
     return out
-
-
-def interpolated(t: Array, y: Array) -> float:
-    """Share of samples that lie exactly on the line through their neighbours: what a historian filled in."""
-    steps = np.diff(t)
-    slope = np.diff(y) / steps
-    scale = np.maximum(np.abs(slope[1:]), np.abs(slope[:-1]))
-    rounding = 4 * np.finfo(float).eps * np.max(np.abs(y)) / steps
-    straight = (np.abs(np.diff(slope)) <= 1e-7 * scale + rounding[1:]) & (scale > 1e3 * rounding[1:])
-    length = true_runs(straight)[1]
-    return float(np.sum(length[length >= 3]) / max(1, y.size))

@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 
 SIGNIFICANT = 1e-3
 """Of the answer of PV to set-points, for a record to count as excited at all."""
+FILLED_IN = 0.3
+"""Share of a signal that its historian may fill in before the reader is told that the estimate suffers. Half of it
+does not show yet in simulated Wood-Berry records, two thirds are a bias (benchmarks/bench_compression.py)."""
 BANK, OWN_PAST, LARGEST = 6, 10, 20_000
 """Lags tried, samples of PV's own past, samples looked at."""
 
@@ -136,3 +139,25 @@ def setpoint_rank_note(study: Study) -> list[Reason]:
             )
         ]
     return []
+
+
+def compression_notes(study: Study) -> list[Reason]:
+    """Said where a historian left little of a signal that is used all the same."""
+    notes = []
+    for s in study.screened:
+        if s.refusal is not None:
+            continue
+        share = {f.signal: 1 - f.value for f in s.findings if f.kind == "compressed" and f.value is not None}
+        told = {name: part for name, part in share.items() if part > FILLED_IN}
+        if told:
+            named = ", ".join(f"{name} ({100 * part:.2g} %)" for name, part in told.items())
+            notes.append(
+                Reason(
+                    "compressed",
+                    f"a historian stored only part of {named} and filled in the share in brackets on straight lines: "
+                    "gains, time constants and above all dead times may be off by more than their intervals say, and a "
+                    "change that is small against them may be the historian's. Export the record without compression",
+                    s.record.name,
+                )
+            )
+    return notes

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from trueplant.identify import OutputEstimate
 from trueplant.identify.crossed import TIMES
-from trueplant.study.informative import setpoint_rank_note
+from trueplant.study.informative import compression_notes, setpoint_rank_note
 from trueplant.study.result import Reason
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def notes_of(
     """What the reader should know although an answer was possible."""
     from trueplant.study.pipeline import faster_scan
 
-    notes = [*setpoint_rank_note(study), *controller_notes(consistency)]
+    notes = [*setpoint_rank_note(study), *compression_notes(study), *controller_notes(consistency)]
     if faster_scan(study):
         notes.append(
             Reason(

@@ -1,0 +1,79 @@
+"""The straight lines that a compressing historian drew between the samples it stored."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trueplant.record.runs import spread, true_runs
+from trueplant.record.types import Array, BoolArray
+
+_LINE = 2.5
+"""Resolutions by which rounding alone takes a sample off its line, at most."""
+_CORNER = 7.5
+"""Resolutions from which on lines meet in a corner. A smooth signal bends less, a noisy one seldom as little as a
+line."""
+_FLAT = 3.0
+"""Resolutions a sample that do not count as a rise: nothing can be said of what stands still."""
+_SLOPES = 20
+"""Different slopes that there have to be: ramps of an operator, rate limits and integrators at rest have a few."""
+
+
+def resolution(y: Array) -> float:
+    """The last place in which y was written down: a power of ten, or that of its floating-point numbers."""
+    top = float(np.max(np.abs(y), initial=0.0))
+    rounding = 4 * np.finfo(float).eps * top
+    for digits in range(-2, 16):
+        if all(np.all(np.abs(np.round(x, digits) - x) <= rounding) for x in (y[:1000], y)):
+            return 10.0**-digits
+    single = y.astype(np.float32)
+    return float(np.spacing(single.max()) if np.array_equal(single, y) else 0.5 * rounding)
+
+
+def filled_in(t: Array, y: Array, step: float = 0.0, steered: BoolArray | None = None) -> float:
+    """Share of the samples of y (N,) at t (N,), where it rises or falls, that lie on straight lines between corners.
+
+    0 if chance may have done it. `step` is the quantisation of y. For the OP of a controller, `steered` (N - 1,) says
+    from which sample to the next every PV moved: only there has the controller to bend OP. While PV is held, an
+    integrating one draws straight lines of its own, which do not count.
+    """
+    if y.size < _SLOPES:
+        return 0.0
+    unit = max(resolution(y), step)
+    steps, rises = np.diff(t), np.diff(y)
+    slope = rises / steps
+    # on an even grid the second difference: twice the distance from the chord between the neighbours
+    bend = np.abs(np.diff(slope)) * 2 * steps[1:] * steps[:-1] / (steps[1:] + steps[:-1])
+    rising = np.minimum(np.abs(rises[1:]), np.abs(rises[:-1])) > _FLAT * unit
+    line = (bend <= _LINE * unit) & rising
+    begin, length = true_runs(line)
+    corner = np.concatenate([[True], bend > _CORNER * unit, [True]])
+    sharp = corner[begin] & corner[begin + length + 1]
+    begin, length = begin[sharp], length[sharp]
+    if begin.size == 0 or np.unique(np.round(slope[begin] / np.max(np.abs(slope)), 4)).size < _SLOPES:
+        return 0.0
+    found, near = spread(begin, length, line.size), (bend > _LINE * unit) & (bend <= _CORNER * unit) & rising
+    if steered is not None:
+        near &= steered[1:] & steered[:-1]
+        found, rising = found & _unexplained(line, steered), rising & (steered[1:] | steered[:-1])
+    # As many bends as `expected` would fall below _LINE by chance, if bends were spread evenly.
+    expected = np.sum(near) * _LINE / (_CORNER - _LINE)
+    return float(np.sum(found) / np.sum(rising)) if np.sum(found) > 2 * expected else 0.0
+
+
+def _unexplained(line: BoolArray, steered: BoolArray) -> BoolArray:
+    """(N - 2,) inner samples at which OP should have bent.
+
+    A move of PV bends it there or, where the controller answers one sample late, at the next: a straight line has no
+    reason where PV moves all the time, or where both are straight.
+    """
+    out = steered[1:] & steered[:-1]
+    both = line[1:] & line[:-1] & steered[1:-1]
+    out[1:] |= both
+    out[:-1] |= both
+    return out
+
+
+def moves(y: Array) -> BoolArray:
+    """(N - 1,) whether every PV (N, n_y) moved from one sample to the next."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.all(np.abs(np.diff(y, axis=0)) > 0, axis=1), dtype=bool)

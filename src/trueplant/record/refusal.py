@@ -1,0 +1,75 @@
+"""Whether anything of a record can be used, and the sentence for it if not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trueplant.record.layout import Layout
+from trueplant.record.types import BoolArray, Finding, Record
+
+FEWEST_USABLE = 20
+"""Usable samples of some PV, below which nothing can be said."""
+_MOST_NOT_FREE = 0.5
+_MOST_FILLED_OP = 0.55
+"""Share of an OP that its historian may have filled in. A smoothed OP is another input than the plant's, of which the
+residuals show nothing: intervals from simulated Wood-Berry records with more than that miss the gains in more than a
+third of the cases (benchmarks/bench_compression.py)."""
+_RAW = "Export what was really stored from a source without compression (the controller, the raw archive)"
+
+
+def why_refused(
+    record: Record,
+    layout: Layout,
+    usable: BoolArray,
+    saturated: BoolArray,
+    excluded: BoolArray,
+    findings: Sequence[Finding],
+) -> str | None:
+    """Why nothing of a record can be used, given what of y (N, n_y) is usable and where u (N, n_u) sat at a limit."""
+    kept = ~excluded
+    if not kept.any():
+        return f"{record.name}: all of the record is excluded; shorten `exclude`"
+    u = record.u[kept]
+    moves = np.nanmax(u, axis=0) - np.nanmin(u, axis=0) if np.isfinite(u).any(axis=0).all() else np.zeros(1)
+    if not np.any(moves > 0):
+        return f"{record.name}: OP never moves, so the record says nothing about the plant; use one in which it does"
+    if np.max(np.sum(usable, axis=0)) < FEWEST_USABLE:
+        still = [c.name for i, c in enumerate(layout.outputs) if np.nanmax(record.y[:, i]) == np.nanmin(record.y[:, i])]
+        if len(still) == len(layout.outputs):
+            return f"{record.name}: PV of {', '.join(still)} is frozen all the time; check the sensor or the tag"
+        away = [f.signal for f in findings if f.kind == "compressed" and f.excludes]
+        if away:
+            return (
+                f"{record.name}: PV of {', '.join(away)} was compressed by its historian until little more than "
+                f"straight lines was left. {_RAW}"
+            )
+        return (
+            f"{record.name}: fewer than {FEWEST_USABLE} usable PV samples are left after screening; "
+            "see the findings, and export a longer or cleaner record"
+        )
+    if not record.closed:
+        return None
+    inputs = {c.name for c in layout.inputs}
+    filled = {f.signal: 1 - f.value for f in findings if f.kind == "compressed" and f.signal in inputs and f.value}
+    worst = max(filled, key=filled.__getitem__, default="")
+    if filled.get(worst, 0.0) > _MOST_FILLED_OP:
+        return (
+            f"{record.name}: OP of {worst} was compressed by its historian ({100 * filled[worst]:.3g} % of its "
+            "samples, where it moves, lie on straight lines between the others): what moved the plant is not in the "
+            f"record. {_RAW}"
+        )
+    manual = ~record.automatic
+    stuck = (saturated | manual)[kept]
+    if np.mean(stuck.any(axis=1)) <= _MOST_NOT_FREE:
+        return None
+    j = int(np.argmax(np.mean(stuck, axis=0)))
+    how = "in manual" if np.mean(manual[kept, j]) > np.mean(saturated[kept, j]) else "at its limit"
+    verb = "was" if how == "in manual" else "sat"
+    some = f", one OP or another for {100 * np.mean(stuck.any(axis=1)):.3g} %" if record.u.shape[1] > 1 else ""
+    return (
+        f"{record.name}: OP of {layout.inputs[j].name} {verb} {how} for {100 * np.mean(stuck[:, j]):.3g} % of "
+        f"the record{some}: the loop was open for most of the time. Use `exclude` to keep the stretches "
+        "in which OP was free, or a record in which it was"
+    )
