@@ -24,6 +24,7 @@ from trueplant.paper.records import KINDS, case, noise_std, parameters
 def table(runs: Estimates) -> None:
     off, route, ratio = percent(runs.ours), percent(runs.route), ratio_to_bound(runs)
     rms = np.sqrt(np.mean(off**2, axis=0))
+    bound = np.sqrt(np.mean(runs.bound, axis=0)) * percent_per_unit()
     claimed = np.sqrt(np.mean((runs.std * percent_per_unit()) ** 2, axis=0))
     columns = ("median %", "rms %", "bound %", "rms/bound", "coverage", "s.e./rms", "route med %", "route rms %")
     print(f"{'':8}" + "".join(f"{c:>12}" for c in columns))
@@ -31,10 +32,10 @@ def table(runs: Estimates) -> None:
         row = (
             np.median(off[:, k]),
             rms[k],
-            rms[k] / ratio[k],
+            bound[k],
             ratio[k],
             runs.inside[:, k].mean(),
-            claimed[k] / rms[k],
+            claimed[k] / max(rms[k], 1e-300),
             np.median(route[:, k]),
             np.sqrt(np.mean(route[:, k] ** 2)),
         )

@@ -14,6 +14,7 @@ from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_i
 from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.runs import Runs, combine_runs, compare_runs, refit_noise
 from trueplant.identify.search import felt_lag, lag_of
+from trueplant.identify.small import inflation, without_unseen_dead_times
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
 
@@ -114,12 +115,13 @@ def identify_output(
     if not pieces or not specs:
         return None
     row = Row(tuple(specs), pieces, stride)
-    fit = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
+    full = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
+    fit = without_unseen_dead_times(full)
     runs = compare_runs(fit)
     if runs is not None and not runs.agree:
         theta, covariance = combine_runs(fit, runs, confidence)
     else:
-        theta, covariance = fit.theta, fit.covariance
+        theta, covariance = fit.theta, fit.covariance * inflation(fit, confidence)
     tests = residual_tests(fit, confidence)
     moved, shifts = _order_dependence(fit, covariance, tests)
     # What the choice of the noise model moves is not known better than that, unless the runs have shown their spread.
@@ -134,7 +136,10 @@ def identify_output(
     unprofiled = covariance
     if not np.any(shifts) and (runs is None or runs.agree):
         for index in _profiled(fit):
-            ends = widened(profile_interval(fit, index, confidence), float(theta[index]), known_to[index], confidence)
+            # A dead time that is held at 0 may still be as large as the data allow.
+            profiled = fit if fit.free[index] else full
+            ends = profile_interval(profiled, index, confidence)
+            ends = widened(ends, float(theta[index]), known_to[index], confidence)
             covariance = as_wide_as(covariance, index, float(theta[index]), ends, confidence)
             intervals[index] = ends
     return OutputEstimate(
@@ -148,7 +153,7 @@ def _profiled(fit: RowFit) -> list[int]:
     sigma = np.sqrt(np.diag(fit.covariance))
     names = [name for spec in fit.row.specs for name in spec.structure.names]
     for index, name in enumerate(names):
-        relative = sigma[index] / max(abs(fit.theta[index]), 1e-300)
+        relative = sigma[index] / max(abs(fit.theta[index]), 1e-300) if fit.free[index] else WEAK
         if (name.startswith("dead") or relative > WEAK) and relative < 1e3 and not name.startswith(("gain", "slope")):
             chosen.append(index)
     return chosen

@@ -48,7 +48,7 @@ def single_runs(pooled: RowFit) -> list[tuple[int, RowFit]]:
         row = replace(pooled.row, pieces=pieces)
         samples = sum(int(row.measured(k)[1].sum()) for k in range(len(pieces)))
         if samples > 4 * (pooled.theta.size + pooled.ar.size):
-            fits.append((experiment, fit_row(row, pooled.theta, pooled.ar, iterations=40)))
+            fits.append((experiment, fit_row(row, pooled.theta, pooled.ar, free=pooled.free, iterations=40)))
     return fits
 
 
@@ -109,4 +109,4 @@ def refit_noise(fit: RowFit, order: int) -> RowFit:
 
     signals, valid = noise_signals(fit)
     ar = fit_ar(signals, valid, order)[0]
-    return fit_row(fit.row, fit.theta, ar, weights=fit.weights, iterations=40)
+    return fit_row(fit.row, fit.theta, ar, weights=fit.weights, free=fit.free, iterations=40)

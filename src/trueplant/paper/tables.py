@@ -198,12 +198,13 @@ def _monte_carlo(runs: dict[str, Estimates], seeds: int) -> Iterator[Entry]:
     for kind, found in runs.items():
         ratio, off = ratio_to_bound(found), percent(found.ours)
         rms = np.sqrt(np.mean(off**2, axis=0))
+        bound = percent(parameters(case().plant) + np.sqrt(np.mean(found.bound, axis=0)))
         route = np.median(percent(found.route), axis=0)
         for k, name in enumerate(NAMES):
             computed = {
                 "median_error": float(np.median(off[:, k])),
                 "rms_error": float(rms[k]),
-                "bound": float(rms[k] / ratio[k]),
+                "bound": float(bound[k]),
                 "rms_over_bound": float(ratio[k]),
                 "coverage": float(found.inside[:, k].mean()),
                 "median_error_of_route": float(route[k]),
