@@ -21,6 +21,7 @@ from trueplant.study.datatables import data_tables, fit_rows, provenance
 from trueplant.study.detectors import published_detections
 from trueplant.study.more_data import more_data
 from trueplant.study.notes import controller_notes, notes_of
+from trueplant.study.parameters import parameters_of
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
 from trueplant.study.retuning import Retuning, retuning_of
 from trueplant.study.robustness import LoopToday, robustness_of
@@ -209,27 +210,7 @@ def _element(
     importance: tuple[Array, str],
 ) -> Element:
     units = found.spec.structure.units(study.project.outputs[i].unit, _input_unit(study, j), study.project.time_unit)
-    parameters = []
-    for k, name in enumerate(found.spec.structure.names):
-        told = k not in found.reasons
-        value, model = float(found.theta[k]), found.model[k]
-        low, high = (float(x) for x in found.intervals[k])
-        judged = verdict.parameters[k]
-        parameters.append(
-            Parameter(
-                name=name,
-                unit=units[k],
-                model=model,
-                plant=value if told else None,
-                std_error=float(np.sqrt(found.covariance[k, k])) if told else None,
-                ci=(low, high) if np.isfinite([low, high]).any() else None,
-                change_percent=100 * (value - model) / model if told and model else None,
-                p_value=judged.p_value,
-                p_adjusted=judged.p_adjusted,
-                changed=judged.changed,
-                reason=found.reasons.get(k, ""),
-            )
-        )
+    parameters = parameters_of(found, verdict, units)
     answered = [p.plant is not None for p in parameters]
     peak, basis = importance
     mismatch = simplified(system - study.model[i, j])
@@ -241,7 +222,7 @@ def _element(
         tf_model=to_formula(study.model[i, j]),
         tf_plant=to_formula(system) if any(answered) else None,
         tf_mismatch=to_formula(mismatch) if any(answered) else None,
-        parameters=tuple(parameters),
+        parameters=parameters,
         verdict=verdict.verdict,
         reason=_reason(found, answered),
         p_adjusted=verdict.p_adjusted,

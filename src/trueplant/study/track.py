@@ -10,7 +10,8 @@ import numpy as np
 from trueplant.errors import DataError, UsageError
 from trueplant.record.times import unit_seconds
 from trueplant.study.informative import why_not_informative
-from trueplant.study.result import Parameter, Reason
+from trueplant.study.parameters import parameters_of
+from trueplant.study.result import Reason
 from trueplant.study.track_result import Track, TrackedExperiment, Window, WindowElement
 
 if TYPE_CHECKING:
@@ -116,29 +117,9 @@ def _window(one: Followed, window: Any) -> Window:
 
 
 def _element(one: Followed, window: Fitted, column: int) -> WindowElement:
-    found, verdict = window.found[column], window.verdicts[column]
-    structure, units = found.spec.structure, one.row.units(column)
-    parameters = []
-    for k, name in enumerate(structure.names):
-        told = k not in found.reasons
-        value, model, judged = float(found.theta[k]), found.model[k], verdict.parameters[k]
-        low, high = (float(x) for x in found.intervals[k])
-        parameters.append(
-            Parameter(
-                name=name,
-                unit=units[k],
-                model=model,
-                plant=value if told else None,
-                std_error=float(np.sqrt(found.covariance[k, k])) if told else None,
-                ci=(low, high) if np.isfinite([low, high]).any() else None,
-                change_percent=100 * (value - model) / model if told and model else None,
-                p_value=judged.p_value,
-                p_adjusted=judged.p_adjusted,
-                changed=judged.changed,
-                reason=found.reasons.get(k, ""),
-            )
-        )
-    return WindowElement(one.row.study.columns[column], verdict.verdict, verdict.p_adjusted, tuple(parameters))
+    verdict = window.verdicts[column]
+    parameters = parameters_of(window.found[column], verdict, one.row.units(column))
+    return WindowElement(one.row.study.columns[column], verdict.verdict, verdict.p_adjusted, parameters)
 
 
 def _notes(followed: list[Followed]) -> list[Reason]:
