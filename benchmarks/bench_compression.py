@@ -8,7 +8,7 @@ deviations that the Cramer-Rao bound of the whole record gives; the largest rms 
 95 % intervals; in how many records screening called every signal concerned compressed (and, for "nothing", none); and
 in how many it refused the record or left the PVs out. Refused ones are estimated all the same, to show what is refused.
 
-    python benchmarks/bench_compression.py [--runs 30] [--digits 6] [--workers 1]
+    python benchmarks/bench_compression.py [--runs 30] [--only PV] [--digits 4] [--workers 1]
 """
 
 from __future__ import annotations
@@ -111,6 +111,7 @@ def run(job: tuple[int, str, float, int]):
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=30)
+    parser.add_argument("--only", choices=["nothing", "PV", "OP", "both"])
     parser.add_argument("--digits", type=int, default=0, help="decimals of the export; 0 keeps all")
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
@@ -119,7 +120,7 @@ def main() -> None:
     print(f"{'':12}{'stored':>8}{'bias/std':>26}{'rms/bound':>26}{'coverage':>26}{'said':>8}{'refused':>9}")
     print(f"{'':20}" + 3 * f"{'gain':>10}{'lag':>8}{'delay':>8}")
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        for which, deviation in CASES:
+        for which, deviation in (case for case in CASES if options.only in (None, case[0])):
             jobs = [(SEED + k, which, deviation, options.digits) for k in range(options.runs)]
             errors, bounds, hits, stored, said, refused = (np.array(x) for x in zip(*pool.map(run, jobs), strict=True))
             sigma = np.sqrt(np.mean(bounds, axis=0))

@@ -54,10 +54,9 @@ def estimate(segment: Segment) -> float:
     truth = [[structure_of(WOOD_BERRY[i, j])[1] for j in range(2)] for i in range(2)]
     model = TransferMatrix(tuple(tuple(FOPDT.transfer(p * wrong) for p in row) for row in truth), "min")
     found = identify_matrix([segment], model, specs_of(model))
-    errors = [
-        (found[i].theta[:6] - np.concatenate(truth[i])) / np.sqrt(np.diag(found[i].covariance)[:6]) for i in range(2)
-    ]
-    return float(np.max(np.abs(errors)))
+    errors = [found[i].theta[:6] - np.concatenate(truth[i]) for i in range(2)]
+    sizes = [np.sqrt(np.diag(found[i].covariance)[:6]) for i in range(2)]
+    return float(np.max(np.abs(np.divide(errors, sizes))))
 
 
 def transforms(segment: Segment) -> float:
@@ -109,9 +108,9 @@ def main() -> None:
     if options.one:
         one(options.sizes[0], options.way)
         return
-    print(
-        f"{'':8}{'samples':>11}{'time':>10}{'a sample':>10}{'FFTs':>10}{'ratio':>9}{'data':>10}{'more memory':>12}{'worst':>9}{'load':>7}"
-    )
+    heads = {"samples": 11, "time": 10, "a sample": 10, "FFTs": 10, "ratio": 9, "data": 10, "more memory": 12}
+    heads |= {"worst": 9, "load": 7}
+    print(" " * 8 + "".join(f"{name:>{wide}}" for name, wide in heads.items()))
     print(f"{'':19}{'s':>10}{'us':>10}{'ms':>10}{'':>9}{'MB':>10}{'MB':>12}{'s.e.':>9}")
     alone = os.environ | {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
     for way in [options.way] if options.way else ["longer", "finer"]:
@@ -122,13 +121,10 @@ def main() -> None:
             except subprocess.TimeoutExpired:
                 print(f"{way:8}{samples:>11,}  not within {options.limit:g} s; larger sizes not tried", flush=True)
                 break
-            print(
-                done.stdout if done.returncode == 0 else f"{way:8}{samples:>11,}  {done.stderr.splitlines()[-1]}\n",
-                end="",
-                flush=True,
-            )
             if done.returncode:
+                print(f"{way:8}{samples:>11,}  {done.stderr.splitlines()[-1]}", flush=True)
                 break
+            print(done.stdout, end="", flush=True)
 
 
 if __name__ == "__main__":
