@@ -14,8 +14,8 @@ FEWEST_USABLE = 20
 _MOST_NOT_FREE = 0.5
 _MOST_FILLED_OP = 0.55
 """Share of an OP that its historian may have filled in. A smoothed OP is another input than the plant's, of which the
-residuals show nothing: intervals from simulated Wood-Berry records with more than that miss the gains in more than a
-third of the cases (benchmarks/bench_compression.py)."""
+residuals show nothing: in simulated Wood-Berry records with two thirds filled in, intervals miss a quarter of the gains
+and a third of the time constants, with four fifths nearly all of them (benchmarks/bench_compression.py)."""
 _RAW = "Export what was really stored from a source without compression (the controller, the raw archive)"
 
 
