@@ -20,8 +20,8 @@ from trueplant.record.types import Array, BoolArray, Finding, Record, Screened
 _COMPRESSED = 0.05
 """Share of filled-in samples from which on compression is said."""
 _MOST_FILLED_PV = 0.85
-"""Share from which on such a PV is left out. In simulated Wood-Berry records behind a swinging door with more than that,
-a third of the intervals of dead times miss the truth (benchmarks/bench_compression.py)."""
+"""Share from which on such a PV is left out. In simulated Wood-Berry records with more than that, a third of the
+intervals of dead times miss the truth (benchmarks/bench_compression.py)."""
 _LIMIT_TOLERANCE = 1e-4
 
 
