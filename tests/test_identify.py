@@ -7,6 +7,7 @@ import pytest
 
 from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant.identify import Held, Options, Row, Spec, estimate_row, fit_row, identify_output, pieces_of, unanswered
+from trueplant.identify.fit import residuals
 from trueplant.identify.intervals import profile_interval
 from trueplant.identify.noise import choose_order, fit_ar, whiten, whitened_valid
 from trueplant.loop import PID, Controller, simulate
@@ -233,3 +234,15 @@ def test_whitening_touches_no_missing_sample():
 def test_a_fixed_order_is_kept():
     row = Row(tuple(started_wrong(0)), pieces_of([segment_of(wood_berry(2, samples=1000))], 0))
     assert estimate_row(row, 15.0, Options(order=4)).ar.size == 4
+
+
+def test_a_free_response_that_the_noise_model_cancels_does_not_run_away():
+    """Noise with the plant's own lag as a pole: the free response is then invisible to the prediction errors."""
+    for seed in (7, 8):
+        rng = np.random.default_rng(seed)
+        v = coloured(rng, 3000, 2, [1, -1.7, 0.72], [1], 0.6)
+        record = simulate(WOOD_BERRY, BLT, random_switching(rng, 3000, 2, 20.0), 1.0, v=v)
+        specs = [Spec(j, FOPDT, tuple(structure_of(WOOD_BERRY[1, j])[1])) for j in range(2)]
+        fit = identify_output([segment_of(record)], 1, specs).fit
+        error = residuals(fit)[0][0]
+        assert np.nanstd(error) < 2 * np.std(v[:, 1])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -60,3 +62,11 @@ def test_with_unrelated_disturbances_it_is_the_fit_of_each_output():
 def test_rows_that_do_not_share_their_samples_are_left_alone():
     one, other = (separate(segment_of(wood_berry(9, samples))) for samples in (500, 600))
     assert fit_jointly([one[0].fit, other[1].fit]) is None
+
+
+def test_too_few_whole_samples_are_left_alone():
+    """Seven of ten PVs missing here and there: hardly a sample has its whole past."""
+    rng = np.random.default_rng(70)
+    record = segment_of(wood_berry(70, 1500))
+    y = np.where(rng.random(record.y.shape) < 0.7, np.nan, record.y)
+    assert fit_jointly([e.fit for e in separate(dataclasses.replace(record, y=y))], 4) is None

@@ -76,6 +76,16 @@ def _orthonormal(columns: Array) -> Array:
     return np.asarray(u[:, s > 1e-7 * s[0]] if s.size else u, dtype=float)
 
 
+def seen(columns: Array, errors: Array, spread: float | Array) -> BoolArray:
+    """Columns whose amplitude the data tell to better than the whole spread of PV.
+
+    A free response that the noise model cancels is not seen at all: left in, it would take on any amplitude, and the
+    output errors with it.
+    """
+    level = np.median(np.abs(np.diff(errors))) / 0.95 if errors.size > 1 else 0.0
+    return np.asarray(np.linalg.norm(columns, axis=0) * spread > level)
+
+
 def _nuisance_weights(columns: Array, target: Array) -> Array:
     return np.asarray(np.linalg.lstsq(columns, target, rcond=1e-7)[0], dtype=float)
 
@@ -99,8 +109,10 @@ def _evaluate(row: Row, theta: Array, ar: Array, weights: Array, derivatives: bo
             response = row.response(theta, k)
         v = np.where(valid, y - response, 0.0)
         z = row.nuisance(theta, k)
-        filtered_z = whiten(ar, z)[use]
-        coefficients = _nuisance_weights(filtered_z, whiten(ar, v)[use])
+        filtered_z, filtered_v = whiten(ar, z)[use], whiten(ar, v)[use]
+        told = seen(filtered_z, filtered_v, float(np.std(y[valid])))
+        filtered_z, coefficients = filtered_z[:, told], np.zeros(told.size)
+        coefficients[told] = _nuisance_weights(filtered_z, filtered_v)
         v = np.where(valid, v - z @ coefficients, 0.0)
         e = weights[k] * whiten(ar, v)[use]
         power[k] = e @ e, e.size
@@ -234,7 +246,9 @@ def residuals(fit: RowFit) -> list[tuple[Array, Array, BoolArray]]:
         z = row.nuisance(fit.theta, k)
         if y.size > order + 1 and whitened_valid(order, valid).any():
             use = whitened_valid(order, valid)
-            v = v - z @ _nuisance_weights(whiten(fit.ar, z)[use], whiten(fit.ar, v)[use])
+            columns, errors = whiten(fit.ar, z)[use], whiten(fit.ar, v)[use]
+            told = seen(columns, errors, float(np.std(y[valid])))
+            v = v - z[:, told] @ _nuisance_weights(columns[:, told], errors)
             e = np.full(y.size, np.nan)
             e[order:][use] = whiten(fit.ar, np.where(valid, v, 0.0))[use]
         else:

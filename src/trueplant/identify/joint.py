@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from trueplant.identify.fit import RowFit, _nuisance_weights, _orthonormal, residuals
+from trueplant.identify.fit import RowFit, _nuisance_weights, _orthonormal, residuals, seen
 from trueplant.identify.noise import whitened_valid
 from trueplant.identify.predict import Row
 
@@ -74,7 +74,8 @@ class _Point:
 
 
 def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | None:
-    """The rows of `fits` together, started from them; None where they do not share their samples, or are too many.
+    """The rows of `fits` together, started from them; None where they do not share their samples, too few
+    have their whole past measured, or they are too many.
 
     order: of the autoregression; None chooses it by the Bayesian criterion.
     """
@@ -91,6 +92,8 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
     low, high = (np.concatenate(ends) for ends in zip(*(row.bounds() for row in rows), strict=True))
     damping, converged = 1e-4, False
     point = _evaluate(rows, theta, ar, np.eye(n), derivatives=False)
+    if point.count < 2 * size:
+        return None
     for _ in range(ITERATIONS):
         point = _evaluate(rows, theta, ar, _inverse_root(point.sigma))
         pinned = ((theta <= low) & (point.slope[: theta.size] > 0)) | (
@@ -157,7 +160,11 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
         filtered = [_filtered(ar, z, i) for i, z in enumerate(nuisance)]
         columns = _stacked(root, np.concatenate(filtered, axis=2), use)
         e = _stacked(root, _prediction_errors(ar, v)[:, :, None], use)[:, 0]
-        weights = np.split(_nuisance_weights(columns, e), np.cumsum([z.shape[1] for z in nuisance])[:-1])
+        spread = np.repeat([np.std(y[whole]) for y, _ in measured], [z.shape[1] for z in nuisance])
+        told = seen(columns, e[::n_y], spread)
+        columns, all_weights = columns[:, told], np.zeros(told.size)
+        all_weights[told] = _nuisance_weights(columns, e)
+        weights = np.split(all_weights, np.cumsum([z.shape[1] for z in nuisance])[:-1])
         v -= np.column_stack([z @ w for z, w in zip(nuisance, weights, strict=True)])
         v[~whole] = 0.0
         plain = _prediction_errors(ar, v)
