@@ -17,14 +17,14 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from trueplant.paper.montecarlo import NAMES, Estimates, estimate, percent, ratio_to_bound, together
+from trueplant.paper.montecarlo import NAMES, Estimates, bound_percent, estimate, percent, ratio_to_bound, together
 from trueplant.paper.records import KINDS, case, noise_std, parameters
 
 
 def table(runs: Estimates) -> None:
     off, route, ratio = percent(runs.ours), percent(runs.route), ratio_to_bound(runs)
     rms = np.sqrt(np.mean(off**2, axis=0))
-    bound = np.sqrt(np.mean(runs.bound, axis=0)) * percent_per_unit()
+    bound = bound_percent(runs)
     claimed = np.sqrt(np.mean((runs.std * percent_per_unit()) ** 2, axis=0))
     columns = ("median %", "rms %", "bound %", "rms/bound", "coverage", "s.e./rms", "route med %", "route rms %")
     print(f"{'':8}" + "".join(f"{c:>12}" for c in columns))

@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 
 from trueplant.loop import Simulation
 from trueplant.paper.mill import Mill
-from trueplant.paper.montecarlo import NAMES, Estimates, percent, ratio_to_bound
+from trueplant.paper.montecarlo import NAMES, Estimates, bound_percent, percent
 from trueplant.paper.tables import WINDOW, Shown
 from trueplant.report.decimate import compact, min_max
 from trueplant.report.figures import log_ticks
@@ -124,7 +124,7 @@ def errors(runs: Estimates) -> go.Figure:
     route = np.median(percent(runs.route), axis=0)
     figure = go.Figure()
     for role, name, symbol, values in (
-        ("bound", "Cramér-Rao bound", "line-ew-open", rms / ratio_to_bound(runs)),
+        ("bound", "Cramér-Rao bound", "line-ew-open", bound_percent(runs)),
         ("plant", "ours, rms", "circle", rms),
         ("points", "paper's route, median", "x-thin-open", route),
     ):

@@ -127,3 +127,8 @@ def ratio_to_bound(runs: Estimates) -> Array:
     """(9,) rms error over the root of the mean bound."""
     error = runs.ours - parameters(case().plant)
     return np.asarray(np.sqrt(np.mean(error**2, axis=0) / np.mean(runs.bound, axis=0)))
+
+
+def bound_percent(runs: Estimates) -> Array:
+    """(9,) the root of the mean bound in % of the true values, as `percent`."""
+    return percent(parameters(case().plant) + np.sqrt(np.mean(runs.bound, axis=0)))

@@ -13,7 +13,7 @@ from trueplant.loop import Simulation
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.lti.structure import structure_of
 from trueplant.paper.entry import Entry, shown
-from trueplant.paper.montecarlo import NAMES, Estimates, estimate, percent, ratio_to_bound, together
+from trueplant.paper.montecarlo import NAMES, Estimates, bound_percent, estimate, percent, ratio_to_bound, together
 from trueplant.paper.records import (
     ELEMENTS,
     FOPDT,
@@ -198,7 +198,7 @@ def _monte_carlo(runs: dict[str, Estimates], seeds: int) -> Iterator[Entry]:
     for kind, found in runs.items():
         ratio, off = ratio_to_bound(found), percent(found.ours)
         rms = np.sqrt(np.mean(off**2, axis=0))
-        bound = percent(parameters(case().plant) + np.sqrt(np.mean(found.bound, axis=0)))
+        bound = bound_percent(found)
         route = np.median(percent(found.route), axis=0)
         for k, name in enumerate(NAMES):
             computed = {

@@ -12,6 +12,7 @@ from trueplant.lti import Structure, TransferMatrix
 from trueplant.robust import covariance_weight
 from trueplant.study.pipeline import believed
 from trueplant.tune.drawn import KnownRow, UncertainPlant
+from trueplant.tune.uncertain import responses
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -86,7 +87,8 @@ def _first_order(
     def response(values: Array) -> ComplexArray:
         p = theta.copy()
         p[free] = values
-        return np.asarray(structure.transfer(p)(1j * w)[:, None, None], dtype=np.complex128)
+        # a small negative dead time is allowed here: it is only half of a difference
+        return np.asarray(responses(structure, p[None, :], w)[0][:, None, None])
 
     return covariance_weight(response, theta[free], spread[np.ix_(free, free)], "additive", confidence)
 
