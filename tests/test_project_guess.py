@@ -46,3 +46,11 @@ def test_time_is_found_by_name_before_place():
 def test_columns_without_a_loop_are_refused():
     with pytest.raises(tp.DataError, match=r"no pair of PV and OP.*a, b"):
         guess_project("d.csv", ["a", "b"])
+
+
+def test_transmitter_and_controller_tags_of_one_loop_belong_together():
+    loops = guess_loops(["t", "TI101.PV", "TIC101.SP", "TIC101.OP", "FT7.PV", "FIC7.OP"])
+    assert [(loop.pv, loop.op, loop.sp) for loop in loops] == [
+        ("TI101.PV", "TIC101.OP", "TIC101.SP"),
+        ("FT7.PV", "FIC7.OP", None),
+    ]

@@ -358,3 +358,11 @@ def test_the_mill_loses_robust_performance(tmp_path, variant, peak):
     assert abs(plant["RP"]["upper"] - peak) < 2e-3
     assert plant["RP"]["frequency"] == 0.0
     assert any(note.code == "robust-performance" for note in result.notes)
+
+
+def test_one_loop_without_any_model_is_estimated_from_the_data_alone(tmp_path):
+    """What `trueplant init` writes: the only element is 0, with a structure."""
+    record = one_loop(41, TransferMatrix.of([["2 exp(-3.4 s)/(15 s + 1)"]]), 1200)
+    result = single(tmp_path, record, "0", structure="fopdt")
+    assert result.elements[0].verdict == "changed"
+    assert abs(result.elements[0].parameters[0].plant - 2) < 4 * result.elements[0].parameters[0].std_error

@@ -209,7 +209,7 @@ class Row:
 
     def bounds(self) -> tuple[Array, Array]:
         """Bounds of theta; lags far shorter than a sample cannot be told from none and end at a twentieth of one."""
-        pairs = [s.structure.bounds() for s in self.specs]
+        pairs = [(np.zeros(0), np.zeros(0)), *(s.structure.bounds() for s in self.specs)]
         low, high = np.concatenate([low for low, _ in pairs]), np.concatenate([high for _, high in pairs])
         h = self.pieces[0].h
         names = [name for spec in self.specs for name in spec.structure.names]

@@ -80,7 +80,10 @@ def _drawing(p: Parameter, scale: float, kind: str) -> Markup:
 def parameter_row(p: Parameter, scale: float) -> ParameterRow:
     """`scale` is the half width of the drawing in percent."""
     kind = "unknown" if p.plant is None else "changed" if p.changed else "unchanged"
-    answer = {"unknown": "not answered", "changed": "changed", "unchanged": "unchanged"}[kind]
+    if kind == "unchanged" and p.model is None:
+        kind, answer = "unknown", "not in the model"
+    else:
+        answer = {"unknown": "not answered", "changed": "changed", "unchanged": "unchanged"}[kind]
     if p.reason:
         answer += f": {p.reason}"
     return ParameterRow(

@@ -197,7 +197,8 @@ def _plant(
         explained |= {(e.output, e.input) for e in changed if name == (e.output, e.input)[factor.kind == "column"]}
         causes.append(_factor_cause(factor, name, study))
     rest = [e for e in changed if (e.output, e.input) not in explained]
-    if len(outputs) == len(inputs) == 1 and rest and not dynamics:
+    compared = all(p.plant is not None for e in rest for p in e.parameters)
+    if len(outputs) == len(inputs) == 1 and rest and not dynamics and compared:
         message = (
             "only the gain has changed: with one output and one input that can be the sensor's span, the valve or "
             "the plant, and these data cannot say which. Check the instrument first"
@@ -205,7 +206,9 @@ def _plant(
         return [*causes, Reason("cause-unknown", message, f"{inputs[0]} -> {outputs[0]}")]
     for e in rest:
         which = ", ".join(p.name.replace("_", " ") for p in e.parameters if p.changed)
-        message = f"the plant itself has changed ({which}): no other element of its row and column moves with it"
+        alone = len(outputs) == len(inputs) == 1
+        message = f"the plant itself has changed ({which})"
+        message += "" if alone else ": no other element of its row and column moves with it"
         if e.tf_model == "0":
             message = "the plant has an element here that the model lacks"
         elif any(other is not e and (other.output == e.output or other.input == e.input) for other in rest):

@@ -17,6 +17,7 @@ _KINDS = {
     "mode": {"mode", "auto", "automatic"},
 }
 _TIME = {"t", "time", "timestamp", "datetime", "date", "date time", "zeit", "datum", "tijd", "times"}
+_ISA = re.compile(r"^([a-z]d?)[ircty]{1,3}$")
 _SPLIT = re.compile(r"[._/\\:\-\s]+|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])")
 
 
@@ -54,11 +55,17 @@ def _kind(column: str) -> tuple[str | None, str]:
             continue
         for kind, words in _KINDS.items():
             if joined[at] in words:
-                return kind, " ".join(joined[:at] + joined[at + 1 :])
+                return kind, _key(joined[:at] + joined[at + 1 :])
     # "set-point 1" and "set_point" fall apart into two words
     if "set" in joined and "point" in joined:
         return "sp", " ".join(part for part in joined if part not in ("set", "point"))
     return None, ""
+
+
+def _key(parts: Sequence[str]) -> str:
+    """What the tags of one loop share: TI 101, TT 101 and TIC 101 are one loop, by the letters of ISA-5.1."""
+    after = [*parts[1:], ""][: len(parts)]
+    return " ".join(_ISA.sub(r"\1ic", p) if n.isdigit() else p for p, n in zip(parts, after, strict=True))
 
 
 def guess_time(columns: Sequence[str]) -> str:

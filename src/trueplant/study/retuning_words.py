@@ -141,7 +141,9 @@ def reason_of(
     now = next(iter(today.values()))["drawn"]
     held = f"today's settings hold {named} for {_percent(now['share_all'])} of the plants" if now else ""
     if not usual:
-        best = max((_share(judged[m]) for m in judged), default=0.0)
+        if not judged:
+            return None, "no method had an answer: " + "; ".join(f"{p.method}: {p.notes[0]}" for p in proposals)
+        best = max(_share(found) for found in judged.values())
         text = (
             f"no proposal holds {named} for {_percent(share)} of the plants that the record leaves possible "
             f"(the best one: {_percent(best)})"

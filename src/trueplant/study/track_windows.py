@@ -76,8 +76,18 @@ class Demand:
     def met(self, information: Array) -> bool:
         return bool(np.all(SHORTFALL * standard_errors(information) <= self.limits))
 
-    def shortfall(self, information: Array) -> str:
-        """The parameter that is furthest from what was asked for."""
+    def shortfall(self, information: Array, length: float, errors: float) -> str:
+        """What a stretch of this length with so many prediction errors lacks: length, samples, or moves."""
+        if length < self.shortest:
+            return (
+                f"this stretch of {length:.3g} is shorter than a window can be ({self.shortest:.3g}, three times what "
+                "the plant takes to settle): a longer record is needed"
+            )
+        if errors < FEWEST_ERRORS:
+            return (
+                f"this stretch has {errors:.0f} usable samples of PV, and a window needs {FEWEST_ERRORS}: export it at "
+                "a shorter interval, or take a longer record"
+            )
         ratio = SHORTFALL * standard_errors(information) / self.limits
         worst = int(np.argmax(ratio))
         reached = 100 * self.precision * float(ratio[worst])
@@ -192,7 +202,8 @@ def windows_of(blocks: Blocks, demand: Demand, experiment: int, settle: float, w
     def give_up() -> None:
         if waiting:
             a, b = waiting[0][0], waiting[-1][1]
-            why = demand.shortfall(blocks.information[a:b].sum(axis=0))
+            length = float(blocks.end[b - 1] - blocks.start[a])
+            why = demand.shortfall(blocks.information[a:b].sum(axis=0), length, float(blocks.errors[a:b].sum()))
             found.append(Stretch(experiment, float(blocks.start[a]), float(blocks.end[b - 1]), why))
             waiting.clear()
 
