@@ -74,7 +74,9 @@ def read_table(path: str | Path, *, separator: str | None = None, sheet: str | N
             raise DataError(f"{file} is a folder; name a file in it")
         data = file.read_bytes()
     except FileNotFoundError:
-        raise DataError(f"{file} does not exist; correct the path (it is relative to the project file)") from None
+        raise DataError(
+            f"{file} does not exist; correct the path (in a project file it is relative to that file)"
+        ) from None
     except OSError as error:
         raise DataError(
             f"{file} cannot be read ({error.strerror or error}); check the file and its permissions"

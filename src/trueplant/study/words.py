@@ -126,8 +126,8 @@ def _short(element: Element) -> str:
     parts = []
     for p in element.parameters:
         if p.changed and p.plant is not None:
-            percent = p.change_percent
-            size = f"{percent:+.0f} %" if percent is not None and math.isfinite(percent) else number(p.plant)
+            told = p.change_percent is not None and math.isfinite(p.change_percent)
+            size = f"{p.change_percent:+.0f} %" if told else f"{number(p.plant)} {p.unit}".strip()
             parts.append(f"{p.name.replace('_', ' ')} {size}")
     return ", ".join(parts) or "as a whole"
 
