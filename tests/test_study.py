@@ -366,3 +366,27 @@ def test_one_loop_without_any_model_is_estimated_from_the_data_alone(tmp_path):
     result = single(tmp_path, record, "0", structure="fopdt")
     assert result.elements[0].verdict == "changed"
     assert abs(result.elements[0].parameters[0].plant - 2) < 4 * result.elements[0].parameters[0].std_error
+
+
+def test_derivative_action_at_a_scan_that_was_not_recorded_hides_the_dynamics(tmp_path):
+    """Noise of PV comes back through OP within a sample: it looks like a plant without dead time."""
+    plant = TransferMatrix.of([["-2.6 exp(-6 s)/(40 s + 1)"]], "s")
+    law = {"Kc": -1.0, "Ti": 40.0, "Td": 4.0, "alpha": 0.1, "derivative_on": "pv", "sample_time": 0.5}
+    rng = np.random.default_rng(3)
+    r = np.repeat(random_switching(rng, 1500, 1, 60.0), 2, axis=0)
+    noise = 0.05 * rng.standard_normal((3000, 1))
+    record = simulate(plant, Controller.diagonal([PID(**law)]), r, 0.5, noise=noise, record_every=2)
+    columns = {"t": record.t, "sp": record.r[:, 0], "op": record.u[:, 0], "pv": record.y[:, 0]}
+    pl.DataFrame(columns).write_csv(tmp_path / "one.csv")
+    made = Project(
+        time_unit="s",
+        data={"files": ["one.csv"], "time": "t"},
+        output=[{"name": "y", "pv": "pv", "sp": "sp"}],
+        input=[{"name": "u", "op": "op"}],
+        model=[{"output": "y", "input": "u", "tf": "-2.6 exp(-6 s)/(40 s + 1)"}],
+        controller=[{"input": "u", "output": "y", **law}],
+    )
+    element = run(Project.from_toml(made.to_toml(), tmp_path)).elements[0]
+    assert element.verdict == "unchanged"
+    assert [p.plant is None for p in element.parameters] == [False, True, True]
+    assert "scans faster than the record" in element.parameters[2].reason

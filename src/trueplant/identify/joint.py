@@ -77,7 +77,7 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
     """The rows of `fits` together, started from them; None where they do not share their samples, too few
     have their whole past measured, or they are too many.
 
-    order: of the autoregression; None chooses it by the Bayesian criterion.
+    order: of the autoregression; None chooses it by Akaike's criterion.
     """
     rows = [fit.row for fit in fits]
     if not _share_samples(rows):

@@ -129,6 +129,8 @@ def identify_output(
     covariance = covariance + np.diag(np.where(shown, 0.0, shifts**2))
     dead = np.array([name.startswith("dead") for spec in row.specs for name in spec.structure.names])
     known_to = (ROUNDING * np.abs(theta)) ** 2 + np.where(dead, timing**2, 0.0)
+    # Neither is what a dead time that was left at 0 would have moved.
+    covariance = covariance + np.diag(np.where(fit.free, (full.theta - fit.theta) ** 2, 0.0))
     covariance = covariance + np.diag(known_to)
     intervals = normal_intervals(theta, covariance, confidence)
     low, high = fit.row.bounds()

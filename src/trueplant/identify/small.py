@@ -20,7 +20,7 @@ def without_unseen_dead_times(fit: RowFit) -> RowFit:
     """The fit with dead times held at 0 where the model has none and the record shows none.
 
     A dead time next to its bound of 0 costs the time constant a good part of its accuracy (splitter column: 1.5 times
-    the bound), and buys nothing where there is none.
+    the bound). The record may still hide a small one: the caller counts how far the others move.
     """
     for index in _undeclared(fit):
         theta, free = fit.theta.copy(), fit.free.copy()

@@ -205,7 +205,7 @@ def translated(own: Structure, values: Array, wanted: Structure) -> tuple[float,
 def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
     """The estimate of each output that has elements to estimate and data to do it from."""
     interval = _update_interval(study)
-    return identify_matrix(
+    found = identify_matrix(
         study.segments,
         study.model,
         study.specs,
@@ -214,6 +214,30 @@ def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
         timing=timing_error(study, interval),
         tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
     )
+    return {i: _without_hidden_dynamics(study, i, one) for i, one in found.items()}
+
+
+def _without_hidden_dynamics(study: Study, i: int, found: OutputEstimate) -> OutputEstimate:
+    """The estimate without dynamics where derivative action turns noise into OP between the recorded samples.
+
+    What the controller then does within a sample looks like a plant without dead time, and no residual shows it.
+    """
+    h, name = study.segments[0].h, study.project.output_names[i]
+    hidden = any(
+        law.output == name and law.sample_time is not None and law.sample_time < 0.99 * h and bool(law.Td or law.Kd)
+        for plan in study.project.experiments
+        if plan.closed
+        for law in plan.controllers
+    )
+    if not hidden:
+        return found
+    reason = (
+        "the controller scans faster than the record, and its derivative action answers noise between the samples: "
+        "export the record at the controller's scan"
+    )
+    names = [n for spec in found.row.specs for n in spec.structure.names]
+    moved = {k: reason for k, n in enumerate(names) if not n.startswith(("gain", "slope"))}
+    return replace(found, order_dependence=moved | found.order_dependence)
 
 
 def _with_elements_of(study: Study, estimates: Mapping[int, OutputEstimate]) -> Study:

@@ -29,6 +29,14 @@ def _check_tuning(project: Project) -> None:
     tuning = project.tuning
     if tuning is None:
         return
+    weights = project.robustness
+    if tuning.limits.mu is not None and (weights is None or weights.wI is None or weights.wP is None):
+        raise problem(
+            "needs the weights that it is a limit for: declare wI and wP in [robustness], or leave it out",
+            "tuning",
+            "limits",
+            "mu",
+        )
     for law in project.controllers:
         unit = tuning.gain_unit or law.gain_unit
         i, j = project.input_names.index(law.input), project.output_names.index(law.output)
