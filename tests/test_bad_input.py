@@ -166,6 +166,15 @@ CASES = {
     "simulate into a file": Case(
         lambda f: None, 2, ("record.csv is a file",), ("simulate", "project.toml", "--out", "record.csv/x.csv")
     ),
+    "simulate a controller that acts on a transformed pv": Case(
+        _project("Kc = 0.8", 'pv_transform = "sqrt(pv)"\nKc = 0.8'),
+        2,
+        ("pv_transform", "not simulated"),
+        ("simulate", "project.toml", "--out", "new.csv"),
+    ),
+    "a limit of mu without weights": Case(
+        _project("[simulate]", "[tuning.limits]\nmu = 0.9\n[simulate]"), 2, ("mu", "wI and wP")
+    ),
     "simulate an unstable loop": Case(
         _project("Kc = 0.8", "Kc = 80"), 2, ("unstable",), ("simulate", "project.toml", "--out", "new.csv")
     ),

@@ -26,7 +26,8 @@ _FINEST = 1000
 def simulate_record(project: Project) -> pl.DataFrame:
     """Columns: time, then set-points, OPs and PVs under the project's own column names.
 
-    Raises ProjectError without a [simulate] table or a controller, LoopError for a loop that is unstable or cannot run.
+    Raises ProjectError without a [simulate] table or a controller, or with a pv_transform, LoopError for a loop that is
+    unstable or cannot run.
     """
     import polars as pl
 
@@ -36,6 +37,12 @@ def simulate_record(project: Project) -> pl.DataFrame:
     controller = project.controller()
     if controller is None:
         raise ProjectError(f"{project.source}: has no [[controller]]: simulate runs the closed loop, so declare one")
+    curved = [law.input for law in project.controllers if law.pv_transform is not None]
+    if curved:
+        raise ProjectError(
+            f"{project.source}: the controller of {curved[0]} has a pv_transform, and such a controller can be checked "
+            "against a record but not simulated: leave pv_transform out to simulate the loop about one PV"
+        )
     plant = _plant(project, plan)
     loop.check_loop(plant, controller)
     every = steps_per_sample(project, plan, plant)

@@ -94,7 +94,7 @@ def law_settings(law: PID | Linear, shown: Shown, slope: float) -> dict[str, Any
     form, given = _converted(pid, shown, False)
     table: dict[str, Any] = {"form": form}
     if form == "parallel":
-        table |= {"Kp": given.gain, "Ki": given.integral or 0.0, "Kd": given.derivative}
+        table |= {"Kp": given.gain, "Ki": given.integral or 0.0, "Kd": given.derivative or 0.0}
         table |= {"Tf": given.derivative_filter or 0.0} if given.derivative else {}
     else:
         table |= {"Kc": given.gain, "Ti": given.integral, "Td": given.derivative}
