@@ -48,13 +48,23 @@ def inflation(fit: RowFit, confidence: float) -> float:
     """Factor on the covariance for noise so slow that the record says little of it.
 
     A level is known from the record as well as from n = N A(1)^2 white errors. The fit takes one of them with it for
-    each parameter and offset, so that slow noise looks smaller than it is, and what is left gives the degrees of
-    freedom of Student's quantile. At least half are taken to be left: a noise that wanders without end has none, and
-    the parameters are then known from faster changes.
+    each parameter and offset, so that slow noise looks smaller than it is. At least half are taken to be left: a noise
+    that wanders without end has none, and the parameters are then known from faster changes. The level of the noise is
+    itself an estimate: what is left of it, or what the uncertainty of A(1) says (Satterthwaite's rule for
+    the variance 1/A(1)^2), gives the degrees of freedom of Student's quantile.
     """
-    n = fit.count * min(float(1 + np.sum(fit.ar)) ** 2, 1.0)
+    level = float(1 + np.sum(fit.ar))
+    n = fit.count * min(level**2, 1.0)
     taken = int(fit.free.sum()) + fit.row.nuisance_count(fit.theta)
     left = max(n - taken, n / 2)
     tail = 0.5 + confidence / 2
-    quantile = t.ppf(tail, max(left, FEWEST_LEFT)) / norm.ppf(tail)
+    known = level**2 / max(2 * _level_variance(fit), 1e-300)
+    quantile = t.ppf(tail, max(min(left, known), FEWEST_LEFT)) / norm.ppf(tail)
     return float(n / left * quantile**2) if n > 0 else float(2 * quantile**2)
+
+
+def _level_variance(fit: RowFit) -> float:
+    """Variance of A(1), the sum of the noise model's coefficients."""
+    block = fit.information[fit.theta.size :, fit.theta.size :]
+    ones = np.ones(len(block))
+    return float(fit.variance * ones @ np.linalg.lstsq(block, ones, rcond=1e-12)[0]) if ones.size else 0.0
