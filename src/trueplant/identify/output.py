@@ -54,8 +54,9 @@ class OutputEstimate:
     foretold_by: tuple[int, ...] = ()
     """Other outputs whose past prediction errors foretell this one's (`crossed`); the covariance counts that."""
     unprofiled: Array | None = None
-    """The covariance before profiles widened it: those make up for a likelihood that is not quadratic, and stretch
-    strong correlations. A test that stands beside the likelihood ratio takes this one; None: as `covariance`."""
+    """The covariance before slow noise and profiles widened it: those make up for what intervals alone do not know, and
+    profiles stretch strong correlations. A test that stands beside the likelihood ratio takes this one; None: as
+    `covariance`."""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
 
@@ -120,8 +121,10 @@ def identify_output(
     runs = compare_runs(fit)
     if runs is not None and not runs.agree:
         theta, covariance = combine_runs(fit, runs, confidence)
+        factor = 1.0
     else:
-        theta, covariance = fit.theta, fit.covariance * inflation(fit, confidence)
+        factor = inflation(fit, confidence)
+        theta, covariance = fit.theta, fit.covariance * factor
     tests = residual_tests(fit, confidence)
     moved, shifts = _order_dependence(fit, covariance, tests)
     # What the choice of the noise model moves is not known better than that, unless the runs have shown their spread.
@@ -135,7 +138,7 @@ def identify_output(
     intervals = normal_intervals(theta, covariance, confidence)
     low, high = fit.row.bounds()
     intervals = np.clip(intervals, np.where(np.isfinite(low), low, -np.inf)[:, None], high[:, None])
-    unprofiled = covariance
+    unprofiled = covariance - (factor - 1) * fit.covariance
     if not np.any(shifts) and (runs is None or runs.agree):
         for index in _profiled(fit):
             # A dead time that is held at 0 may still be as large as the data allow.
