@@ -13,7 +13,7 @@ endif
 # One thread a process: the tests run on all cores already.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test check bench docs lowest lock clean
+.PHONY: demo test check bench docs lowest oracle lock clean
 .DELETE_ON_ERROR:
 
 demo: .venv/ready
@@ -41,6 +41,13 @@ lowest: .venv/ready-dev
 	$(BIN)/uv pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct -e '.[test]'
 	.venv-lowest/bin/python -m pytest -q -n 2
 
+# What slycot, which is GPL and so in no other venv here, says of mu and of H-infinity design.
+oracle: .venv/ready-dev
+	$(PIP) install uv
+	$(BIN)/uv venv --quiet --clear --python $(BIN)/python .venv-oracle
+	$(BIN)/uv pip install --quiet --python .venv-oracle/bin/python -e '.[test,hinf]'
+	.venv-oracle/bin/python -m pytest -q tests/test_mu.py tests/test_tune_state_space.py
+
 # Pinned versions with hashes; no address of a package index gets into them.
 COMPILE := $(BIN)/python -m piptools compile --quiet --strip-extras --allow-unsafe --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-header pyproject.toml
@@ -65,4 +72,4 @@ INSTALL = $(PIP) install --require-hashes -r $(1) && $(PIP) install --no-deps --
 	$(call INSTALL,requirements-docs.txt)
 
 clean:
-	rm -rf .venv .venv-lowest docs/_build .pytest_cache .mypy_cache .ruff_cache
+	rm -rf .venv .venv-lowest .venv-oracle docs/_build .pytest_cache .mypy_cache .ruff_cache

@@ -185,7 +185,10 @@ def test_wrong_input_is_named():
 
 @pytest.mark.parametrize("sizes", [(1, 1), (1, 1, 2), (2, 2, 1), (1, 1, 1, 1), (3, 1, 1), (1, 1, 2, 2)])
 def test_upper_bound_is_at_least_as_tight_as_slicots(sizes):
-    slycot = pytest.importorskip("slycot", reason="the optional slycot is not installed: no second opinion on mu")
+    slycot = pytest.importorskip(
+        "slycot",
+        reason="slycot is GPL, so a user's own choice: install trueplant[hinf] to compare mu with its ab13md",
+    )
     blocks = [Full(n) for n in sizes]
     M = random_matrices(blocks, 500, seed=sum(sizes))
     own = mu(M, blocks)
