@@ -1,0 +1,118 @@
+"""The whole analysis on simulated records of one loop."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from simulated import coloured, random_switching
+from trueplant.loop import PID, Controller, Simulation, simulate
+from trueplant.lti import TransferMatrix
+from trueplant.study import Project, Result, run
+
+LAG = TransferMatrix.of([["2 exp(-13.4 s)/(60 s + 1)"]])
+
+
+def single(
+    folder: Path,
+    simulation: Simulation,
+    tf: str = "2 exp(-13.4 s)/(60 s + 1)",
+    controller: Mapping[str, Any] | None = None,
+    **model: Any,
+) -> Result:
+    """One loop, time in seconds; no controller is declared unless its settings are given."""
+    columns = {"t": simulation.t, "sp": simulation.r[:, 0], "op": simulation.u[:, 0], "pv": simulation.y[:, 0]}
+    pl.DataFrame(columns).write_csv(folder / "one.csv")
+    made = Project(
+        time_unit="s",
+        data={"files": ["one.csv"], "time": "t"},
+        output=[{"name": "y", "pv": "pv", "sp": "sp"}],
+        input=[{"name": "u", "op": "op"}],
+        model=[{"output": "y", "input": "u", "tf": tf, **model}],
+        controller=[{"input": "u", "output": "y", **controller}] if controller else [],
+    )
+    return run(Project.from_toml(made.to_toml(), folder))
+
+
+def one_loop(
+    seed: int, plant: TransferMatrix = LAG, samples: int = 3000, std: float = 0.1, size: float = 1.0
+) -> Simulation:
+    rng = np.random.default_rng(seed)
+    law = Controller.diagonal([PID(Kc=1.0, Ti=60.0, sample_time=1.0)])
+    r = size * random_switching(rng, samples, 1, 150.0)
+    return simulate(plant, law, r, 1.0, v=coloured(rng, samples, 1, [1, -0.8], [1], std))
+
+
+@pytest.mark.parametrize("phase", [0, 2, 4])
+def test_a_pv_held_by_the_historian_does_not_move_the_dead_time(tmp_path, phase):
+    simulation = one_loop(0)
+    k = np.arange(3000)
+    held = simulation.y[np.maximum((k - phase) // 5 * 5 + phase, 0)]
+    result = single(tmp_path, dataclasses.replace(simulation, y=held))
+    low, high = result.elements[0].parameters[2].ci
+    assert low < 13.4 < high
+    assert result.elements[0].verdict == "unchanged"
+
+
+@pytest.mark.parametrize("size", [1e-5, 0.004])
+def test_setpoints_that_hardly_move_are_refused(tmp_path, size):
+    for seed in range(3):
+        result = single(tmp_path, one_loop(seed, size=size, std=0.5))
+        assert result.status == "refused"
+        assert "move too little" in result.reasons[0].message
+
+
+def test_records_without_noise_are_unchanged(tmp_path):
+    for seed in range(3):
+        result = single(tmp_path, one_loop(seed, std=0.0))
+        assert result.elements[0].verdict == "unchanged"
+
+
+def test_equal_lags_raise_no_alarm(tmp_path):
+    plant = TransferMatrix.of([["2 exp(-5 s)/(8 s + 1)^2"]])
+    alarms = sum(
+        single(tmp_path, one_loop(50 + k, plant, 1500), "2 exp(-5 s)/(8 s + 1)^2").elements[0].verdict == "changed"
+        for k in range(20)
+    )
+    assert alarms <= 4  # of 20 at the 5 % level: more happen once in 400 times
+
+
+def test_gaps_raise_no_alarm(tmp_path):
+    """Eight of every sixty samples lost, at the same place of set-point, OP and PV."""
+    alarms = 0
+    for seed in range(15):
+        whole = one_loop(300 + seed, TransferMatrix.of([["2 exp(-3.4 s)/(15 s + 1)"]]), 1200)
+        keep = np.arange(1200) % 60 < 52
+        cut = dataclasses.replace(whole, t=whole.t[keep], r=whole.r[keep], u=whole.u[keep], y=whole.y[keep])
+        result = single(tmp_path, cut, "2 exp(-3.4 s)/(15 s + 1)")
+        assert len(result.data[0]["used"]) == 20
+        alarms += result.elements[0].verdict == "changed"
+    assert alarms <= 3
+
+
+def test_one_loop_without_any_model_is_estimated_from_the_data_alone(tmp_path):
+    """What `trueplant init` writes: the only element is 0, with a structure."""
+    record = one_loop(41, TransferMatrix.of([["2 exp(-3.4 s)/(15 s + 1)"]]), 1200)
+    result = single(tmp_path, record, "0", structure="fopdt")
+    assert result.elements[0].verdict == "changed"
+    assert abs(result.elements[0].parameters[0].plant - 2) < 4 * result.elements[0].parameters[0].std_error
+
+
+def test_derivative_action_at_a_scan_that_was_not_recorded_hides_the_dynamics(tmp_path):
+    """Noise of PV comes back through OP within a sample: it looks like a plant without dead time."""
+    plant = TransferMatrix.of([["-2.6 exp(-6 s)/(40 s + 1)"]], "s")
+    law = {"Kc": -1.0, "Ti": 40.0, "Td": 4.0, "alpha": 0.1, "derivative_on": "pv", "sample_time": 0.5}
+    rng = np.random.default_rng(3)
+    r = np.repeat(random_switching(rng, 1500, 1, 60.0), 2, axis=0)
+    noise = 0.05 * rng.standard_normal((3000, 1))
+    record = simulate(plant, Controller.diagonal([PID(**law)]), r, 0.5, noise=noise, record_every=2)
+    element = single(tmp_path, record, "-2.6 exp(-6 s)/(40 s + 1)", law).elements[0]
+    assert element.verdict == "unchanged"
+    assert [p.plant is None for p in element.parameters] == [False, True, True]
+    assert "scans faster than the record" in element.parameters[2].reason
