@@ -42,7 +42,7 @@ def assemble(
     reasons: Sequence[Reason],
 ) -> Result:
     """The result of an analysis that answered at least in part; refused if no parameter is answered."""
-    from trueplant.study.pipeline import plant_matrix
+    from trueplant.study.believed import plant_matrix
 
     found = detect.elements_found(study.model, estimates)
     plant = plant_matrix(study, estimates)
@@ -61,6 +61,10 @@ def assemble(
     methods: dict[str, Any] = {"direct": direct, **others.elements, "agreement": list(others.agreement)}
     if any(others.not_applied.values()):
         methods["not_applied"] = dict(others.not_applied)
+    if others.remarks:
+        methods["remarks"] = dict(others.remarks)
+    if others.black_box:
+        methods["black_box"] = dict(others.black_box)
     if others.assumed:
         methods["assumed"] = others.assumed
     if others.disturbance:

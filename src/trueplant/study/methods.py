@@ -1,9 +1,9 @@
-"""The other ways to the same answer: the mismatch expression and the joint form, beside the fit."""
+"""The other ways to the same answer: mismatch expression, joint form and what else is asked for, beside the fit."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from trueplant.loop import Controller
 from trueplant.lti import Structure, TransferMatrix
 from trueplant.mismatch import FrequencyResponse, fit_locally
 from trueplant.record import Segment
+from trueplant.study.asked import ask
 from trueplant.study.disturbed import (
     Disturbed,
     acts_alike,
@@ -55,6 +56,9 @@ class Compared:
     assumed: str = ""
     """What taking measured disturbances off the record rests on."""
     notes: tuple[Reason, ...] = ()
+    remarks: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """What to know of an estimator that was asked for."""
+    black_box: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,17 +71,17 @@ class Estimated:
 
 
 def compare_methods(study: Study, estimates: Mapping[int, OutputEstimate]) -> Compared:
-    """Run what applies: the joint form (open loop: the response to OP), (17) where a controller is declared, and fit
-    and (17) with the unmeasured disturbance estimated along where one is declared.
+    """Run what applies: the joint form (open loop: the response to OP), (17) where a controller is declared, fit and
+    (17) with the unmeasured disturbance estimated along where one is declared, and the estimators that are asked for.
     """
-    from trueplant.study.pipeline import plant_matrix
+    from trueplant.study.believed import plant_matrix
 
     wanted = study.project.analysis.method
     plant = plant_matrix(study, estimates)
     found: dict[str, Estimated] = {}
     refused: dict[str, str] = {}
     for name in ("joint", "closed-form", "open-loop response"):
-        if wanted not in ("auto", name):
+        if wanted not in ("auto", "all", name):
             continue
         why = _why_not(study, name)
         if why is None:
@@ -88,18 +92,25 @@ def compare_methods(study: Study, estimates: Mapping[int, OutputEstimate]) -> Co
         if why:
             refused[name] = why
     disturbed = _with_disturbance(study, estimates, plant, found, refused)
+    everything = [s for s in study.segments if len(s) <= LARGEST]
+    asked = ask(study, estimates, plant, everything, _lasting(study))
+    for name, answer in asked.answers.items():
+        parameters = {place: p for place, (p, _) in answer.found.items()}
+        found[name] = Estimated(parameters, {place: covariance for place, (_, covariance) in answer.found.items()})
     first = next((fit.response for fit in found.values() if fit.response is not None), None)
     elements = {name: _summaries(study, fit) for name, fit in found.items()}
     if "closed-form" in found:
-        elements["equation-error"] = _paper_route(study, plant)
+        elements["paper-route"] = _paper_route(study, plant)
     return Compared(
         elements,
-        refused,
-        tuple(_agreement(study, estimates, found)),
+        {**refused, **asked.not_applied},
+        (*_agreement(study, estimates, found, asked.remarks), *asked.agreement),
         first,
         () if disturbed is None else disturbed.table,
         assumed(study, estimates) if first is not None else "",
         () if disturbed is None else disturbed.notes,
+        asked.remarks,
+        asked.black_box,
     )
 
 
@@ -114,7 +125,7 @@ def _with_disturbance(
     wanted = study.project.analysis.method
     everything = [s for s in study.segments if len(s) <= LARGEST]
     disturbed = estimate_disturbed(study, estimates, plant, everything)
-    if disturbed is None or wanted == "joint":
+    if disturbed is None or wanted not in ("auto", "all", "direct", "closed-form"):
         return disturbed
     slices = {
         (i, spec.column): part
@@ -159,10 +170,9 @@ def _why_not(study: Study, name: str, taken_along: bool = False) -> str | None:
     segments = _segments(study, closed)
     if not segments:
         return ""
-    lasting = [i for i, parts in declared_parts(study).items() if any(p.kind != "ar1" for p in parts)]
+    lasting = _lasting(study)
     if lasting and not taken_along:
-        names = ", ".join(study.project.output_names[i] for i in lasting)
-        return f"a step or drift is declared at {names}: as noise it is not stationary, and has to be estimated along"
+        return lasting
     bound = max(float(1 - segment.free.all(axis=1).mean()) for segment in segments) if closed else 0.0
     at_limit = f"OP was at a limit or in manual for {100 * bound:.2g} % of a record"
     if bound > MOST_BOUND:
@@ -179,6 +189,15 @@ def _why_not(study: Study, name: str, taken_along: bool = False) -> str | None:
     if bound > 0:
         return f"{at_limit}, and (17) holds for a free OP only"
     return None
+
+
+def _lasting(study: Study) -> str:
+    """Why a method that takes all disturbances for stationary noise does not apply; empty where it does."""
+    lasting = [i for i, parts in declared_parts(study).items() if any(p.kind != "ar1" for p in parts)]
+    if not lasting:
+        return ""
+    names = ", ".join(study.project.output_names[i] for i in lasting)
+    return f"a step or drift is declared at {names}: as noise it is not stationary, and has to be estimated along"
 
 
 def _problem(
@@ -246,12 +265,7 @@ def _summaries(study: Study, fit: Estimated) -> list[dict[str, Any]]:
                 "output": study.project.output_names[i],
                 "input": study.columns[j],
                 "parameters": [
-                    {
-                        "name": name,
-                        "plant": float(p[k]),
-                        "std_error": float(errors[k]),
-                        "ci": (float(p[k] - z * errors[k]), float(p[k] + z * errors[k])),
-                    }
+                    _parameter(name, float(p[k]), float(errors[k]), z)
                     for name, k in zip(structure.names, order, strict=True)
                 ],
             }
@@ -259,8 +273,23 @@ def _summaries(study: Study, fit: Estimated) -> list[dict[str, Any]]:
     return rows
 
 
-def _agreement(study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[str, Estimated]) -> Sequence[str]:
-    """A sentence for each method: whether it agrees with the fit within both their uncertainties."""
+def _parameter(name: str, value: float, error: float, z: float) -> dict[str, Any]:
+    """As in result.json; without an error where the method gives none."""
+    known = bool(np.isfinite(error))
+    interval = (value - z * error, value + z * error) if known else None
+    return {"name": name, "plant": value, "std_error": error if known else None, "ci": interval}
+
+
+def _agreement(
+    study: Study,
+    estimates: Mapping[int, OutputEstimate],
+    found: Mapping[str, Estimated],
+    remarks: Mapping[str, Sequence[str]],
+) -> Sequence[str]:
+    """A sentence for each method: whether it agrees with the fit within both their uncertainties.
+
+    Of one that does not, the remark that says why it need not is added.
+    """
     level = 1 - study.project.analysis.confidence
     sentences = []
     for name, other in found.items():
@@ -273,7 +302,7 @@ def _agreement(study: Study, estimates: Mapping[int, OutputEstimate], found: Map
                     continue
                 theta, variance = estimate.theta[part], np.diag(estimate.covariance)[part]
                 for k, label in enumerate(spec.structure.names):
-                    if part.start + k in open_ones:
+                    if part.start + k in open_ones or not np.isfinite(other.covariance[place][k, k]):
                         continue
                     compared += 1
                     gap = theta[k] - other.parameters[place][k]
@@ -291,5 +320,6 @@ def _agreement(study: Study, estimates: Mapping[int, OutputEstimate], found: Map
             for _, (i, j), label, a, b in clear[:4]
         )
         more = f" and {len(clear) - 4} more" if len(clear) > 4 else ""
-        sentences.append(f"{name} and the fit disagree beyond their uncertainties: {named}{more}")
+        known = "".join(f" ({remark})" for remark in remarks.get(name, ()) if "biase" in remark)
+        sentences.append(f"{name} and the fit disagree beyond their uncertainties: {named}{more}{known}")
     return sentences

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.errors import ProjectError
-from trueplant.identify import OutputEstimate, Row, Spec, fit_row, identify_matrix, unanswered
+from trueplant.identify import OutputEstimate, Spec, identify_matrix
 from trueplant.identify.search import lag_of
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.lti.structure import Structure, structure_of
 from trueplant.record import Record, Screened, Segment, read_record, screen
 from trueplant.record.times import unit_seconds
+from trueplant.study.believed import plant_matrix
 from trueplant.study.result import Reason, Result
+from trueplant.study.scans import faster_scan, without_hidden_dynamics
 
 if TYPE_CHECKING:
     from trueplant.disturbance import DisturbedFit
@@ -204,7 +206,7 @@ def translated(own: Structure, values: Array, wanted: Structure) -> tuple[float,
 
 def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
     """The estimate of each output that has elements to estimate and data to do it from."""
-    interval = _update_interval(study)
+    interval = update_interval(study)
     found = identify_matrix(
         study.segments,
         study.model,
@@ -214,30 +216,7 @@ def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
         timing=timing_error(study, interval),
         tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
     )
-    return {i: _without_hidden_dynamics(study, i, one) for i, one in found.items()}
-
-
-def _without_hidden_dynamics(study: Study, i: int, found: OutputEstimate) -> OutputEstimate:
-    """The estimate without dynamics where derivative action turns noise into OP between the recorded samples.
-
-    What the controller then does within a sample looks like a plant without dead time, and no residual shows it.
-    """
-    h, name = study.segments[0].h, study.project.output_names[i]
-    hidden = any(
-        law.output == name and law.sample_time is not None and law.sample_time < 0.99 * h and bool(law.Td or law.Kd)
-        for plan in study.project.experiments
-        if plan.closed
-        for law in plan.controllers
-    )
-    if not hidden:
-        return found
-    reason = (
-        "the controller scans faster than the record, and its derivative action answers noise between the samples: "
-        "export the record at the controller's scan"
-    )
-    names = [n for spec in found.row.specs for n in spec.structure.names]
-    moved = {k: reason for k, n in enumerate(names) if not n.startswith(("gain", "slope"))}
-    return replace(found, order_dependence=moved | found.order_dependence)
+    return {i: without_hidden_dynamics(study, i, one) for i, one in found.items()}
 
 
 def _with_elements_of(study: Study, estimates: Mapping[int, OutputEstimate]) -> Study:
@@ -267,12 +246,12 @@ def _with_disturbances(
     told = with_jumps(replace(study, disturbed=fits), plant)
     if any(segment.jumps for segment in told.segments):
         estimates = estimate(told, say)
-    timing = timing_error(study, _update_interval(study))
+    timing = timing_error(study, update_interval(study))
     confidence = study.project.analysis.confidence
     return told, {i: resting_on(found, fits.get(i), timing, confidence) for i, found in estimates.items()}
 
 
-def _update_interval(study: Study) -> float:
+def update_interval(study: Study) -> float:
     """Longest time between real updates of a PV."""
     usable = [s for s in study.screened if s.refusal is None]
     return max((float(np.max(s.update_interval)) for s in usable if s.update_interval.size), default=0.0)
@@ -284,70 +263,3 @@ def timing_error(study: Study, update_interval: float) -> float:
     samples = update_interval / h
     stale = update_interval / 2 if samples > 1.05 and abs(samples - round(samples)) > 0.05 else 0.0
     return max(stale, h / 2 if faster_scan(study) else 0.0)
-
-
-def faster_scan(study: Study) -> bool:
-    """Does a declared controller write OP more often than it was recorded?"""
-    if not study.segments:
-        return False
-    h = study.segments[0].h
-    scans = [
-        law.sample_time
-        for plan in study.project.experiments
-        if plan.closed
-        for law in plan.controllers
-        if law.sample_time is not None
-    ]
-    return any(scan < 0.99 * h for scan in scans)
-
-
-def plant_matrix(study: Study, estimates: Mapping[int, OutputEstimate]) -> TransferMatrix:
-    """The plant as it is now believed to be.
-
-    Elements of which nothing is answered stay as they were. Where a part of an element is not answered, the
-    others were estimated along with it and do not fit its old value: the whole estimate is taken, or the open
-    parameters are put back to the model's and the rest is fitted again, whichever simulates the record better.
-    """
-    rows: list[Sequence[TransferFunction]] = []
-    for i in range(study.model.shape[0]):
-        row = [study.model[i, j] for j in range(study.model.shape[1])]
-        if i in estimates:
-            theta, silent = believed(estimates[i])
-            for m, (spec, part) in enumerate(zip(estimates[i].row.specs, estimates[i].row.slices, strict=True)):
-                if m not in silent:
-                    row[spec.column] = spec.structure.transfer(theta[part])
-        rows.append(row)
-    return TransferMatrix(tuple(tuple(row) for row in rows), study.model.time_unit)
-
-
-def believed(found: OutputEstimate) -> tuple[Array, set[int]]:
-    """Parameters of a row, and the elements of which nothing is answered."""
-    reasons = unanswered(found)
-    fit, theta = found.fit, found.theta
-    silent: set[int] = set()
-    back: dict[int, float] = {}
-    for m, (spec, part) in enumerate(zip(found.row.specs, found.row.slices, strict=True)):
-        open_ones = [k for k in range(part.start, part.stop) if k in reasons]
-        if len(open_ones) == part.stop - part.start:
-            silent.add(m)
-            # A silent element that the model lacks is left out: its gain is 0.
-            gains = range(part.start, part.start + spec.structure.delayed)
-            back |= {k: 0.0 for k in gains} if spec.start is None else dict(zip(open_ones, spec.start, strict=True))
-        elif spec.start is not None:
-            back |= {k: spec.start[k - part.start] for k in open_ones}
-    if not back:
-        return theta, silent
-    start, free = theta.copy(), fit.free.copy()
-    start[list(back)], free[list(back)] = list(back.values()), False
-    again = fit_row(fit.row, start, fit.ar, weights=fit.weights, free=free, reweight=False)
-    if silent or _output_error(again.row, again.theta) < _output_error(fit.row, theta):
-        return again.theta, silent
-    return theta, silent
-
-
-def _output_error(row: Row, theta: Array) -> float:
-    """Sum of squares of the simulation error, offsets and free responses fitted."""
-    none = np.zeros(0)
-    size = row.size
-    held = fit_row(row, theta, none, free=np.zeros(size, dtype=bool), reweight=False, iterations=0)
-    return held.cost

@@ -146,7 +146,8 @@ def _words(item: Any, where: Where, model: type[BaseModel]) -> str:
     shown = _shown(given)
     if kind == "literal_error":
         choices = str(context.get("expected", "")).replace("'", '"')
-        return f"must be {choices}, not {shown}"
+        close = difflib.get_close_matches(str(given).lower(), re.findall(r'"([^"]+)"', choices), n=1)
+        return f"must be {choices}, not {shown}" + (f': did you mean "{close[0]}"?' if close else "")
     limits = {
         "greater_than": ("gt", "above"),
         "greater_than_equal": ("ge", "at least"),

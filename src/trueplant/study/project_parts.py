@@ -260,10 +260,26 @@ Detector = Literal[
 """A published detector (`trueplant.detect.DETECTORS`)."""
 
 
+Method = Literal[
+    "auto",
+    "all",
+    "direct",
+    "closed-form",
+    "joint",
+    "equation-error",
+    "srivc",
+    "rivc",
+    "clsrivc",
+    "two-stage",
+    "black-box",
+]
+"""What is compared with the direct fit, on which the verdicts rest whichever is asked for."""
+
+
 class Analysis(Table):
     """Which methods, and how strictly."""
 
-    method: Literal["auto", "closed-form", "joint", "direct"] = "auto"
+    method: Method = "auto"
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
     tolerance_percent: NotNegative = 0.0
     seed: Annotated[int, Field(ge=0)] = 0

@@ -15,6 +15,7 @@ from trueplant.identify.instrumental.order import Order, slices
 from trueplant.identify.instrumental.refine import SETTLED, Instruments, Refined, refine
 from trueplant.identify.instrumental.result import PolynomialFit, finished
 from trueplant.identify.instrumental.samples import Samples, common_sample_time, samples_of
+from trueplant.identify.predict import Held
 from trueplant.loop.controller import Controller
 from trueplant.loop.simulate import simulate
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
@@ -34,6 +35,7 @@ def clsrivc(
     orders: Mapping[int, Sequence[Order]],
     controller: Controller,
     start: Mapping[int, Array] | None = None,
+    held: Mapping[int, Sequence[Held]] | None = None,
 ) -> dict[int, PolynomialFit]:
     """Closed-loop simplified refined instrumental variables, one result an output of `orders`.
 
@@ -45,7 +47,8 @@ def clsrivc(
     `orders` names the elements of every output of the plant: the instrument needs the whole loop. It starts from the
     two-stage method (that from `start`, the coefficients of each output, where given), which is also what is left where
     the loop cannot be simulated (unstable, or no law that runs in time): a note says so. OP limits are ignored in the
-    instrument.
+    instrument. `held` elements of each output keep their declared value. A record in open loop has OP itself for its
+    instrument, which no noise reaches there.
 
     Gilson, Garnier, Young and Van den Hof (2008), in Garnier and Wang (eds.), Identification of Continuous-time Models
     from Sampled Data, Springer.
@@ -55,15 +58,18 @@ def clsrivc(
     n_y, n_u = controller.n_y, controller.n_u
     if set(orders) != set(range(n_y)):
         raise LoopError(f"the instrument needs the whole loop: give orders for each of the {n_y} outputs")
+    held = held or {}
     law = controller.linearised(np.nanmean(np.vstack([s.y for s in segments]), axis=0))
     parts, samples, projected = {}, {}, {}
     for i, row in orders.items():
-        parts[i], samples[i], projected[i] = _projected_start(segments, i, row, None if start is None else start.get(i))
+        parts[i], samples[i], projected[i] = _projected_start(
+            segments, i, row, None if start is None else start.get(i), held.get(i, ())
+        )
     notes: list[str] = []
     for _ in range(ROUNDS):
-        plant = _matrix(orders, {i: refined.theta for i, refined in parts.items()}, n_y, n_u)
+        plant = _matrix(orders, {i: refined.theta for i, refined in parts.items()}, held, n_y, n_u)
         try:
-            inputs = [_noise_free(plant, law, segment) for segment in segments]
+            inputs = [_noise_free(plant, law, segment) if segment.closed else segment.u for segment in segments]
         except LoopError as error:
             notes = [
                 f"the declared loop could not be simulated ({error}): the instrument is the projection on set-points"
@@ -90,27 +96,32 @@ def clsrivc(
 
 
 def two_stage(
-    segments: Sequence[Segment], output: int, orders: Sequence[Order], start: Array | None = None
+    segments: Sequence[Segment],
+    output: int,
+    orders: Sequence[Order],
+    start: Array | None = None,
+    held: Sequence[Held] = (),
 ) -> PolynomialFit:
     """The projection method: no controller needed, only that set-points were recorded and moved.
 
     First each recorded input is projected on the past of all set-points (least squares on sums over blocks of lags
     that grow geometrically): what follows from r, free of noise. Then the plant is estimated with these as the
     inputs of the instrument, while the equation keeps the recorded inputs, so that what the projection misses costs
-    variance and no bias. Holds for saturating, nonlinear and unknown controllers.
+    variance and no bias. Holds for saturating, nonlinear and unknown controllers. A record in open loop has OP itself
+    for its instrument.
 
     Van den Hof and Schrama (1993), Automatica 29, 1523-1527; Forssell and Ljung (2000), Automatica 36, 1857-1873.
 
     Raises Refused where set-points are not recorded or do not move.
     """
-    refined, samples, notes = _projected_start(segments, output, orders, start)
+    refined, samples, notes = _projected_start(segments, output, orders, start, held)
     return finished("two-stage", orders, samples, refined, notes=notes)
 
 
 def _projected_start(
-    segments: Sequence[Segment], output: int, orders: Sequence[Order], start: Array | None
+    segments: Sequence[Segment], output: int, orders: Sequence[Order], start: Array | None, held: Sequence[Held]
 ) -> tuple[Refined, tuple[Samples, ...], list[str]]:
-    samples = samples_of(segments, output)
+    samples = samples_of(segments, output, held)
     common_sample_time(samples, "an instrument from set-points")
     inputs, shares = projected_inputs(segments)
     instruments = samples_of([replace(s, u=u) for s, u in zip(segments, inputs, strict=True)], output)
@@ -126,23 +137,28 @@ def _always(instruments: Sequence[Samples]) -> Instruments:
 
 
 def projected_inputs(segments: Sequence[Segment]) -> tuple[list[Array], Array]:
-    """For each segment its inputs (N, n_u) as far as they follow from past set-points, and the share that does."""
-    for segment in segments:
-        if not np.all(np.isfinite(segment.r)):
-            raise Refused("an instrument from set-points needs recorded set-points: use srivc or rivc")
-    if not any(np.any(np.ptp(s.r, axis=0) > 0) for s in segments):
+    """For each segment its inputs (N, n_u) as far as they follow from past set-points, and the share that does.
+
+    In open loop all of them, which are no answer to noise.
+    """
+    closed = [segment for segment in segments if segment.closed]
+    if not all(np.all(np.isfinite(segment.r)) for segment in closed):
+        raise Refused("an instrument from set-points needs recorded set-points: use srivc or rivc")
+    if not any(np.any(np.ptp(s.r, axis=0) > 0) for s in closed):
         raise Refused("no set-point moves in these records: instruments from set-points have nothing to follow")
-    columns = [_blocks(s.r - s.r[0]) for s in segments]
+    columns = [_blocks(s.r - s.r[0]) for s in closed]
     width = min(c.shape[1] for c in columns)
     bases = [_centred(c[:, :width]) for c in columns]
-    inputs = [s.u - s.u.mean(axis=0) for s in segments]
+    inputs = [s.u - s.u.mean(axis=0) for s in closed]
     stacked = np.vstack(bases)
     scale = np.linalg.norm(stacked, axis=0)
     kept = scale > 1e-9 * scale.max()
     weights = np.linalg.lstsq(stacked[:, kept] / scale[kept], np.vstack(inputs), rcond=1e-10)[0]
-    projected = [b[:, kept] / scale[kept] @ weights for b in bases]
+    found = [b[:, kept] / scale[kept] @ weights for b in bases]
     power = np.sum(np.vstack(inputs) ** 2, axis=0)
-    shares = np.sum(np.vstack(projected) ** 2, axis=0) / np.where(power > 0, power, 1.0)
+    shares = np.sum(np.vstack(found) ** 2, axis=0) / np.where(power > 0, power, 1.0)
+    following = iter(found)
+    projected = [next(following) if s.closed else s.u - s.u[0] for s in segments]
     return projected, np.asarray(shares, dtype=float)
 
 
@@ -171,9 +187,18 @@ def _noise_free(plant: TransferMatrix, controller: Controller, segment: Segment)
     return simulate(plant, controller, segment.r - segment.r[0], segment.h, limits=(-np.inf, np.inf)).u
 
 
-def _matrix(orders: Mapping[int, Sequence[Order]], thetas: Mapping[int, Array], n_y: int, n_u: int) -> TransferMatrix:
+def _matrix(
+    orders: Mapping[int, Sequence[Order]],
+    thetas: Mapping[int, Array],
+    held: Mapping[int, Sequence[Held]],
+    n_y: int,
+    n_u: int,
+) -> TransferMatrix:
     elements = [[TransferFunction() for _ in range(n_u)] for _ in range(n_y)]
     for i, row in orders.items():
         for order, part in zip(row, slices(row), strict=True):
             elements[i][order.column] = elements[i][order.column] + order.transfer(thetas[i][part])
+        for kept in held.get(i, ()):
+            if kept.column < n_u:
+                elements[i][kept.column] = elements[i][kept.column] + kept.system
     return TransferMatrix(tuple(tuple(row) for row in elements))

@@ -28,6 +28,7 @@ from trueplant.identify.instrumental.start import (
     solve_instrumental,
     starts,
 )
+from trueplant.identify.predict import Held
 from trueplant.record.types import Segment
 
 Array = NDArray[np.float64]
@@ -40,7 +41,13 @@ NEIGHBOURS = (-2, -1, 1, 2)
 
 
 def state_variable_filter(
-    segments: Sequence[Segment], output: int, order: Order, lam: float | None = None, *, instrument: bool = False
+    segments: Sequence[Segment],
+    output: int,
+    order: Order,
+    lam: float | None = None,
+    held: Sequence[Held] = (),
+    *,
+    instrument: bool = False,
 ) -> PolynomialFit:
     """Equation error with the filter 1/(s + lam)^n; with `instrument`, its instrumental-variable refinement.
 
@@ -54,7 +61,7 @@ def state_variable_filter(
 
     Raises Refused where output or input do not move.
     """
-    samples = samples_of(segments, output)
+    samples = samples_of(segments, output, held)
     _check_inputs([order], samples)
     if not order.keeps_dead_time:
         order = replace(order, dead_time=float(scan(order, samples)[0][1][-1]))
@@ -89,20 +96,24 @@ def state_variable_filter(
 
 
 def srivc(
-    segments: Sequence[Segment], output: int, orders: Sequence[Order], start: Array | None = None
+    segments: Sequence[Segment],
+    output: int,
+    orders: Sequence[Order],
+    start: Array | None = None,
+    held: Sequence[Held] = (),
 ) -> PolynomialFit:
     """Simplified refined instrumental variables: the least output error, as an iteration of linear problems.
 
     `orders` has one entry an element of the row, each with its own denominator and dead time. It starts from equation
-    errors and a grid over dead times, or from `start` (stacked coefficients). Unbiased in open loop whatever the noise,
-    and efficient if that is white (Young, Garnier and Gilson 2008). In closed loop it is unbiased only if the noise is
-    white: use rivc or clsrivc there. Sample times need not be constant.
+    errors and a grid over dead times, or from `start` (stacked coefficients). `held` elements keep their value.
+    Unbiased in open loop whatever the noise, and efficient if that is white (Young, Garnier and Gilson 2008). In closed
+    loop it is unbiased only if the noise is white: use rivc or clsrivc there. Sample times need not be constant.
 
     Covariance: s2 (sum zeta zeta')^-1 for white errors, else with their autoregressive covariance between two of these.
 
     Raises Refused where the output was not measured or does not answer, LoopError for orders that make no sense.
     """
-    samples = samples_of(segments, output)
+    samples = samples_of(segments, output, held)
     _check_inputs(orders, samples)
     refined = best_start(orders, samples, start)
     return finished("SRIVC", orders, samples, refined, notes=_closed_loop_note(segments, refined.point))
@@ -114,6 +125,7 @@ def rivc(
     orders: Sequence[Order],
     noise_order: tuple[int, int] | None = None,
     start: Array | None = None,
+    held: Sequence[Held] = (),
 ) -> PolynomialFit:
     """Refined instrumental variables with a noise model: SRIVC with a prefilter D/C for noise v = C(q)/D(q) e.
 
@@ -123,7 +135,7 @@ def rivc(
 
     Young and Jakeman (1980), Int. J. Control 31, 741-764; Young, Garnier and Gilson (2008).
     """
-    samples = samples_of(segments, output)
+    samples = samples_of(segments, output, held)
     common_sample_time(samples, "a discrete noise model")
     _check_inputs(orders, samples)
     refined = best_start(orders, samples, start)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from trueplant.errors import Refused, UsageError
-from trueplant.identify.predict import Piece, pieces_of
+from trueplant.identify.predict import Held, Piece, pieces_of
 from trueplant.lti.sampled import expm, realise, rows_response
 from trueplant.record.types import Segment
 
@@ -57,8 +57,8 @@ class Samples:
         return out
 
 
-def samples_of(segments: Sequence[Segment], output: int) -> tuple[Samples, ...]:
-    """The segments in which this output was measured.
+def samples_of(segments: Sequence[Segment], output: int, held: Sequence[Held] = ()) -> tuple[Samples, ...]:
+    """The segments in which this output was measured, without what the `held` elements make of it.
 
     Segments on a uniform grid are joined over short gaps, as the fit does. One whose t is not uniform stands by
     itself: its u and d hold from each instant to the next, or run linearly, as its `hold` says.
@@ -66,26 +66,36 @@ def samples_of(segments: Sequence[Segment], output: int) -> tuple[Samples, ...]:
     Raises Refused where the output was never measured.
     """
     uniform = [segment for segment in segments if _is_uniform(segment)]
-    found = [_of_piece(piece) for piece in pieces_of(uniform, output)]
+    found = [_of_piece(piece) for piece in pieces_of(uniform, output, held)]
     for segment in segments:
         valid = np.isfinite(segment.y[:, output])
         if not _is_uniform(segment) and valid.sum() >= 2:
             inputs: Array = np.ascontiguousarray(np.column_stack([segment.u, segment.d]).T)
-            found.append(
-                Samples(
-                    np.asarray(segment.t - segment.t[0], dtype=np.float64),
-                    np.where(valid, segment.y[:, output], 0.0),
-                    valid,
-                    np.ascontiguousarray(inputs - inputs[:, :1]),
-                    segment.hold + ("linear",) * segment.d.shape[1],
-                    _of_segment(segment, output, inputs),
-                    (),
-                    None,
-                )
+            alone = Samples(
+                np.asarray(segment.t - segment.t[0], dtype=np.float64),
+                np.where(valid, segment.y[:, output], 0.0),
+                valid,
+                np.ascontiguousarray(inputs - inputs[:, :1]),
+                segment.hold + ("linear",) * segment.d.shape[1],
+                _of_segment(segment, output, inputs),
+                (),
+                None,
             )
+            found.append(_without(alone, held))
     if not found:
         raise Refused(f"output {output + 1} was not measured in any segment: see what screening left out, and why")
     return tuple(found)
+
+
+def _without(samples: Samples, held: Sequence[Held]) -> Samples:
+    y = samples.y.copy()
+    for element in held:
+        for term in element.system.terms:
+            num = np.concatenate([np.zeros(len(term.den) - len(term.num)), term.num])[None, :] / term.den[0]
+            den = np.array(term.den) / term.den[0]
+            u, hold = samples.inputs[element.column], samples.hold[element.column]
+            y -= samples.respond(num, den, term.dead_time, u, hold)[0]
+    return replace(samples, y=np.where(samples.valid, y, 0.0))
 
 
 def common_sample_time(samples: Sequence[Samples], purpose: str) -> float:
