@@ -19,8 +19,9 @@ import polars as pl
 import trueplant as tp
 from trueplant.loop import PID, Controller, alternating_steps, ar1, simulate
 from trueplant.robust import margins
+from trueplant.study.believed import plant_matrix
 from trueplant.study.drawn import uncertain_plant
-from trueplant.study.pipeline import estimate, plant_matrix, prepare
+from trueplant.study.pipeline import estimate, prepare
 from trueplant.tune import LoopTask, propose
 
 H = 0.5

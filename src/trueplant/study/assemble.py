@@ -14,6 +14,7 @@ from trueplant.detect import Found
 from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.study.band import band_test
+from trueplant.study.believed import plant_matrix
 from trueplant.study.cascade import cascade_notes, check_cascades
 from trueplant.study.causes import causes_of
 from trueplant.study.curves import curves_of, model_frequencies
@@ -42,8 +43,6 @@ def assemble(
     reasons: Sequence[Reason],
 ) -> Result:
     """The result of an analysis that answered at least in part; refused if no parameter is answered."""
-    from trueplant.study.believed import plant_matrix
-
     found = detect.elements_found(study.model, estimates)
     plant = plant_matrix(study, estimates)
     elements = _elements(study, estimates, found, plant)

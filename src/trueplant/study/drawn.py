@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trueplant.identify import OutputEstimate, unanswered
 from trueplant.lti import Structure, TransferMatrix
 from trueplant.robust import covariance_weight
-from trueplant.study.pipeline import believed
+from trueplant.study.believed import believed
 from trueplant.tune.drawn import KnownRow, UncertainPlant
 from trueplant.tune.uncertain import responses
 

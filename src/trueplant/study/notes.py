@@ -9,6 +9,7 @@ from trueplant.identify import OutputEstimate
 from trueplant.identify.crossed import TIMES
 from trueplant.study.informative import compression_notes, setpoint_rank_note
 from trueplant.study.result import Reason
+from trueplant.study.scans import faster_scan
 
 if TYPE_CHECKING:
     from trueplant.study.pipeline import Study
@@ -28,8 +29,6 @@ def notes_of(
     consistency: Sequence[Mapping[str, Any]],
 ) -> list[Reason]:
     """What the reader should know although an answer was possible."""
-    from trueplant.study.pipeline import faster_scan
-
     notes = [*setpoint_rank_note(study), *compression_notes(study), *controller_notes(consistency)]
     if faster_scan(study):
         notes.append(
