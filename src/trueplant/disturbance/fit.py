@@ -23,6 +23,7 @@ from trueplant.disturbance.kalman import whitened
 from trueplant.disturbance.models import Part, ramps
 from trueplant.disturbance.noise import Noise, Signal, criterion, fit_noise_and_jumps, reduced
 from trueplant.identify import Row, RowFit
+from trueplant.identify.normal import inverse
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -117,7 +118,8 @@ def _whitened_piece(
 ) -> tuple[Array, Array, float]:
     """Normalised errors (n,) and their derivative (n, size) for piece k, linear parts removed; sum of log variances."""
     y, valid = row.measured(k)
-    plain = row.nuisance(theta, k)
+    unknown = row.unknown(theta, k)
+    plain = unknown.columns
     if derivatives:
         response, gradient = row.response_and_gradient(theta, k)
     else:
@@ -131,7 +133,7 @@ def _whitened_piece(
     if derivatives:
         weights = np.linalg.lstsq(own, both[:, 0], rcond=1e-7)[0]
         of_plain = np.asarray(weights[: plain.shape[1]], dtype=float)
-        moved, _ = whitened(system, row.nuisance_gradient(theta, k, of_plain), valid)
+        moved, _ = whitened(system, unknown.gradient(of_plain), valid)
         jacobian = -reduced(both[:, 1 + linear.shape[1] :] + moved, own)
     return reduced(both[:, :1], own)[:, 0], jacobian, logs
 
@@ -191,16 +193,13 @@ def _finished(row: Row, theta: Array, noise: Noise, jumps: tuple[tuple[int, ...]
     count = sum(int(row.measured(k)[1].sum()) for k in range(len(row.pieces)))
     linear = sum(row.nuisance(theta, k).shape[1] + len(jumps[k]) for k in range(len(row.pieces)))
     ratio = cost / max(count - theta.size - linear, 1)
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-80))
-    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
     without = replace(noise, declared=())
     alone = np.diag(_normal(row, theta, without, tuple(() for _ in jumps))[0])
     kept = np.divide(np.diag(information), alone, out=np.ones(theta.size), where=alone > 0)
     return DisturbedFit(
         row=row,
         theta=theta,
-        covariance=max(ratio, 1.0) * inverse / np.outer(scale, scale),
+        covariance=max(ratio, 1.0) * inverse(information),
         noise=noise,
         jumps=jumps,
         criterion=value,

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.noise import choose_order, fit_ar
 from trueplant.identify.predict import Row
-from trueplant.identify.search import grid_start, initial_theta, rival_dead_times
+from trueplant.identify.search import felt_lag, grid_start, initial_theta, rival_dead_times
+from trueplant.identify.stretch import most_moved
 from trueplant.identify.validate import residual_tests
 
 Array = NDArray[np.float64]
@@ -23,6 +24,8 @@ SPARE = 2
 """Coefficients of the noise model beyond what the Bayesian criterion asks for. It stops short of disturbances that no
 autoregression describes exactly, and in closed loop what it leaves out is enough to raise the false alarms of verdicts
 from 5 to 10 % (Wood-Berry, 1,000 samples, ARMA(2, 1))."""
+REACH = 25
+"""Samples to either side in which other dead times are tried."""
 UNDERMODELLED = 1e-3
 """Significance from which prediction errors that follow an input are held against the structure."""
 
@@ -67,6 +70,16 @@ def estimate_row(row: Row, time_scale: float, options: Options | None = None) ->
     `time_scale` (time units) is where the search starts for elements that the model lacks.
     """
     options = options or Options()
+    part = most_moved(row)
+    fit = _searched(part, time_scale, options)
+    if part is not row:
+        fit = _on_the_whole(row, fit, options)
+    limit = largest_order(row, options.largest_order)
+    return fit if options.order is not None else _whitened(fit, limit)
+
+
+def _searched(row: Row, time_scale: float, options: Options) -> RowFit:
+    """The best minimum, from the grid and from the model."""
     limit = largest_order(row, options.largest_order)
     model = initial_theta(row, time_scale)
     start = grid_start(row, model, np.zeros(0))
@@ -80,8 +93,17 @@ def estimate_row(row: Row, time_scale: float, options: Options | None = None) ->
         rival = fit_row(row, other, fit.ar, weights=fit.weights, reweight=False, iterations=25)
         if rival.cost < fit.cost * (1 - 1e-9):
             fit = rival
-    fit = _best_dead_times(_with_noise(fit, options.order, limit, iterations=60))
-    return fit if options.order is not None else _whitened(fit, limit)
+    return _best_dead_times(_with_noise(fit, options.order, limit, iterations=60))
+
+
+def _on_the_whole(row: Row, part: RowFit, options: Options) -> RowFit:
+    """The fit of a long record, started from that of a part of it: only dead times within reach are tried again."""
+    limit = largest_order(row, options.largest_order)
+    dead = felt_lag(part) > 0
+    sigma = np.sqrt(np.diag(part.covariance)[dead])
+    reach = min(REACH, 1 + int(np.ceil(4 * float(np.max(sigma, initial=0.0)) / row.pieces[0].h)))
+    fit = fit_row(row.without_unseen(part.theta), part.theta, part.ar)
+    return _best_dead_times(_with_noise(fit, options.order, limit, iterations=60), reach)
 
 
 def _whitened(fit: RowFit, limit: int) -> RowFit:
@@ -102,13 +124,13 @@ def _whitened(fit: RowFit, limit: int) -> RowFit:
     return fit
 
 
-def _best_dead_times(fit: RowFit, rounds: int = 4) -> RowFit:
-    """The fit, or a better one whose dead times lie in other sample intervals."""
+def _best_dead_times(fit: RowFit, reach: int = REACH, rounds: int = 4) -> RowFit:
+    """The fit, or a better one whose dead times lie in other sample intervals, up to `reach` samples away."""
     row = fit.row
     low, high = row.bounds()
     for _ in range(rounds):
         best = fit
-        for _, theta in rival_dead_times(row, fit.theta, fit.ar, fit.weights):
+        for _, theta in rival_dead_times(row, fit.theta, fit.ar, fit.weights, reach):
             start = np.clip(theta, low, high)
             rival = fit_row(row, start, fit.ar, weights=fit.weights, reweight=False, iterations=25)
             if rival.cost < best.cost * (1 - 1e-9):

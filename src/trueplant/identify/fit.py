@@ -14,10 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.identify.noise import lagged, whiten, whitened_valid
+from trueplant.identify.normal import eliminated, inverse, seen
 from trueplant.identify.predict import Row
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+
+NEGLIGIBLE = 1e-10
+"""Share of the cost for which no step is tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,17 +54,18 @@ class RowFit:
     def covariance(self) -> Array:
         """(size, size) of theta; a variance beyond all measure where the data say nothing."""
         n = self.theta.size
-        scale = np.sqrt(np.maximum(np.diag(self.information), 1e-80))
-        normal = self.information / np.outer(scale, scale)
-        values, vectors = np.linalg.eigh(normal)
-        values = np.maximum(values, 1e-14)
-        inverse = (vectors / values) @ vectors.T
-        full: Array = self.variance * inverse / np.outer(scale, scale)
-        return full[:n, :n]
+        return self.variance * inverse(self.information)[:n, :n]
+
+    @property
+    def left(self) -> int:
+        """Degrees of freedom that parameters, noise model and nuisance terms leave, all of them counted as free."""
+        return max(self.count - self.theta.size - self.ar.size - self.row.nuisance_count(self.theta), 1)
 
 
 @dataclass(frozen=True, eq=False)
-class _Point:
+class Point:
+    """Where the fit stands."""
+
     cost: float
     information: Array
     slope: Array
@@ -68,29 +74,8 @@ class _Point:
     """(n_pieces, 2) weighted sum of squares and number of errors of each piece."""
 
 
-def _orthonormal(columns: Array) -> Array:
-    """Basis of the column space, directions lost in rounding dropped."""
-    norms = np.linalg.norm(columns, axis=0)
-    scaled: Array = np.asarray(columns[:, norms > 0] / norms[norms > 0])
-    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
-    return np.asarray(u[:, s > 1e-7 * s[0]] if s.size else u, dtype=float)
-
-
-def seen(columns: Array, errors: Array, spread: float | Array) -> BoolArray:
-    """Columns whose amplitude the data tell to better than the whole spread of PV.
-
-    A free response that the noise model cancels is not seen at all: left in, it would take on any amplitude, and the
-    output errors with it.
-    """
-    level = np.median(np.abs(np.diff(errors))) / 0.95 if errors.size > 1 else 0.0
-    return np.asarray(np.linalg.norm(columns, axis=0) * spread > level)
-
-
-def _nuisance_weights(columns: Array, target: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(columns, target, rcond=1e-7)[0], dtype=float)
-
-
-def _evaluate(row: Row, theta: Array, ar: Array, weights: Array, derivatives: bool = True) -> _Point:
+def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
+    """Cost and normal equations at theta and ar, operating points and initial states projected out."""
     size, order = theta.size, ar.size
     information = np.zeros((size + order, size + order))
     slope = np.zeros(size + order)
@@ -102,29 +87,24 @@ def _evaluate(row: Row, theta: Array, ar: Array, weights: Array, derivatives: bo
         whole = whitened_valid(order, valid)
         if not whole.any():
             continue
-        use = slice(None) if whole.all() else whole
-        if derivatives:
-            response, gradient = row.response_and_gradient(theta, k)
-        else:
-            response = row.response(theta, k)
+        first = int(np.argmax(whole))
+        use = slice(first, None) if whole[first:].all() else whole
+        response, gradient = row.response_and_gradient(theta, k)
+        unknown = row.unknown(theta, k)
         v = np.where(valid, y - response, 0.0)
-        z = row.nuisance(theta, k)
-        filtered_z, filtered_v = whiten(ar, z)[use], whiten(ar, v)[use]
-        told = seen(filtered_z, filtered_v, float(np.std(y[valid])))
-        filtered_z, coefficients = filtered_z[:, told], np.zeros(told.size)
-        coefficients[told] = _nuisance_weights(filtered_z, filtered_v)
-        v = np.where(valid, v - z @ coefficients, 0.0)
+        columns, errors = whiten(ar, unknown.columns)[use], whiten(ar, v)[use]
+        told = seen(columns, errors, float(np.std(y[valid])))
+        coefficients = np.zeros(told.size)
+        coefficients[told], basis = eliminated(columns[:, told], errors)
+        v = np.where(valid, v - unknown.columns @ coefficients, 0.0)
         e = weights[k] * whiten(ar, v)[use]
         power[k] = e @ e, e.size
-        if not derivatives:
-            continue
-        gradient = gradient + row.nuisance_gradient(theta, k, coefficients)
-        jacobian = weights[k] * np.hstack([-whiten(ar, gradient)[use], lagged(v, order)[use]])
-        basis = _orthonormal(filtered_z)
-        jacobian -= basis @ (basis.T @ jacobian)
-        information += jacobian.T @ jacobian
-        slope += jacobian.T @ e
-    return _Point(float(power[:, 0].sum()), information, slope, int(power[:, 1].sum()), power)
+        moved = whiten(ar, gradient + unknown.gradient(coefficients))
+        jacobian = weights[k] * np.vstack([-moved.T, lagged(v, order).T])[:, use]
+        jacobian -= (jacobian @ basis) @ basis.T
+        information += jacobian @ jacobian.T
+        slope += jacobian @ e
+    return Point(float(power[:, 0].sum()), information, slope, int(power[:, 1].sum()), power)
 
 
 def fit_row(
@@ -149,7 +129,7 @@ def fit_row(
     n = theta.size
     dead = np.array([name.startswith("dead") for s in row.specs for name in s.structure.names] + [False] * ar.size)
     damping = 1e-3
-    point = _evaluate(row, theta, ar, weights)
+    point = evaluate(row, theta, ar, weights)
     converged = False
     for round_ in range(iterations):
         pinned = np.concatenate(
@@ -179,7 +159,8 @@ def fit_row(
         if reweight and len(row.pieces) > 1 and round_ in (2, 5, 9):
             weights = _level_weights(candidate.power, weights)
             settled = False
-        point = _evaluate(row, theta, ar, weights)
+            candidate = evaluate(row, theta, ar, weights)
+        point = candidate
         if settled or point.cost <= 1e-24 * max(_energy(row), 1e-300):
             converged = True
             break
@@ -192,8 +173,8 @@ def fit_row(
 
 
 def _downhill(
-    row: Row, theta: Array, ar: Array, weights: Array, point: _Point, active: BoolArray, damping: float
-) -> tuple[Array, Array, Array, _Point, float] | None:
+    row: Row, theta: Array, ar: Array, weights: Array, point: Point, active: BoolArray, damping: float
+) -> tuple[Array, Array, Array, Point, float] | None:
     """A damped Gauss-Newton step of the active parameters that does not raise the cost; None if there is none."""
     if not active.any():
         return None
@@ -204,9 +185,11 @@ def _downhill(
     for _ in range(12):
         step = np.zeros(active.size)
         step[active] = -np.linalg.solve(normal + damping * np.eye(scale.size), point.slope[active] / scale) / scale
+        if -step @ point.slope <= NEGLIGIBLE * point.cost:
+            return None
         trial = np.clip(_limited(theta, step[: theta.size], low), low, high)
         trial_ar = ar + step[theta.size :]
-        candidate = _evaluate(row, trial, trial_ar, weights, derivatives=False)
+        candidate = evaluate(row, trial, trial_ar, weights)
         if np.isfinite(candidate.cost) and candidate.cost < point.cost * (1 + 1e-14):
             return step, trial, trial_ar, candidate, damping
         damping, growth = min(damping * growth, 1e8), growth * 4
@@ -248,7 +231,7 @@ def residuals(fit: RowFit) -> list[tuple[Array, Array, BoolArray]]:
             use = whitened_valid(order, valid)
             columns, errors = whiten(fit.ar, z)[use], whiten(fit.ar, v)[use]
             told = seen(columns, errors, float(np.std(y[valid])))
-            v = v - z[:, told] @ _nuisance_weights(columns[:, told], errors)
+            v = v - z[:, told] @ eliminated(columns[:, told], errors)[0]
             e = np.full(y.size, np.nan)
             e[order:][use] = whiten(fit.ar, np.where(valid, v, 0.0))[use]
         else:

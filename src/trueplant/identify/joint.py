@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from trueplant.identify.fit import RowFit, _nuisance_weights, _orthonormal, residuals, seen
-from trueplant.identify.noise import whitened_valid
+from trueplant.identify.fit import RowFit, residuals
+from trueplant.identify.noise import lagged, whitened_valid
+from trueplant.identify.normal import eliminated, inverse, seen
 from trueplant.identify.predict import Row
 
 Array = NDArray[np.float64]
@@ -156,14 +157,15 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
         parts = [theta[place] for place in places]
         responses = [row.response_and_gradient(part, k) for row, part in zip(rows, parts, strict=True)]
         v = np.column_stack([y - f for (y, _), (f, _) in zip(measured, responses, strict=True)])
-        nuisance = [row.nuisance(part, k) for row, part in zip(rows, parts, strict=True)]
+        unknown = [row.unknown(part, k) for row, part in zip(rows, parts, strict=True)]
+        nuisance = [of_row.columns for of_row in unknown]
         filtered = [_filtered(ar, z, i) for i, z in enumerate(nuisance)]
         columns = _stacked(root, np.concatenate(filtered, axis=2), use)
         e = _stacked(root, _prediction_errors(ar, v)[:, :, None], use)[:, 0]
         spread = np.repeat([np.std(y[whole]) for y, _ in measured], [z.shape[1] for z in nuisance])
         told = seen(columns, e[::n_y], spread)
         columns, all_weights = columns[:, told], np.zeros(told.size)
-        all_weights[told] = _nuisance_weights(columns, e)
+        all_weights[told], basis = eliminated(columns, e)
         weights = np.split(all_weights, np.cumsum([z.shape[1] for z in nuisance])[:-1])
         v -= np.column_stack([z @ w for z, w in zip(nuisance, weights, strict=True)])
         v[~whole] = 0.0
@@ -173,16 +175,15 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
         if not derivatives:
             continue
         jacobian = np.zeros((n - order, n_y, size))
-        for i, (row, part, place) in enumerate(zip(rows, parts, places, strict=True)):
-            gradient = responses[i][1] + row.nuisance_gradient(part, k, weights[i])
+        for i, place in enumerate(places):
+            gradient = responses[i][1] + unknown[i].gradient(weights[i])
             jacobian[:, :, place] = -_filtered(ar, gradient, i)
-        past = _lagged(v, order).reshape(n - order, order, n_y)
+        past = lagged(v, order).reshape(n - order, order, n_y)
         of_ar = jacobian[:, :, theta.size :].reshape(n - order, n_y, order, n_y, n_y)
         for i in range(n_y):
             of_ar[:, i, :, i, :] = past
         jacobian[:, :, theta.size :] = of_ar.reshape(n - order, n_y, -1)
         J = _stacked(root, jacobian, use)
-        basis = _orthonormal(columns)
         J -= basis @ (basis.T @ J)
         information += J.T @ J
         slope += J.T @ _stacked(root, plain[:, :, None], use)[:, 0]
@@ -190,15 +191,12 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
 
 
 def _finished(rows: Sequence[Row], theta: Array, ar: Array, point: _Point, converged: bool) -> JointFit:
-    scale = np.sqrt(np.maximum(np.diag(point.information), 1e-80))
-    values, vectors = np.linalg.eigh(point.information / np.outer(scale, scale))
-    inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T / np.outer(scale, scale)
     ends = np.cumsum([row.size for row in rows])
     nuisance = sum(row.nuisance_count(theta[end - row.size : end]) for row, end in zip(rows, ends, strict=True))
     used = point.count - (theta.size + ar.size + nuisance) / len(rows)
     sigma = point.sigma * point.count / max(used, 1.0)
     # the weight was the inverse of sigma without the degrees of freedom
-    inverse *= point.count / max(used, 1.0)
+    covariance = inverse(point.information) * point.count / max(used, 1.0)
     places = [slice(int(end) - row.size, int(end)) for row, end in zip(rows, ends, strict=True)]
     order = ar.shape[0]
     errors = []
@@ -208,7 +206,7 @@ def _finished(rows: Sequence[Row], theta: Array, ar: Array, point: _Point, conve
         errors.append(whole)
     return JointFit(
         theta=tuple(theta[place] for place in places),
-        covariance=tuple(inverse[place, place] for place in places),
+        covariance=tuple(covariance[place, place] for place in places),
         ar=ar,
         sigma=sigma,
         errors=tuple(errors),
@@ -288,17 +286,11 @@ def _output_errors(fits: Sequence[RowFit]) -> tuple[list[Array], list[BoolArray]
     return [np.nan_to_num(v) for v in stacked], [np.isfinite(v).all(axis=1) for v in stacked]
 
 
-def _lagged(v: Array, order: int) -> Array:
-    """(n - order, order n_y): v[k-1], ..., v[k-order]."""
-    n = len(v)
-    return np.hstack([v[order - k : n - k] for k in range(1, order + 1)]) if order else np.zeros((n, 0))
-
-
 def _vector_ar(v: Sequence[Array], valid: Sequence[BoolArray], order: int) -> tuple[Array, float, int]:
     """Least-squares coefficients (order, n_y, n_y), log determinant of the residual covariance, number of residuals."""
     n = v[0].shape[1]
     pairs = [(x, whitened_valid(order, ok)) for x, ok in zip(v, valid, strict=True) if len(x) > order + 1]
-    past = np.vstack([_lagged(x, order)[use] for x, use in pairs])
+    past = np.vstack([lagged(x, order)[use] for x, use in pairs])
     now = np.vstack([x[order:][use] for x, use in pairs])
     weights = np.linalg.lstsq(past, now, rcond=1e-10)[0] if order else np.zeros((0, n))
     rest = now - past @ weights

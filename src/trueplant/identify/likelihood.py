@@ -31,15 +31,21 @@ def likelihood_ratio_p(fit: RowFit, index: Array, values: Array) -> float:
 
     The deviance counts the degrees of freedom that are left, which keeps the level in short records.
     """
-    theta = fit.theta.copy()
+    return float(chi2.sf(rise(fit, held_at(fit, index, values)), len(index)))
+
+
+def held_at(fit: RowFit, index: Array, values: Array) -> RowFit:
+    """The fit with theta[index] held at these values, as far as the bounds let them be."""
+    theta, free = fit.theta.copy(), fit.free.copy()
     low, high = fit.row.bounds()
     theta[index] = np.clip(values, low[index], high[index])
-    free = fit.free.copy()
     free[index] = False
-    held = fit_row(fit.row, theta, fit.ar, weights=fit.weights, free=free, reweight=False)
-    left = max(fit.count - fit.theta.size - fit.ar.size - fit.row.nuisance_count(fit.theta), 1)
-    ratio = left * np.log(max(held.cost, 1e-300) / max(fit.cost, 1e-300))
-    return float(chi2.sf(max(ratio, 0.0), len(index)))
+    return fit_row(fit.row, theta, fit.ar, weights=fit.weights, free=free, reweight=False)
+
+
+def rise(fit: RowFit, other: RowFit) -> float:
+    """By how much -2 log likelihood rises from a fit to a more restricted one."""
+    return max(float(fit.left * np.log(max(other.cost, 1e-300) / max(fit.cost, 1e-300))), 0.0)
 
 
 def absence_p(fit: RowFit, m: int) -> float:
@@ -48,6 +54,4 @@ def absence_p(fit: RowFit, m: int) -> float:
     row = replace(fit.row, specs=tuple(fit.row.specs[k] for k in kept))
     parts = [fit.theta[fit.row.slices[k]] for k in kept]
     without = fit_row(row, np.concatenate([np.zeros(0), *parts]), fit.ar, weights=fit.weights, reweight=False)
-    left = max(fit.count - fit.theta.size - fit.ar.size - fit.row.nuisance_count(fit.theta), 1)
-    ratio = left * np.log(max(without.cost, 1e-300) / max(fit.cost, 1e-300))
-    return float(chi2.sf(max(ratio, 0.0), SEARCHED + len(fit.row.specs[m].structure.names)))
+    return float(chi2.sf(rise(fit, without), SEARCHED + len(fit.row.specs[m].structure.names)))

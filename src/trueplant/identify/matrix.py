@@ -9,8 +9,9 @@ from functools import partial
 import numpy as np
 
 from trueplant.identify.crossed import crossed_outputs, less_sure, together
+from trueplant.identify.instrumental import started
 from trueplant.identify.missing import with_missing
-from trueplant.identify.output import OutputEstimate, choose_stride, identify_output, samples_per_update
+from trueplant.identify.output import OutputEstimate, choose_block, choose_stride, identify_output, samples_per_update
 from trueplant.identify.predict import Held, Spec
 from trueplant.identify.search import lag_of
 from trueplant.lti.structure import structure_of
@@ -48,6 +49,7 @@ def identify_matrix(
     """
     stride = choose_stride(segments, list(specs.values()), update_interval)
     update = samples_per_update(update_interval, segments[0].h)
+    block = choose_block(segments, list(specs.values()))
     known = [lag_of(s.structure.names, np.array(s.start)) for s in specs.values() if s.start is not None]
     scales = [lag for lag in known if lag > 0]
     places = np.ndindex(*model.shape)
@@ -58,7 +60,7 @@ def identify_matrix(
         held = [Held(j, model[i, j]) for j in range(model.shape[1]) if (i, j) not in specs and not model[i, j].is_zero]
         if tell is not None:
             tell(i)
-        estimate = partial(
+        once = partial(
             identify_output,
             segments,
             i,
@@ -66,15 +68,40 @@ def identify_matrix(
             confidence=confidence,
             stride=stride,
             update=update,
+            block=block,
             timing=timing,
             time_scale=float(np.median(scales)) if scales else None,
         )
+        estimate = partial(_from_both_starts, once, partial(started, segments, i, held=held))
         found = estimate(own)
         if found is not None:
             estimates[i] = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
     if any(segment.closed for segment in segments):
         return _with_crossed(estimates, confidence)
     return estimates
+
+
+def _from_both_starts(
+    estimate: Callable[[Sequence[Spec]], OutputEstimate | None],
+    restarted: Callable[[Sequence[Spec]], tuple[Spec, ...]],
+    specs: Sequence[Spec],
+) -> OutputEstimate | None:
+    """The estimate from the declared starts or, where that fits better, from those of SRIVC for elements with leads."""
+    found, others = estimate(specs), restarted(specs)
+    if found is None or others == tuple(specs):
+        return found
+    rival = estimate(others)
+    if rival is None or _criterion(rival) >= _criterion(found):
+        return found
+    # A start is also the model that the estimate is compared with: it stays the declared one.
+    return replace(rival, fit=replace(rival.fit, row=replace(rival.fit.row, specs=tuple(specs))))
+
+
+def _criterion(found: OutputEstimate) -> float:
+    """Bayesian criterion: the noise models of two fits of the same elements may differ in order."""
+    fit = found.fit
+    cost = max(fit.cost, np.finfo(float).tiny)
+    return float(fit.count * np.log(cost / fit.count) + np.log(fit.count) * fit.ar.size)
 
 
 def _with_crossed(estimates: dict[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate]:

@@ -6,19 +6,37 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+BLOCK = 1024
+"""Samples that are filtered at a time."""
+
 
 def whiten(ar: Array, x: Array) -> Array:
-    """``x[k] + a1 x[k-1] + ... `` along the first axis, without the first len(ar) samples."""
-    p, n = len(ar), len(x)
-    out = x[p:].copy()
-    for k, a in enumerate(ar, start=1):
-        out += a * x[p - k : n - k]
-    return out
+    """``x[k] + a1 x[k-1] + ... `` along the first axis of x (n,) or (n, m), without the first len(ar) samples."""
+    rows = np.ascontiguousarray(x.T, dtype=float).reshape(-1, len(x))
+    out = np.empty((len(rows), max(rows.shape[1] - len(ar), 0)))
+    _filter(np.asarray(ar, dtype=float), rows, out)
+    return out[0] if x.ndim == 1 else out.T
+
+
+@njit(cache=True)
+def _filter(ar: Array, rows: Array, out: Array) -> None:
+    """In blocks that stay in the fastest cache, tap by tap."""
+    p, n = ar.size, out.shape[1]
+    for i in range(rows.shape[0]):
+        for first in range(0, n, BLOCK):
+            end = min(first + BLOCK, n)
+            block = out[i, first:end]
+            block[:] = rows[i, first + p : end + p]
+            for tap in range(p):
+                past = rows[i, first + p - 1 - tap : end + p - 1 - tap]
+                for k in range(block.size):
+                    block[k] += ar[tap] * past[k]
 
 
 def whitened_valid(order: int, valid: BoolArray) -> BoolArray:
@@ -29,8 +47,10 @@ def whitened_valid(order: int, valid: BoolArray) -> BoolArray:
 
 
 def lagged(v: Array, order: int) -> Array:
-    """Columns v[k-1], ..., v[k-order] for k from order on."""
-    return np.column_stack([v[order - k : len(v) - k] for k in range(1, order + 1)]) if order else np.zeros((len(v), 0))
+    """v[k-1], ..., v[k-order] for k from order on: (n - order, order) of v (n,), (n - order, order m) of v (n, m)."""
+    wide = v if v.ndim == 2 else v[:, None]
+    columns = [wide[order - k : len(v) - k].T for k in range(1, order + 1)]
+    return np.concatenate([np.zeros((0, max(len(v) - order, 0))), *columns]).T
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueplant.identify.fit import _evaluate
+from trueplant.identify.fit import evaluate
+from trueplant.identify.normal import inverse
 from trueplant.identify.predict import Row
 
 Array = NDArray[np.float64]
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 ROUNDS = 8
 SETTLED = 0.01
 """In standard errors of the common estimate."""
+FLOOR = 1e-12
+"""Of the eigenvalues of a window's information: short windows may say nothing of some directions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,19 +53,20 @@ def one_step(rows: Sequence[Row], noise: Sequence[Array], theta: Array) -> OneSt
         total = information.sum(axis=0)
         step = -_solve(total, slope.sum(axis=0))
         trial = np.clip(theta + np.clip(step, -np.abs(theta) / 3 - 1e-9, np.abs(theta) / 3 + 1e-9), low, high)
-        sigma = np.sqrt(np.maximum(np.diag(_inverse(total)), 1e-300))
+        sigma = np.sqrt(np.maximum(np.diag(inverse(total, FLOOR)), 1e-300))
         if np.all(np.abs(trial - theta) <= SETTLED * sigma):
             break
         theta = trial
     steps = np.array([-_solve(i, s) for i, s in zip(information, slope, strict=True)])
-    return OneStep(theta, _inverse(total), theta + steps, np.array([_inverse(i) for i in information]))
+    covariance = np.array([inverse(i, FLOOR) for i in information])
+    return OneStep(theta, inverse(total, FLOOR), theta + steps, covariance)
 
 
 def _window(row: Row, ar: Array, theta: Array) -> tuple[Array, Array]:
     """Information and slope of theta in units of this window's own variance, its noise model left free."""
     size = theta.size
     seen = row.without_unseen(theta)
-    point = _evaluate(seen, theta, ar, np.ones(len(row.pieces)))
+    point = evaluate(seen, theta, ar, np.ones(len(row.pieces)))
     step = _solve(point.information, point.slope)
     left = max(point.count - size - ar.size - seen.nuisance_count(theta), 1)
     variance = max(point.cost - float(step @ point.slope), 1e-300) / left
@@ -73,11 +77,5 @@ def _window(row: Row, ar: Array, theta: Array) -> tuple[Array, Array]:
     return (a - b @ across[:, :-1]) / variance, (point.slope[:size] - b @ across[:, -1]) / variance
 
 
-def _inverse(information: Array) -> Array:
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-60))
-    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    return np.asarray((vectors / np.maximum(values, 1e-12)) @ vectors.T / np.outer(scale, scale))
-
-
 def _solve(information: Array, slope: Array) -> Array:
-    return np.asarray(_inverse(information) @ slope)
+    return np.asarray(inverse(information, FLOOR) @ slope)

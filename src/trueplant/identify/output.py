@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.identify.estimate import UNDERMODELLED, Options, estimate_row
-from trueplant.identify.fit import RowFit
+from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval, widened
 from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.runs import Runs, combine_runs, compare_runs, refit_noise
 from trueplant.identify.search import felt_lag, lag_of
 from trueplant.identify.small import inflation, without_unseen_dead_times
+from trueplant.identify.stretch import block_length, in_blocks, most_moved
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
 
@@ -80,6 +81,14 @@ def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_int
     return held * max(1, min(wanted, samples // ENOUGH_SAMPLES) // held)
 
 
+def choose_block(segments: Sequence[Segment], specs: Sequence[Spec]) -> int:
+    """Samples of the blocks into which long records are cut: many times the longest lag of the matrix."""
+    answers = [
+        lag_of(spec.structure.names, np.array(spec.start)) + _dead(spec) for spec in specs if spec.start is not None
+    ]
+    return block_length(max(answers, default=0.0), segments[0].h)
+
+
 def samples_per_update(update_interval: float, h: float) -> int:
     """For how many samples PV is held, at least 1."""
     return max(1, round(update_interval / h)) if np.isfinite(update_interval) else 1
@@ -100,6 +109,7 @@ def identify_output(
     confidence: float = 0.95,
     stride: int = 1,
     update: int = 1,
+    block: int | None = None,
     timing: float = 0.0,
     time_scale: float | None = None,
     options: Options | None = None,
@@ -108,13 +118,15 @@ def identify_output(
 
     Time unit and shapes are those of the segments. `held` elements keep their declared value. `update` is the
     number of samples for which PV is held, `stride` the number from one prediction error to the next
-    (`choose_stride`), `time_scale` where the search for elements that the model lacks begins. `timing` is the
-    standard error of the instants at which OP acts or PV is read, which no fit can see: it is added to that of
-    every dead time.
+    (`choose_stride`), `block` the length to which long records are cut (`choose_block`), `time_scale` where the
+    search for elements that the model lacks begins. `timing` is the standard error of the instants at which OP acts
+    or PV is read, which no fit can see: it is added to that of every dead time.
     """
     pieces = pieces_of(segments, output, held, update)
     if not pieces or not specs:
         return None
+    if block is not None:
+        pieces = in_blocks(pieces, block, stride)
     row = Row(tuple(specs), pieces, stride)
     full = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
     fit = without_unseen_dead_times(full)
@@ -171,6 +183,7 @@ def _order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> t
     and (n,) how far each parameter moves where the prediction errors still follow the inputs: then the
     structure is too simple, every noise model weighs its error differently, and no one of them is right.
     """
+    fit = _of_a_part(fit)
     used = fit.ar.size
     undermodelled = bool(np.min(tests.cross_p) < UNDERMODELLED)
     limit = max(fit.row.measured(k)[0].size for k in range(len(fit.row.pieces))) // 20
@@ -195,6 +208,12 @@ def _order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> t
         if undermodelled:
             shifts = np.maximum(shifts, shift)
     return moved, shifts
+
+
+def _of_a_part(fit: RowFit) -> RowFit:
+    """The fit of that part of a long record in which the inputs move most."""
+    row = most_moved(fit.row)
+    return fit if row is fit.row else fit_row(row, fit.theta, fit.ar, free=fit.free)
 
 
 def unanswered(estimate: OutputEstimate) -> dict[int, str]:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.identify.unknown import Mode, Unknown, lag_mode, pair_modes
 from trueplant.lti.sampled import rows_response, sampled_response
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import TransferFunction
@@ -261,65 +262,42 @@ class Row:
                     gradient[part.start + index] += row
         return total, gradient.T
 
+    def unknown(self, theta: Array, k: int) -> Unknown:
+        """What is linear and not known of piece k: offset, free responses of all modes of an unknown past, jumps."""
+        piece, t = self.pieces[k], self._times(k)
+        starts = ([] if self.rests(k) else [0]) + list(piece.restarts)
+        modes = [mode for start in starts for mode in self._free_responses(theta, piece, t - start * piece.h)]
+        at = np.arange(0, piece.y.size, self.stride)
+        jumps = [(at >= jump).astype(float) for jump in piece.jumps]
+        columns = np.array([np.ones(t.size), *(mode.response for mode in modes), *jumps]).T
+        return Unknown(columns, tuple(mode.derivatives for mode in modes), self.size)
+
     def nuisance(self, theta: Array, k: int) -> Array:
-        """Columns (n, n_z) of piece k: offset, free responses of all modes where the past is not known, jumps."""
-        columns = [column for column, _ in self._free_responses(theta, k)]
-        at = np.arange(0, self.pieces[k].y.size, self.stride)
-        jumps = [(at >= jump).astype(float) for jump in self.pieces[k].jumps]
-        return np.column_stack([np.ones(at.size), *columns, *jumps])
+        """Columns (n, n_z) of `unknown`."""
+        return self.unknown(theta, k).columns
 
     def nuisance_count(self, theta: Array) -> int:
         """Offsets and free responses over all pieces, which are estimated along."""
         return sum(self.nuisance(theta, k).shape[1] for k in range(len(self.pieces)))
 
-    def nuisance_gradient(self, theta: Array, k: int, weights: Array) -> Array:
-        """Derivative (n, size) of `nuisance @ weights` by theta: only lags and pairs move the columns."""
-        out = np.zeros((len(self._times(k)), self.size))
-        of_modes = weights[1 : weights.size - len(self.pieces[k].jumps)]
-        for weight, (_, derivatives) in zip(of_modes, self._free_responses(theta, k), strict=True):
-            for index, derivative in derivatives.items():
-                out[:, index] += weight * derivative
-        return out
-
     def _times(self, k: int) -> Array:
         piece = self.pieces[k]
         return np.asarray(piece.h * np.arange(0, piece.y.size, self.stride))
 
-    def _free_responses(self, theta: Array, k: int) -> list[tuple[Array, dict[int, Array]]]:
-        """Each mode's free response from each start with an unknown past, with its derivatives by theta."""
-        piece, t = self.pieces[k], self._times(k)
-        starts = ([] if self.rests(k) else [0]) + list(piece.restarts)
-        found: list[tuple[Array, dict[int, Array]]] = []
-        for start in starts:
-            since = t - start * piece.h
-            began = since >= -1e-9 * piece.h
-            clock = np.where(began, since, 0.0)
-            for spec, part in zip(self.specs, self.slices, strict=True):
-                for m, name in enumerate(spec.structure.names):
-                    index = part.start + m
-                    if name.startswith("tau"):
-                        decay = np.where(began, np.exp(-clock / theta[index]), 0.0)
-                        found.append((decay, {index: decay * clock / theta[index] ** 2}))
-                    elif name.startswith("omega0"):
-                        found += _pair_responses(theta[index], theta[index + 1], index, clock, began)
-                if spec.structure.integrators:
-                    # At the start OP's operating point is not known; after a gap the level.
-                    level = began.astype(float) if start else clock / max(piece.span, piece.h)
-                    found.append((level, {}))
+    def _free_responses(self, theta: Array, piece: Piece, since: Array) -> list[Mode]:
+        """Each mode's free response at times since its start; 0 before it."""
+        began = since >= -1e-9 * piece.h
+        clock = np.where(began, since, 0.0)
+        found: list[Mode] = []
+        for spec, part in zip(self.specs, self.slices, strict=True):
+            for m, name in enumerate(spec.structure.names):
+                index = part.start + m
+                if name.startswith("tau"):
+                    found.append(lag_mode(theta[index], index, clock, began))
+                elif name.startswith("omega0"):
+                    found += pair_modes(theta[index], theta[index + 1], index, clock, began)
+            if spec.structure.integrators:
+                # At the start OP's operating point is not known; after a gap the level.
+                after_gap = not began.all()
+                found.append(Mode(began.astype(float) if after_gap else clock / max(piece.span, piece.h), {}))
         return found
-
-
-def _pair_responses(
-    omega0: float, zeta: float, index: int, t: Array, began: BoolArray
-) -> list[tuple[Array, dict[int, Array]]]:
-    """The two free responses of a complex pair, with derivatives by differences."""
-
-    def both(w: float, z: float) -> Array:
-        damping = np.where(began, np.exp(-min(z, 1.0) * w * t), 0.0)
-        angle = w * np.sqrt(max(1 - z**2, 0.0)) * t
-        return np.array([damping * np.cos(angle), damping * np.sin(angle)])
-
-    base, step = both(omega0, zeta), 1e-6
-    by_w = (both(omega0 * (1 + step), zeta) - base) / (step * omega0)
-    by_z = (both(omega0, zeta * (1 + step)) - base) / (step * zeta)
-    return [(base[c], {index: by_w[c], index + 1: by_z[c]}) for c in range(2)]

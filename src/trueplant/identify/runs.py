@@ -54,6 +54,8 @@ def single_runs(pooled: RowFit) -> list[tuple[int, RowFit]]:
 
 def compare_runs(pooled: RowFit, significance: float = 0.05) -> Runs | None:
     """How far single experiments agree with each other; None with fewer than two that can be fitted."""
+    if len({piece.experiment for piece in pooled.row.pieces}) < 2:
+        return None
     fits = single_runs(pooled)
     if len(fits) < 2:
         return None

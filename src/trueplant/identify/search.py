@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trueplant.identify.fit import RowFit, _orthonormal
+from trueplant.identify.fit import RowFit
 from trueplant.identify.noise import whiten, whitened_valid
+from trueplant.identify.normal import orthonormal
 from trueplant.identify.predict import Row
 
 Array = NDArray[np.float64]
@@ -126,7 +127,7 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
         use = whitened_valid(ar.size, valid)
         if not use.any():
             continue
-        basis = _orthonormal(whiten(ar, np.hstack([others[k], row.nuisance(nominal, k)]))[use])
+        basis = orthonormal(whiten(ar, np.hstack([others[k], row.nuisance(nominal, k)]))[use])
         target = whiten(ar, y)[use]
         target = target - basis @ (basis.T @ target)
         spec = row.specs[m]
@@ -135,11 +136,11 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
             p[dead] = unit[dead] - (unit[dead].min() if dead.any() else 0.0)
             full = structure.response(p, piece.inputs[spec.column], piece.h, piece.hold[spec.column])
             late = np.concatenate([np.zeros(shifts[-1]), full])
-            shifted = np.column_stack([late[shifts[-1] - shift :][: full.size : row.stride] for shift in shifts])
+            shifted = np.array([late[shifts[-1] - shift :][: full.size : row.stride] for shift in shifts]).T
             x = whiten(ar, shifted)[use]
             # The target is orthogonal to the basis already, so that only the power of x has to be projected.
             moment[a] += x.T @ target
-            power[a] += np.einsum("nb,nb->b", x, x) - np.sum((basis.T @ x) ** 2, axis=0)
+            power[a] += np.einsum("bn,bn->b", x.T, x.T) - np.sum((basis.T @ x) ** 2, axis=0)
     ok = power > 1e-12 * max(power.max(), 1e-300)
     top[ok] = moment[ok] ** 2 / power[ok]
     gain[ok] = moment[ok] / power[ok]
@@ -165,7 +166,7 @@ def _least_squares_gains(row: Row, theta: Array, ar: Array) -> Array:
         use = whitened_valid(ar.size, valid) if y.size > ar.size + 1 else np.zeros(0, bool)
         if not use.any():
             continue
-        basis = _orthonormal(whiten(ar, row.nuisance(theta, k))[use])
+        basis = orthonormal(whiten(ar, row.nuisance(theta, k))[use])
         x = whiten(ar, columns[k])[use]
         x = x - basis @ (basis.T @ x)
         gram += x.T @ x
@@ -179,7 +180,7 @@ def _least_squares_gains(row: Row, theta: Array, ar: Array) -> Array:
     return theta
 
 
-def rival_dead_times(row: Row, theta: Array, ar: Array, weights: Array, reach: int = 25) -> list[tuple[float, Array]]:
+def rival_dead_times(row: Row, theta: Array, ar: Array, weights: Array, reach: int) -> list[tuple[float, Array]]:
     """Other dead times that may fit as well: pairs of cost and theta, best first.
 
     Inputs that carry measurement noise give the cost of a dead time a minimum of its own in every sample
@@ -217,7 +218,7 @@ def _rivals(row: Row, theta: Array, ar: Array, weights: Array, index: int, reach
         seen = candidates[:, :: row.stride]
         errors = np.where(valid, y - response, 0.0)[:, None] + (seen[0] - seen).T
         errors[~valid] = 0.0
-        basis = _orthonormal(whiten(ar, row.nuisance(theta, k))[use])
+        basis = orthonormal(whiten(ar, row.nuisance(theta, k))[use])
         e = weights[k] * whiten(ar, errors)[use]
         j = weights[k] * whiten(ar, gradient[:, others])[use]
         e, j = e - basis @ (basis.T @ e), j - basis @ (basis.T @ j)

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm, t
 
-from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.fit import RowFit
+from trueplant.identify.likelihood import held_at, rise
 
 Array = NDArray[np.float64]
 
@@ -23,12 +24,8 @@ def without_unseen_dead_times(fit: RowFit) -> RowFit:
     the bound). The record may still hide a small one: the caller counts how far the others move.
     """
     for index in _undeclared(fit):
-        theta, free = fit.theta.copy(), fit.free.copy()
-        theta[index], free[index] = 0.0, False
-        held = fit_row(fit.row, theta, fit.ar, weights=fit.weights, free=free, reweight=False)
-        left = max(fit.count - fit.theta.size - fit.ar.size - fit.row.nuisance_count(fit.theta), 1)
-        rise = left * np.log(max(held.cost, 1e-300) / max(fit.cost, 1e-300))
-        if chi2.sf(max(rise, 0.0), 1) > UNSEEN:
+        held = held_at(fit, np.array([index]), np.zeros(1))
+        if chi2.sf(rise(fit, held), 1) > UNSEEN:
             fit = held
     return fit
 

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from trueplant.identify.fit import RowFit, _nuisance_weights, fit_row, residuals
+from trueplant.identify.fit import RowFit, fit_row, residuals
+from trueplant.identify.noise import fit_ar, whiten
+from trueplant.identify.normal import eliminated
 from trueplant.identify.predict import Piece, Row
 from trueplant.identify.search import lag_of
 from trueplant.lti.sampled import sampled_response
@@ -41,7 +43,7 @@ def simulate_piece(piece: Piece, systems: Sequence[tuple[int, TransferFunction]]
         columns += [np.where(since >= 0, np.exp(-np.maximum(since, 0) / lag), 0.0) for lag in lags if lag > 0]
     columns += [(np.arange(t.size) >= jump).astype(float) for jump in piece.jumps]
     z = np.column_stack(columns)
-    out: Array = total + z @ _nuisance_weights(z[piece.valid], (piece.y - total)[piece.valid])
+    out: Array = total + z @ eliminated(z[piece.valid], (piece.y - total)[piece.valid])[0]
     return out
 
 
@@ -159,8 +161,6 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
 
 def _prewhitened(u: Array, order: int = 8) -> Array:
     """An input without what an autoregression predicts of it."""
-    from trueplant.identify.noise import fit_ar, whiten
-
     centred = u - u.mean()
     if not np.any(centred) or centred.size < 4 * order:
         return np.zeros(u.size)

@@ -99,12 +99,13 @@ def bound(segment: Segment, output: int, columns: tuple[int, ...], kind: str) ->
     row = Row(tuple(Spec(j, FOPDT) for j in columns), pieces_of([segment], output), 1)
     y, _ = row.measured(0)
     response, gradient = row.response_and_gradient(truth, 0)
-    nuisance = row.nuisance(truth, 0)
+    unknown = row.unknown(truth, 0)
+    nuisance = unknown.columns
     # inputs count from their first sample: what that leaves out is an operating point and a past, known here
     own = [sampled_response(loop.plant[output, j], segment.u[:, j], segment.h) for j in columns]
     whole = np.sum(own, axis=0)
     past = np.asarray(np.linalg.lstsq(nuisance, whole - response, rcond=None)[0], dtype=float)
-    gradient = gradient + row.nuisance_gradient(truth, 0, past)
+    gradient = gradient + unknown.gradient(past)
     a, c, variance = noise_model(kind)
     psi = [lfilter(a, c, gradient, axis=0), lfilter(a, c, nuisance, axis=0)]
     if kind != "white":

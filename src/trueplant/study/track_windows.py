@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from trueplant.identify import Row, RowFit
 from trueplant.identify.noise import whiten, whitened_valid
+from trueplant.identify.normal import inverse
 from trueplant.identify.search import felt_lag, lag_of
 from trueplant.record import Segment
 
@@ -100,10 +101,7 @@ class Demand:
 
 def standard_errors(information: Array) -> Array:
     """(p,) from the information of p parameters and an offset; very large where there is none."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-60))
-    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    inverse = np.sum(vectors**2 / np.maximum(values, 1e-12), axis=1)
-    return np.asarray((np.sqrt(inverse) / scale)[:-1])
+    return np.asarray(np.sqrt(np.diag(inverse(information, 1e-12)))[:-1])
 
 
 def demand_of(fit: RowFit, answered: Sequence[int], columns: Sequence[str], precision: float) -> Demand:

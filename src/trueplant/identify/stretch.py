@@ -1,0 +1,64 @@
+"""Long records: cut into blocks that are worked through one after another, and searched on a part that says enough."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from trueplant.identify.predict import Piece, Row
+
+BLOCK = 65_536
+"""Samples of a block, at least."""
+LAGS_A_BLOCK = 300
+"""Each block has an operating point and an initial state of its own: so many lags long, it loses next to nothing."""
+SEARCHED = 20_000
+"""Prediction errors among which starting points, dead times and noise models are searched."""
+
+
+def block_length(longest: float, h: float) -> int:
+    """Samples of a block, from the longest lag (with dead time) of the plant."""
+    return max(BLOCK, int(LAGS_A_BLOCK * longest / h))
+
+
+def in_blocks(pieces: Sequence[Piece], length: int, multiple: int) -> tuple[Piece, ...]:
+    """Pieces longer than two blocks cut into equal blocks of whole multiples of samples."""
+    found: list[Piece] = []
+    for piece in pieces:
+        count = piece.y.size // length
+        if count < 2:
+            found.append(piece)
+            continue
+        size = -(-piece.y.size // (count * multiple)) * multiple
+        edges = [*range(0, piece.y.size, size), piece.y.size]
+        found += [piece.from_sample(a, b) for a, b in pairwise(edges)]
+    return tuple(found)
+
+
+def most_moved(row: Row) -> Row:
+    """The row on those stretches of its pieces in which all inputs move most, SEARCHED prediction errors in all.
+
+    The row itself where it has not many more.
+    """
+    counts = [len(range(0, piece.y.size, row.stride)) for piece in row.pieces]
+    if sum(counts) <= 2 * SEARCHED:
+        return row
+    size = SEARCHED * row.stride
+    stretches = [
+        piece.from_sample(first, min(first + size, piece.y.size))
+        for piece in row.pieces
+        for first in range(0, max(piece.y.size - size // 2, 1), size)
+    ]
+    columns = [spec.column for spec in row.specs]
+    moves = np.array([np.var(piece.inputs[columns], axis=1) for piece in stretches])
+    moves = moves[:, np.any(moves > 0, axis=0)]
+    order = np.argsort(-np.min(moves / moves.mean(axis=0), axis=1, initial=np.inf), kind="stable")
+    taken, total = [], 0
+    for k in order:
+        if total >= SEARCHED:
+            break
+        taken.append(stretches[k])
+        total += stretches[k].y.size // row.stride
+    return replace(row, pieces=tuple(taken))

@@ -1,0 +1,67 @@
+"""What a record does not tell of its start: free responses of the modes of a row, with their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+GONE = 40.0
+"""Time constants after which nothing is left of a free response, to rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """One free response (n,), and its derivatives by the parameters that shape it."""
+
+    response: Array
+    derivatives: Mapping[int, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Unknown:
+    """The linear unknowns of a piece: an offset, free responses, jumps."""
+
+    columns: Array
+    """(n, n_z)"""
+    derivatives: tuple[Mapping[int, Array], ...]
+    """Of the free responses, which follow the offset."""
+    size: int
+    """Parameters of the row."""
+
+    def gradient(self, weights: Array) -> Array:
+        """Derivative (n, size) of `columns @ weights` by theta: only lags and pairs move the columns."""
+        out = np.zeros((self.size, len(self.columns)))
+        of_modes = weights[1 : 1 + len(self.derivatives)]
+        for weight, derivatives in zip(of_modes, self.derivatives, strict=True):
+            for index, derivative in derivatives.items():
+                out[index] += weight * derivative
+        return out.T
+
+
+def lag_mode(tau: float, index: int, clock: Array, began: BoolArray) -> Mode:
+    """Free response of a lag, of which theta[index] is the time constant."""
+    decay, derivative = np.zeros(clock.size), np.zeros(clock.size)
+    live = slice(int(np.argmax(began)), int(np.searchsorted(clock, GONE * tau, side="right")))
+    decay[live] = np.where(began[live], np.exp(-clock[live] / tau), 0.0)
+    derivative[live] = decay[live] * clock[live] / tau**2
+    return Mode(decay, {index: derivative})
+
+
+def pair_modes(omega0: float, zeta: float, index: int, t: Array, began: BoolArray) -> list[Mode]:
+    """The two free responses of a complex pair, with derivatives by differences."""
+
+    def both(w: float, z: float) -> Array:
+        damping = np.where(began, np.exp(-min(z, 1.0) * w * t), 0.0)
+        angle = w * np.sqrt(max(1 - z**2, 0.0)) * t
+        return np.array([damping * np.cos(angle), damping * np.sin(angle)])
+
+    base, step = both(omega0, zeta), 1e-6
+    by_w = (both(omega0 * (1 + step), zeta) - base) / (step * omega0)
+    by_z = (both(omega0, zeta * (1 + step)) - base) / (step * zeta)
+    return [Mode(base[c], {index: by_w[c], index + 1: by_z[c]}) for c in range(2)]
