@@ -19,7 +19,7 @@ from trueplant.record import Record, Screened, Segment, read_record, screen
 from trueplant.record.times import unit_seconds
 from trueplant.study.believed import plant_matrix
 from trueplant.study.result import Reason, Result
-from trueplant.study.scans import faster_scan, without_hidden_dynamics
+from trueplant.study.scans import faster_scan, hidden_dynamics, without_hidden_dynamics
 
 if TYPE_CHECKING:
     from trueplant.disturbance import DisturbedFit
@@ -46,6 +46,8 @@ class Study:
     notes: tuple[Reason, ...] = ()
     disturbed: Mapping[int, DisturbedFit] = field(default_factory=dict)
     """The outputs with a declared unmeasured disturbance, estimated along with it."""
+    hidden: Mapping[int, str] = field(default_factory=dict)
+    """The outputs of which the record cannot tell dynamics, and why (`scans`)."""
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -122,7 +124,8 @@ def prepare(project: Project, say: Progress = _quiet) -> Study:
     if not specs:
         raise ProjectError(f"{project.source}: no [[model]] element is to be estimated: declare at least one")
     notes = _check_loop(project, model, screened)
-    return Study(project, tuple(screened), model, specs, notes)
+    study = Study(project, tuple(screened), model, specs, notes)
+    return replace(study, hidden=hidden_dynamics(study))
 
 
 def _check_loop(project: Project, model: TransferMatrix, screened: Sequence[Screened]) -> tuple[Reason, ...]:
@@ -248,7 +251,8 @@ def _with_disturbances(
         estimates = estimate(told, say)
     timing = timing_error(study, update_interval(study))
     confidence = study.project.analysis.confidence
-    return told, {i: resting_on(found, fits.get(i), timing, confidence) for i, found in estimates.items()}
+    resting = {i: resting_on(found, fits.get(i), timing, confidence) for i, found in estimates.items()}
+    return told, {i: without_hidden_dynamics(told, i, found) for i, found in resting.items()}
 
 
 def update_interval(study: Study) -> float:

@@ -12,26 +12,32 @@ if TYPE_CHECKING:
     from trueplant.study.pipeline import Study
     from trueplant.study.project_parts import Controller
 
+FASTER = (
+    "the controller scans faster than the record, and its derivative action answers noise between the samples: "
+    "export the record at the controller's scan"
+)
+
 
 def faster_scan(study: Study) -> bool:
     """Does a declared controller write OP more often than it was recorded?"""
     return any(True for _ in _faster_laws(study))
 
 
-def without_hidden_dynamics(study: Study, i: int, found: OutputEstimate) -> OutputEstimate:
-    """The estimate of output i without dynamics where derivative action turns noise into OP between the samples.
+def hidden_dynamics(study: Study) -> dict[int, str]:
+    """The outputs with derivative action that turns noise of PV into OP between the samples, and what to do.
 
     What the controller then does within a sample looks like a plant without dead time, and no residual shows it.
     """
-    name = study.project.output_names[i]
-    if not any(law.output == name and (law.Td or law.Kd) for law in _faster_laws(study)):
+    outputs = study.project.output_names
+    return {outputs.index(law.output): FASTER for law in _faster_laws(study) if law.Td or law.Kd}
+
+
+def without_hidden_dynamics(study: Study, i: int, found: OutputEstimate) -> OutputEstimate:
+    """The estimate of output i without the dynamics that the record cannot tell."""
+    if i not in study.hidden:
         return found
-    reason = (
-        "the controller scans faster than the record, and its derivative action answers noise between the samples: "
-        "export the record at the controller's scan"
-    )
     names = [n for spec in found.row.specs for n in spec.structure.names]
-    moved = {k: reason for k, n in enumerate(names) if not n.startswith(("gain", "slope"))}
+    moved = {k: study.hidden[i] for k, n in enumerate(names) if not n.startswith(("gain", "slope"))}
     return replace(found, order_dependence=moved | found.order_dependence)
 
 

@@ -25,6 +25,7 @@ from trueplant.identify import (
 from trueplant.identify.crossed import less_sure
 from trueplant.identify.predict import Piece
 from trueplant.study.informative import excited
+from trueplant.study.scans import without_hidden_dynamics
 from trueplant.study.track_windows import (
     FEWEST_ERRORS,
     Blocks,
@@ -177,6 +178,7 @@ class FollowedRow:
             return replace(window, refusal="no PV can be used in this stretch")
         if self.pilot.foretold_by:
             estimate = less_sure(estimate, self.pilot.foretold_by, confidence)
+        estimate = without_hidden_dynamics(self.study, self.output, estimate)
         estimates = {self.output: estimate}
         found = detect.elements_found(self.study.model, estimates)
         settings = self.study.project.analysis
@@ -248,6 +250,7 @@ def _pilots(
             update_interval=interval,
             timing=timing,
         )
+        found = {i: without_hidden_dynamics(study, i, one) for i, one in found.items()}
         if wanted >= samples or (found and not any(_gain_open(e) for e in found.values())):
             return found, stretch
         wanted *= 4
