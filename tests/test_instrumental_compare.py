@@ -37,10 +37,9 @@ def test_start_from_srivc_saves_the_structured_fit_from_a_wrong_minimum():
     fit = estimate_row(Row((spec,), pieces_of([segment], 0)), 1.0)
     error = np.sqrt(np.diag(fit.covariance))
     assert np.all(np.abs(fit.theta - [0.125, 2, 0.25, -8, DELAYED[-1]]) < 4 * error + [0, 0, 0, 0, 0.005])
-    kept = Spec(0, structure, (1.0, 2.0, 0.5, 1.0, 3.0))
-    assert started([segment], 0, [kept]) == (kept,)
-    # two lags cannot be had from an oscillation: no start rather than a wrong one
-    assert started([segment], 0, [Spec(0, Structure.parse("sopdt+lead"))])[0].start is None
+    # no lead, no need; and two lags cannot be had from an oscillation: the old start rather than a wrong one
+    for kept in (Spec(0, FOPDT), Spec(0, Structure.parse("sopdt+lead"), (1.0, 2.0, 0.5, 1.0, 3.0))):
+        assert started([segment], 0, [kept]) == (kept,)
 
 
 def test_estimators_agree_where_they_should():

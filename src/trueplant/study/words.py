@@ -198,6 +198,8 @@ def value_with_interval(value: float, ci: tuple[float, float]) -> str:
 
 def text_summary(result: Result) -> str:
     """What a terminal shows."""
+    from trueplant.study.methods_words import comparison_lines
+
     lines = [headline(result)]
     confidence = result.provenance.get("settings", {}).get("confidence") if result.elements else None
     if confidence:
@@ -208,6 +210,8 @@ def text_summary(result: Result) -> str:
         lines += [f"  {parameter_line(p)}" for p in element.parameters]
         if element.reason:
             lines.append(f"  {_sentence(element.reason)}")
+    if compared := comparison_lines(result):
+        lines += ["", *compared]
     if loop := loop_line(result):
         lines += ["", loop, *settings_lines(result)]
     for title, reasons in (("refused", result.reasons), ("note", result.notes)):

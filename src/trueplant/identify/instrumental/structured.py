@@ -1,4 +1,4 @@
-"""A start for the fit through named structures where no model gives one: SRIVC, whose problems are linear."""
+"""A start for the fit through named structures with leads: SRIVC, whose problems are linear in the coefficients."""
 
 from __future__ import annotations
 
@@ -10,26 +10,29 @@ import numpy as np
 from trueplant.errors import FormulaError, LoopError, Refused
 from trueplant.identify.instrumental.open_loop import srivc
 from trueplant.identify.instrumental.order import Order
-from trueplant.identify.predict import Spec
+from trueplant.identify.predict import Held, Spec
 from trueplant.record.types import Segment
 
 
-def started(segments: Sequence[Segment], output: int, specs: Sequence[Spec]) -> tuple[Spec, ...]:
-    """The elements of one output, each with SRIVC's estimate as its start where it had none.
+def started(
+    segments: Sequence[Segment], output: int, specs: Sequence[Spec], held: Sequence[Held] = ()
+) -> tuple[Spec, ...]:
+    """The elements of one output, those with leads with SRIVC's estimate as their start.
 
-    A search that begins with the wrong sign of a lead or far from a resonance ends in a minimum of its own; SRIVC
-    estimates the coefficients of numerator and denominator, in which there is no sign to get wrong. Elements whose
-    poles come out of another kind than the structure asks for keep having no start, as do all where SRIVC fails.
+    A search that begins with the wrong sign of a lead, or with a lead that is far too short, ends in a minimum of its
+    own; SRIVC estimates the coefficients of numerator and denominator, in which there is no sign to get wrong.
+    Elements without leads need no such start. Those whose poles come out of another kind than the structure asks for
+    stay as they are, as do all where SRIVC fails.
     """
-    if all(spec.start is not None for spec in specs):
+    if not any(spec.structure.leads for spec in specs):
         return tuple(specs)
     try:
-        fit = srivc(segments, output, [Order.of(spec.column, spec.structure) for spec in specs])
+        fit = srivc(segments, output, [Order.of(spec.column, spec.structure) for spec in specs], held=held)
     except (Refused, LoopError, np.linalg.LinAlgError):
         return tuple(specs)
     found = []
     for k, spec in enumerate(specs):
-        if spec.start is None:
+        if spec.structure.leads:
             try:
                 value, _ = fit.as_structure(spec.structure, k)
                 spec = replace(spec, start=tuple(float(x) for x in value))
