@@ -77,7 +77,7 @@ def test_short_records_and_inputs_that_never_move_are_left_alone(long):
 
 
 def test_the_whole_of_a_long_record_is_used(long):
-    """The estimate's errors are those of all samples: within four standard errors, which shrink with the root of them."""
+    """Errors are within four standard errors, which shrink with the root of the number of samples."""
     part = replace(long, **{name: getattr(long, name)[:SEARCHED] for name in ("t", "r", "u", "y", "d", "free")})
     found = identify_output([long], 0, SPECS, block=len(long) // 3)
     fewer = identify_output([part], 0, SPECS)

@@ -8,6 +8,7 @@ out in every step (variable projection, Golub and Pereyra 1973, with the full de
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,10 +77,19 @@ class Point:
 
 def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
     """Cost and normal equations at theta and ar, operating points and initial states projected out."""
-    size, order = theta.size, ar.size
-    information = np.zeros((size + order, size + order))
-    slope = np.zeros(size + order)
+    size = theta.size + ar.size
+    information, slope = np.zeros((size, size)), np.zeros(size)
     power = np.zeros((len(row.pieces), 2))
+    for k, jacobian, e in linearised(row, theta, ar, weights):
+        power[k] = e @ e, e.size
+        information += jacobian @ jacobian.T
+        slope += jacobian @ e
+    return Point(float(power[:, 0].sum()), information, slope, int(power[:, 1].sum()), power)
+
+
+def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tuple[int, Array, Array]]:
+    """Each piece's number, the derivatives (size + len(ar), n) of its weighted prediction errors, and these (n,)."""
+    order = ar.size
     for k in range(len(row.pieces)):
         y, valid = row.measured(k)
         if y.size <= order + 1:
@@ -98,13 +108,10 @@ def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
         coefficients[told], basis = eliminated(columns[:, told], errors)
         v = np.where(valid, v - unknown.columns @ coefficients, 0.0)
         e = weights[k] * whiten(ar, v)[use]
-        power[k] = e @ e, e.size
         moved = whiten(ar, gradient + unknown.gradient(coefficients))
         jacobian = weights[k] * np.vstack([-moved.T, lagged(v, order).T])[:, use]
         jacobian -= (jacobian @ basis) @ basis.T
-        information += jacobian @ jacobian.T
-        slope += jacobian @ e
-    return Point(float(power[:, 0].sum()), information, slope, int(power[:, 1].sum()), power)
+        yield k, jacobian, e
 
 
 def fit_row(

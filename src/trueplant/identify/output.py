@@ -13,6 +13,7 @@ from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval, widened
 from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.runs import Runs, combine_runs, compare_runs, refit_noise
+from trueplant.identify.sandwich import asks_for_sandwich, sandwich
 from trueplant.identify.search import felt_lag, lag_of
 from trueplant.identify.small import inflation, without_unseen_dead_times
 from trueplant.identify.stretch import block_length, in_blocks, most_moved
@@ -58,6 +59,8 @@ class OutputEstimate:
     """The covariance before slow noise and profiles widened it: those make up for what intervals alone do not know, and
     profiles stretch strong correlations. A test that stands beside the likelihood ratio takes this one; None: as
     `covariance`."""
+    sandwiched: bool = False
+    """Did the residuals ask for a covariance that does not rest on noise of one size and colour (`sandwich`)?"""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
 
@@ -130,14 +133,17 @@ def identify_output(
     row = Row(tuple(specs), pieces, stride)
     full = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
     fit = without_unseen_dead_times(full)
+    tests = residual_tests(fit, confidence)
     runs = compare_runs(fit)
+    more = np.zeros((row.size, row.size))
     if runs is not None and not runs.agree:
         theta, covariance = combine_runs(fit, runs, confidence)
         factor = 1.0
     else:
         factor = inflation(fit, confidence)
-        theta, covariance = fit.theta, fit.covariance * factor
-    tests = residual_tests(fit, confidence)
+        if asks_for_sandwich(tests):
+            more = sandwich(fit) - fit.covariance
+        theta, covariance = fit.theta, fit.covariance * factor + more
     moved, shifts = _order_dependence(fit, covariance, tests)
     # What the choice of the noise model moves is not known better than that, unless the runs have shown their spread.
     shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
@@ -156,11 +162,21 @@ def identify_output(
             # A dead time that is held at 0 may still be as large as the data allow.
             profiled = fit if fit.free[index] else full
             ends = profile_interval(profiled, index, confidence)
-            ends = widened(ends, float(theta[index]), known_to[index], confidence)
+            ends = widened(ends, float(theta[index]), known_to[index] + more[index, index], confidence)
             covariance = as_wide_as(covariance, index, float(theta[index]), ends, confidence)
             intervals[index] = ends
     return OutputEstimate(
-        output, fit, theta, covariance, intervals, runs, moved, tests, validate(fit), unprofiled=unprofiled
+        output,
+        fit,
+        theta,
+        covariance,
+        intervals,
+        runs,
+        moved,
+        tests,
+        validate(fit),
+        unprofiled=unprofiled,
+        sandwiched=bool(np.any(more)),
     )
 
 

@@ -58,6 +58,15 @@ def notes_of(
                     names[i],
                 )
             )
+        if estimate.sandwiched:
+            notes.append(
+                Reason(
+                    "uneven-noise",
+                    "what is left of PV is not noise of one size and colour (bursts, noise that comes with moves, a "
+                    "disturbance that starts or ends): the standard errors allow for that",
+                    names[i],
+                )
+            )
         runs = estimate.runs
         if runs is not None and not runs.agree:
             notes.append(

@@ -1,0 +1,65 @@
+"""Covariance of a fit whose prediction errors are not what its likelihood takes them for.
+
+Where their size changes, or something is left of their colour, the curvature of the likelihood is not its variance:
+
+    covariance = H^-1 M H^-1,    M = sum_l w_l sum_k s[k] s[k - l]',    s[k] = psi[k] e[k]
+
+(Huber 1967; White 1980; with lags Newey and West 1987).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from trueplant.identify.fit import RowFit, linearised
+from trueplant.identify.normal import inverse
+from trueplant.identify.validate import LAGS, ResidualTests
+
+Array = NDArray[np.float64]
+
+SIGNIFICANT = 0.01
+"""Of the residual tests that choose this covariance."""
+
+
+def uneven_p(e: Array, lags: int = LAGS) -> float:
+    """p-value that prediction errors e (n,), NaN where there are none, keep their size (McLeod and Li 1983).
+
+    Squares of errors whose size changes are correlated over time.
+    """
+    there = np.isfinite(e)
+    squares = np.where(there, e, 0.0) ** 2
+    count = int(there.sum())
+    if count <= 2 * lags:
+        return 1.0
+    squares = np.where(there, squares - squares.sum() / count, 0.0)
+    power = float(squares @ squares)
+    if power <= 0:
+        return 1.0
+    acf = np.array([squares[k:] @ squares[:-k] for k in range(1, lags + 1)]) / power
+    return float(chi2.sf(count * float(np.sum(acf**2)), lags))
+
+
+def asks_for_sandwich(tests: ResidualTests) -> bool:
+    """Do the prediction errors change their size, or is colour left in them?"""
+    return min(uneven_p(tests.e), tests.whiteness_p) < SIGNIFICANT
+
+
+def sandwich(fit: RowFit) -> Array:
+    """Covariance (size, size) of theta, no standard error below that of the likelihood."""
+    size = fit.theta.size + fit.ar.size
+    meat = np.zeros((size, size))
+    for _, jacobian, e in linearised(fit.row, fit.theta, fit.ar, fit.weights):
+        scores = jacobian * e
+        meat += scores @ scores.T
+        lags = min(LAGS, e.size // 10)
+        for lag in range(1, lags + 1):
+            product = scores[:, lag:] @ scores[:, :-lag].T
+            meat += (1 - lag / (lags + 1)) * (product + product.T)
+    bread = inverse(fit.information)
+    n = fit.theta.size
+    covariance = (bread @ meat @ bread)[:n, :n] * fit.count / fit.left
+    least = np.diag(fit.covariance)
+    scale = np.sqrt(np.maximum(least / np.maximum(np.diag(covariance), 1e-300), 1.0))
+    return np.asarray(covariance * np.outer(scale, scale))
