@@ -5,14 +5,16 @@ What it then looks like is a plant without dead time. The records are simulated,
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from simulated import random_switching
 from test_study_one_loop import declared
 from trueplant.loop import PID, Controller, Simulation, simulate
-from trueplant.lti import TransferMatrix
-from trueplant.study import run
+from trueplant.lti import TransferMatrix, tf
+from trueplant.study import Project, run
 from trueplant.study.project_parts import Unmeasured
 from trueplant.study.track import track
 
@@ -39,7 +41,7 @@ def test_a_declared_scan_that_is_faster_leaves_the_gain_alone(tmp_path):
 
 
 def test_a_declared_disturbance_does_not_bring_them_back(tmp_path):
-    made = declared(tmp_path, recorded(2), MODEL, LAW | {"sample_time": 0.5})
+    made = declared(tmp_path, recorded(2, 500), MODEL, LAW | {"sample_time": 0.5})
     with_disturbance = made.model_copy(update={"unmeasured": [Unmeasured(output="y", kind="drift", std=0.001)]})
     result = run(with_disturbance)
     assert "disturbance" in result.methods
@@ -54,3 +56,42 @@ def test_tracking_leaves_the_dynamics_alone_as_well(tmp_path):
         gain, *dynamics = window.elements[0].parameters
         assert gain.plant == pytest.approx(-2.6, rel=0.1)
         assert all(p.plant is None and "scans faster than the record" in p.reason for p in dynamics)
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_a_faster_scan_that_is_not_declared_is_noticed(tmp_path, seed):
+    element = run(declared(tmp_path, recorded(10, seed=seed), MODEL, LAW)).elements[0]
+    assert element.verdict == "unchanged"
+    assert [p.plant is None for p in element.parameters] == [False, True, True]
+    assert "declare the controller's scan" in element.parameters[2].reason
+
+
+@pytest.mark.parametrize("changes", [{}, {"Kc": -0.6}, {"setpoint_filter": tf("1/(10 s + 1)")}])
+def test_a_scan_that_is_the_records_need_not_be_declared(tmp_path, changes):
+    """Not even where the tuning is another than was declared."""
+    element = run(declared(tmp_path, recorded(1, **changes), MODEL, LAW)).elements[0]
+    assert element.verdict == "unchanged"
+    for found, true in zip(element.parameters, (-2.6, 40.0, 6.0), strict=True):
+        assert abs(found.plant - true) < 4 * found.std_error
+
+
+def test_a_change_of_tuning_is_no_sign_of_a_faster_scan(tmp_path):
+    before, after = recorded(1), recorded(1, seed=4, Kc=-0.5)
+    columns = {name: np.concatenate([getattr(before, name), getattr(after, name)]) for name in ("r", "u", "y")}
+    both = dataclasses.replace(before, t=np.arange(3000.0), **columns)
+    element = run(declared(tmp_path, both, MODEL, LAW)).elements[0]
+    assert all(p.plant is not None for p in element.parameters)
+
+
+def test_a_slower_scan_is_no_faster_one(tmp_path):
+    element = run(declared(tmp_path, recorded(1, sample_time=3.0), MODEL, LAW)).elements[0]
+    assert all(p.plant is not None for p in element.parameters)
+
+
+def test_an_op_at_its_limits_is_no_sign_of_a_faster_scan(tmp_path):
+    limits = (-1.0, 0.5)
+    record = recorded(1, limits=limits, anti_windup="clamp")
+    assert 0.05 < np.mean(np.isin(record.u, limits)) < 0.95
+    text = declared(tmp_path, record, MODEL, LAW).to_toml().replace('op = "op"', 'op = "op"\nlimits = [-1.0, 0.5]')
+    element = run(Project.from_toml(text, tmp_path)).elements[0]
+    assert all(p.plant is not None for p in element.parameters)

@@ -73,7 +73,7 @@ def _entry(
 def _replay_error(controller: Controller, segment: Segment, study: Study, k: int, i: int) -> Array | None:
     """Recorded minus replayed OP, the integral's start fitted; PV spikes act on the law as they did in the plant."""
     record = study.screened[k].record
-    r, y = segment.r, _recorded_pv(record.t, record.y, segment)
+    r, y = segment.r, recorded_pv(record.t, record.y, segment)
     needed = sorted({j for (row, j) in controller.entries if row == i})
     if not np.isfinite(r[:, needed]).all() or not np.isfinite(y[:, needed]).all():
         return None
@@ -95,7 +95,7 @@ def _replay_error(controller: Controller, segment: Segment, study: Study, k: int
     return best
 
 
-def _recorded_pv(t: Array, y: Array, segment: Segment) -> Array:
+def recorded_pv(t: Array, y: Array, segment: Segment) -> Array:
     """PV as recorded, spikes included, on the grid of the segment; held over what is missing."""
     index = np.clip(np.searchsorted(t, segment.t + 0.25 * segment.h, side="right") - 1, 0, t.size - 1)
     on_grid = y[index].copy()

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from trueplant.identify import OutputEstimate
+from trueplant.study.written import written_from_samples
 
 if TYPE_CHECKING:
     from trueplant.study.pipeline import Study
@@ -16,11 +17,15 @@ FASTER = (
     "the controller scans faster than the record, and its derivative action answers noise between the samples: "
     "export the record at the controller's scan"
 )
+UNDECLARED = (
+    "no controller that scans as the record does can have written OP, and derivative action answers noise between the "
+    "samples: declare the controller's scan (sample_time), or export the record faster"
+)
 
 
 def faster_scan(study: Study) -> bool:
     """Does a declared controller write OP more often than it was recorded?"""
-    return any(True for _ in _faster_laws(study))
+    return any(_faster(study, law) for _, law in _closed_laws(study))
 
 
 def hidden_dynamics(study: Study) -> dict[int, str]:
@@ -28,8 +33,17 @@ def hidden_dynamics(study: Study) -> dict[int, str]:
 
     What the controller then does within a sample looks like a plant without dead time, and no residual shows it.
     """
-    outputs = study.project.output_names
-    return {outputs.index(law.output): FASTER for law in _faster_laws(study) if law.Td or law.Kd}
+    project = study.project
+    hidden: dict[int, str] = {}
+    for k, law in _closed_laws(study):
+        i, j = project.output_names.index(law.output), project.input_names.index(law.input)
+        if not (law.Td or law.Kd):
+            continue
+        if _faster(study, law):
+            hidden[i] = FASTER
+        elif law.sample_time is None and not written_from_samples(study, k, j):
+            hidden.setdefault(i, UNDECLARED)
+    return hidden
 
 
 def without_hidden_dynamics(study: Study, i: int, found: OutputEstimate) -> OutputEstimate:
@@ -41,12 +55,12 @@ def without_hidden_dynamics(study: Study, i: int, found: OutputEstimate) -> Outp
     return replace(found, order_dependence=moved | found.order_dependence)
 
 
-def _faster_laws(study: Study) -> Iterator[Controller]:
-    """The laws of closed experiments whose declared scan is shorter than the sample time of the record."""
-    if not study.segments:
-        return
-    h = study.segments[0].h
-    for plan in study.project.experiments:
+def _closed_laws(study: Study) -> Iterator[tuple[int, Controller]]:
+    """The declared laws with the closed experiments that they wrote; none if there are no data."""
+    for k, plan in enumerate(study.project.experiments if study.segments else ()):
         for law in plan.controllers if plan.closed else ():
-            if law.sample_time is not None and law.sample_time < 0.99 * h:
-                yield law
+            yield k, law
+
+
+def _faster(study: Study, law: Controller) -> bool:
+    return law.sample_time is not None and law.sample_time < 0.99 * study.segments[0].h
