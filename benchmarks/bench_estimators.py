@@ -31,7 +31,8 @@ from benchmark_records import (
     tustin,
 )
 from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
-from trueplant.identify import Row, RowFit, Spec, estimate_row, fit_row, pieces_of
+from trueplant.errors import Refused
+from trueplant.identify import Row, RowFit, Spec, estimate_row, fit_row, identify_matrix, pieces_of, specs_of
 from trueplant.identify.estimate import fit_noise, largest_order
 from trueplant.identify.instrumental import (
     ArmaNoise,
@@ -47,9 +48,10 @@ from trueplant.identify.instrumental.noise import without_noise_directions
 from trueplant.identify.instrumental.refine import evaluate
 from trueplant.identify.instrumental.samples import samples_of
 from trueplant.identify.varx import varx
-from trueplant.loop import simulate
-from trueplant.lti import Structure
+from trueplant.loop import PID, Controller, simulate
+from trueplant.lti import Structure, TransferMatrix, tf
 from trueplant.lti.structure import structure_of
+from trueplant.mismatch import fit_locally
 from trueplant.mismatch.sampling import sampled_frequency_response
 from trueplant.record.types import Segment
 
@@ -300,6 +302,81 @@ def black_box(runs: int) -> None:
         print(f"{lags:4d} lags, {len(segments)} runs: {shares} (elements 11, 12, 21, 22)", flush=True)
 
 
+LEADS = {
+    "inverse response": "6.6 (-8 s + 1) exp(-3 s)/((10.9 s + 1)(5 s + 1))",
+    "overshoot": "6.6 (25 s + 1) exp(-7 s)/((10.9 s + 1)(5 s + 1))",
+}
+LEADLESS = (6.6, 10.9, 0.545, 1.09, 7.4)
+"""Where the search begins for a first-order model under the structure with a lead."""
+
+
+def leads(runs: int) -> None:
+    """How often an element with a lead in a 2x2 loop is found: from one start, and as every analysis searches."""
+    print("\nRight minimum of an element of two lags and a lead (lead within 30 % of the truth), of all records")
+    structure, fopdt = Structure.parse("sopdt+lead"), Structure.parse("fopdt")
+    law = Controller.diagonal([PID(Kc=0.2, Ti=12, sample_time=1.0), PID(Kc=-0.05, Ti=25, sample_time=1.0)])
+    known = tuple(structure_of(WOOD_BERRY[1, 1])[1])
+    for name, element in LEADS.items():
+        plant = TransferMatrix((WOOD_BERRY.elements[0], (tf(element), WOOD_BERRY[1, 1])), "min")
+        truth = structure_of(tf(element))[1]
+        for said, start, model in (("no model", None, "0"), ("no lead", LEADLESS, "6.6 exp(-7.4 s)/(10.9 s + 1)")):
+            specs = {(1, 0): Spec(0, structure, start), (1, 1): Spec(1, fopdt, known)}
+            declared = TransferMatrix((WOOD_BERRY.elements[0], (tf(model), WOOD_BERRY[1, 1])), "min")
+            right = {"one start": 0, "both": 0}
+            for k in range(runs):
+                rng = np.random.default_rng(FIRST_SEED + k)
+                r, v = random_switching(rng, 3000, 2, 20.0), coloured(rng, 3000, 2, [1, -0.8], [1], 0.3)
+                segment = segment_of(simulate(plant, law, r, 1.0, v=v))
+                alone = estimate_row(Row((specs[1, 0], specs[1, 1]), pieces_of([segment], 1)), known[1])
+                both = identify_matrix([segment], declared, specs)[1]
+                for way, theta in (("one start", alone.theta), ("both", both.theta)):
+                    right[way] += bool(abs(theta[3] - truth[3]) < 0.3 * abs(truth[3]))
+            print(f"{name}, model: {said}: {right['one start']} from one start, {right['both']} of {runs}", flush=True)
+
+
+def forms(runs: int) -> None:
+    """Closed form and joint form on one loop, by the size of a slow disturbance, and under a controller that is not."""
+    print("\nOne loop, AR(1) disturbance with pole 0.9: gain, lag and dead time; rms error over that of the direct fit")
+    plant = TransferMatrix.of([["2.0 exp(-3.2 s)/(10 s + 1)"]], "min")
+    model = TransferMatrix.of([["1.6 exp(-3 s)/(10 s + 1)"]], "min")
+    law, other = (Controller.diagonal([PID(Kc=k, Ti=9.0, sample_time=0.5)]) for k in (0.9, 0.6))
+    fopdt, truth = {(0, 0): Structure.parse("fopdt")}, np.array([2.0, 10.0, 3.2])
+    ways = {
+        "joint": ("joint", None),
+        "closed-form": ("closed-form", law),
+        "closed-form, Kc 0.6": ("closed-form", other),
+    }
+    for size in (0.34, 0.11, 0.046):
+        found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {"direct": [], **{way: [] for way in ways}}
+        for k in range(runs):
+            rng = np.random.default_rng(FIRST_SEED + k)
+            r, v = random_switching(rng, 3000, 1, 60.0), coloured(rng, 3000, 1, [1, -0.9], [1], size)
+            segment = segment_of(simulate(plant, law, r, 0.5, v=v))
+            direct = identify_matrix([segment], model, specs_of(model))[0]
+            found["direct"].append((direct.theta, np.sqrt(np.diag(direct.covariance))))
+            for way, (method, controller) in ways.items():
+                try:
+                    fit = fit_locally([segment], fopdt, model, method, controller)
+                except Refused:
+                    continue
+                found[way].append((fit.parameters[0, 0], np.sqrt(np.diag(fit.covariance[0, 0]))))
+        least = np.sqrt(np.mean([(p - truth) ** 2 for p, _ in found["direct"]], axis=0))
+        for way, answers in found.items():
+            if not answers:
+                print(f"std {size:g}, {way}: answers none of {runs}", flush=True)
+                continue
+            p, e = (np.array([answer[q] for answer in answers]) for q in (0, 1))
+            rms, covered = (
+                np.sqrt(np.mean((p - truth) ** 2, axis=0)) / least,
+                np.mean(np.abs(p - truth) < 1.96 * e, axis=0),
+            )
+            print(
+                f"std {size:g}, {way}: answers {len(answers)} of {runs}, mean {np.round(p.mean(axis=0), 3)}, "
+                f"rms {np.round(rms, 2)}, coverage {np.round(100 * covered, 1)} %",
+                flush=True,
+            )
+
+
 def rounded_ar1(pole: float, driving: float, white: float) -> tuple[float, float]:
     """c and innovation variance of the ARMA(1, 1) that AR(1) noise plus white rounding errors is (spectral factor)."""
     total, cross = driving + white * (1 + pole**2), -white * pole
@@ -315,6 +392,8 @@ def main() -> None:
         "closed-white": lambda runs: closed(runs, "white"),
         "quantised": quantised,
         "black-box": black_box,
+        "leads": leads,
+        "forms": forms,
     }
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=1000)

@@ -17,15 +17,17 @@ from benchmark_records import (
     rao_garnier_record,
     tustin,
 )
-from simulated import BLT, segment_of, wood_berry
+from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant.errors import LoopError, Refused, UsageError
-from trueplant.identify import equation_error
+from trueplant.identify import Held, equation_error
 from trueplant.identify.instrumental import ArmaNoise, Order, clsrivc, rivc, srivc, state_variable_filter, two_stage
 from trueplant.identify.instrumental.noise import choose_arma, fit_arma
 from trueplant.identify.instrumental.refine import evaluate
 from trueplant.identify.instrumental.samples import samples_of
+from trueplant.loop import simulate
 from trueplant.lti import Structure, sampled_response, tf
 from trueplant.lti.sampled import rows_response
+from trueplant.lti.structure import structure_of
 from trueplant.record.types import Segment
 
 FOURTH = Order(0, poles=4, zeros=1)
@@ -125,6 +127,22 @@ def test_irregular_and_missing_samples_lose_nothing():
     y[rng.random(y.size) < 0.2] = np.nan
     fit = srivc([open_record(y, u, 0.01 * ticks)], 0, [Order(0, 2, 1, (0.0, 2.0))])
     np.testing.assert_allclose(fit.theta, [0.8, 1.0, -1.0, 2.0, 0.4], rtol=1e-6)
+
+
+@pytest.mark.parametrize("uniform", [True, False], ids=["uniform", "irregular"])
+def test_elements_that_are_held_are_taken_off_whatever_the_grid(uniform):
+    """Noise-free: the other element comes out exactly; left in, what is held would spoil it."""
+    rng = np.random.default_rng(6)
+    ticks = np.arange(0, 6000, 10) if uniform else np.unique(np.r_[0, rng.choice(np.arange(1, 6000), 700, False)])
+    u = np.vstack([np.zeros((40, 2)), np.repeat(rng.standard_normal((100, 2)), 9, axis=0)])[: ticks.size]
+    held = u[np.searchsorted(ticks, np.arange(6000), side="right") - 1]
+    kept = tf("1.5 exp(-0.3 s)/(2 s + 1)")
+    y = sampled_response(tf("2 exp(-0.7 s)/(3 s + 1)"), held[:, 0], 0.01) + sampled_response(kept, held[:, 1], 0.01)
+    segment = open_record(y[ticks], u, 0.01 * ticks)
+    order = Order(0, 1, 0, (0.0, 2.0))
+    fit = srivc([segment], 0, [order], held=[Held(1, kept)])
+    np.testing.assert_allclose(fit.theta, [1 / 3, 2 / 3, 0.7], rtol=1e-6)
+    assert abs(srivc([segment], 0, [order]).theta[1] - 2 / 3) > 0.02
 
 
 def test_integrating_element_with_dead_time():
@@ -297,6 +315,26 @@ def test_notes_say_what_to_know():
     assert "dead_time (input 2)" in str(fit)
     biased = state_variable_filter([rao_garnier_record(0)], 0, FOURTH)
     assert any("biased by noise" in note for note in biased.notes)
+
+
+def test_open_and_closed_records_are_taken_together():
+    """A record in open loop has its own inputs as instrument: both together are surer than the closed one alone."""
+    rng = np.random.default_rng(12)
+    closed = segment_of(wood_berry(16, samples=1500))
+    u = 0.5 * (random_switching(rng, 1500, 2, 25.0) - 1)
+    v = coloured(rng, 1500, 2, [1, -0.8], [1], 0.3)
+    simulated = simulate(WOOD_BERRY, None, np.zeros((1500, 2)), 1.0, u=u, v=v)
+    opened = replace(segment_of(simulated, 1), r=np.full((1500, 2), np.nan), closed=False)
+    orders = {i: [Order.of(j, FOPDT) for j in range(2)] for i in range(2)}
+    alone, both = clsrivc([closed], orders, BLT), clsrivc([closed, opened], orders, BLT)
+    staged = two_stage([closed, opened], 0, orders[0])
+    for fit in (both[0], both[1], staged):
+        i = 1 if fit is both[1] else 0
+        for k in range(2):
+            value, covariance = fit.as_structure(FOPDT, k)
+            truth = structure_of(WOOD_BERRY[i, k])[1]
+            assert np.all(np.abs(value - truth) < 4 * np.sqrt(np.diag(covariance)))
+    assert all(np.all(both[i].std < alone[i].std) for i in range(2))
 
 
 def test_loop_that_cannot_be_simulated_falls_back_on_the_projection():

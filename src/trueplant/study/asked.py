@@ -55,8 +55,9 @@ def ask(
     Dead times are as uncertain as the instants of the record, as they are in the fit.
     """
     names = names_asked(study.project.analysis.method)
-    why = why or _why_nothing(study, segments)
-    if not names or why:
+    if not names:
+        return Asked()
+    if why := why or _why_nothing(study, segments):
         return Asked(not_applied=dict.fromkeys(names, why))
     task = Task(
         segments,
