@@ -208,11 +208,10 @@ class FollowedRow:
 
 def follow_rows(study: Study, offsets: Mapping[int, float], precision: float, say: Progress) -> list[FollowedRow]:
     """The outputs that can be followed, each with its pilot estimate and the information in all of its record."""
-    from trueplant.study.pipeline import timing_error
+    from trueplant.study.pipeline import timing_error, update_interval
 
     usable = [k for k, s in enumerate(study.screened) if s.refusal is None and s.segments]
-    intervals = [study.screened[k].update_interval for k in usable]
-    interval = max((float(np.max(held)) for held in intervals if held.size), default=0.0)
+    interval = update_interval(study)
     timing = timing_error(study, interval)
     update = samples_per_update(interval, study.segments[0].h)
     moves = {k: moves_of(study.screened[k].segments) for k in usable}
