@@ -42,6 +42,10 @@ def cascade(folder: Path, lag: float, high: float = np.inf, gain: float = 1.0, *
     tables.setdefault(
         "controller", [{"input": "flow", "output": "temperature", "Kc": 1.5, "Ti": 30.0, "sample_time": 1.0}]
     )
+    return analysed(folder, **tables)
+
+
+def analysed(folder: Path, **tables: Any) -> Result:
     made = Project(
         time_unit="s",
         data={"files": ["record.csv"], "time": "t"},
@@ -116,14 +120,7 @@ def replaced(folder: Path, **columns: np.ndarray) -> dict[str, Any]:
     cascade(folder, lag=1.0)
     record = pl.read_csv(folder / "record.csv")
     record.with_columns(pl.Series(name, values) for name, values in columns.items()).write_csv(folder / "record.csv")
-    made = Project(
-        time_unit="s",
-        data={"files": ["record.csv"], "time": "t"},
-        output=[{"name": "temperature", "pv": "pv", "sp": "sp"}],
-        input=[{"name": "flow", "op": "op", "slave_sp": "fsp", "slave_pv": "fpv"}],
-        model=[{"output": "temperature", "input": "flow", "tf": "2 exp(-4 s)/(30 s + 1)"}],
-    )
-    return slave_of(run(Project.from_toml(made.to_toml(), folder)))
+    return slave_of(analysed(folder))
 
 
 def test_slave_that_is_not_in_cascade_is_said(tmp_path):
