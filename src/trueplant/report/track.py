@@ -14,6 +14,7 @@ from trueplant.report.style import BOTTOM, TOP, area, framed, inert, line, short
 from trueplant.study.result import Parameter
 from trueplant.study.track_result import Change, Track, TrackedElement, Window
 from trueplant.study.track_words import change_sentence, moved_words, refused_stretches, time_text
+from trueplant.study.words import counted
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -57,14 +58,10 @@ def _drawn(track: Track, element: TrackedElement, book: Book) -> Drawn | None:
     figure = element_figure(track, element, windows, changes, names)
     estimated = sum(any(e.input == element.input for e in w.elements) for w in windows)
     refused = sum(w.status == "refused" for w in windows)
-    caption = f"{_count(estimated, 'window')} estimated, {_count(refused, 'stretch', 'es')} of the record refused."
+    caption = f"{counted(estimated, 'window')} estimated, {counted(refused, 'stretch', 'es')} of the record refused."
     if changes:
         caption += " " + " ".join(change_sentence(c, track.time_unit).replace("->", "→") for c in changes)
     return book.add(figure, f"Parameters of {element.input} → {element.output}", caption)
-
-
-def _count(n: int, word: str, plural: str = "s") -> str:
-    return f"{n} {word}{plural if n != 1 else ''}"
 
 
 def _names(windows: Sequence[Window], column: str) -> list[str]:

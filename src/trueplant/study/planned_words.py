@@ -7,7 +7,7 @@ from typing import Any
 
 from trueplant.record.times import unit_seconds
 from trueplant.study.planned_moves import Plan
-from trueplant.study.words import number
+from trueplant.study.words import number, spoken
 
 
 def plan_sentence(
@@ -15,15 +15,15 @@ def plan_sentence(
 ) -> str:
     """What to move, for how long, and what the worst known parameter would then be known to; `unit` is that of time."""
     parts = [
-        f"{'the set-point' if closed else 'OP'} of {_spoken(m['name'])} by ±{_plain(m['size'])}"
+        f"{'the set-point' if closed else 'OP'} of {spoken(m['name'])} by ±{_plain(m['size'])}"
         f"{' ' + m['unit'] if m['unit'] else ''} every {_plain(m['every'])} {unit}"
         for m in moves
     ]
     worst = max(settles, key=lambda s: (s["now"] is None, (s["now"] or 0.0) / s["wanted"]))
-    name = "time constant" if worst["parameter"].startswith("tau") else _spoken(worst["parameter"])
+    name = "time constant" if worst["parameter"].startswith("tau") else spoken(worst["parameter"])
     known = f"±{number(worst['then'], 2)}{' ' + worst['unit'] if worst['unit'] else ''}"
     text = f"move {' and '.join(parts)} for {_duration(plan.length, unit)}: "
-    text += f"the {name} of {_spoken(worst['input'])} -> {_spoken(worst['output'])} would then be known to {known}"
+    text += f"the {name} of {spoken(worst['input'])} -> {spoken(worst['output'])} would then be known to {known}"
     if worst["now"] is not None:
         text += f" (now ±{number(worst['now'], 2)})"
     others = len(settles) - 1
@@ -49,7 +49,3 @@ def _duration(length: float, unit: str) -> str:
         if seconds >= 2 * size and size > unit_seconds(unit):
             return f"{number(seconds / size, 2)} {name}"
     return f"{_plain(length)} {unit}"
-
-
-def _spoken(name: str) -> str:
-    return name.replace("_", " ")

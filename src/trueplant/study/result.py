@@ -208,25 +208,9 @@ class Result:
 
     def to_dict(self) -> dict[str, Any]:
         """result.json as plain Python; numbers that are not finite become None."""
-        from trueplant.study.words import plain
+        from trueplant.study.words import document
 
-        body = {
-            "schema": 1,
-            "status": self.status,
-            "headline": self.headline,
-            "reasons": self.reasons,
-            "notes": self.notes,
-            "provenance": self.provenance,
-            "data": self.data,
-            "elements": self.elements,
-            "fit": self.fit,
-            "methods": self.methods,
-            "robustness": self.robustness,
-            "controllers": self.controllers,
-            "more_data": self.more_data,
-        }
-        converted: dict[str, Any] = plain(body)
-        return converted
+        return document(self, left_out=("curves", "plant_toml"))
 
     def __repr__(self) -> str:
         from trueplant.study.words import text_summary

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from trueplant.study.result import Interval, Parameter, Reason
@@ -107,9 +107,9 @@ class Track:
     provenance: Mapping[str, Any]
     time_unit: str
     experiments: tuple[TrackedExperiment, ...]
-    windows: tuple[Window, ...] = ()
     elements: tuple[TrackedElement, ...] = ()
-    changes: tuple[Change, ...] = field(default=())
+    changes: tuple[Change, ...] = ()
+    windows: tuple[Window, ...] = ()
 
     @property
     def headline(self) -> str:
@@ -120,23 +120,9 @@ class Track:
 
     def to_dict(self) -> dict[str, Any]:
         """track.json as plain Python; numbers that are not finite become None."""
-        from trueplant.study.words import plain
+        from trueplant.study.words import document
 
-        body = {
-            "schema": 1,
-            "status": self.status,
-            "headline": self.headline,
-            "reasons": self.reasons,
-            "notes": self.notes,
-            "provenance": self.provenance,
-            "time_unit": self.time_unit,
-            "experiments": self.experiments,
-            "elements": self.elements,
-            "changes": self.changes,
-            "windows": self.windows,
-        }
-        converted: dict[str, Any] = plain(body)
-        return converted
+        return document(self)
 
     def __repr__(self) -> str:
         return f"Track({self.status}: {self.headline})"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from trueplant.study.track_result import Change, Moved, Track
-from trueplant.study.words import number
+from trueplant.study.words import counted, number, spoken
 
 
 def headline(track: Track) -> str:
@@ -20,18 +20,18 @@ def headline(track: Track) -> str:
     steady = [e for e in track.elements if e.history == "constant"]
     unknown = [e for e in track.elements if e.history == "not identifiable"]
     if not track.changes and steady:
-        count = f"all {len(steady)} elements" if len(steady) > 1 and not unknown else _count(len(steady), "element")
+        count = f"all {len(steady)} elements" if len(steady) > 1 and not unknown else counted(len(steady), "element")
         text = f"No change over time was found in {count}."
     elif steady:
-        text += f" {_count(len(steady), 'element')} without a change."
+        text += f" {counted(len(steady), 'element')} without a change."
     if unknown:
-        text += f" {_count(len(unknown), 'element')} cannot be followed in this record."
+        text += f" {counted(len(unknown), 'element')} cannot be followed in this record."
     return text.strip()
 
 
 def change_sentence(change: Change, unit: str) -> str:
     """Such as: reflux -> top temperature changed in a step at 412 min (401 to 420): gain 3.2 -> 4.1 (+28 %)."""
-    where = f"{_spoken(change.input)} -> {_spoken(change.output)}"
+    where = f"{spoken(change.input)} -> {spoken(change.output)}"
     low, high = map(time_text, change.interval)
     moved = ", ".join(moved_words(p) for p in change.parameters if p.changed)
     if change.kind == "step":
@@ -49,7 +49,7 @@ def time_text(time: float | None) -> str:
 def moved_words(p: Moved) -> str:
     percent = "" if p.change_percent is None else f" ({p.change_percent:+.0f} %)"
     unit = f" {p.unit}" if p.unit else ""
-    return f"{_spoken(p.name)} {number(p.before)} -> {number(p.after)}{unit}{percent}"
+    return f"{spoken(p.name)} {number(p.before)} -> {number(p.after)}{unit}{percent}"
 
 
 def refused_stretches(track: Track) -> list[tuple[str, str, float, float, str]]:
@@ -61,12 +61,4 @@ def refused_stretches(track: Track) -> list[tuple[str, str, float, float, str]]:
 
 
 def _listed(names: Sequence[str]) -> str:
-    return ", ".join(_spoken(name) for name in names)
-
-
-def _spoken(name: str) -> str:
-    return name.replace("_", " ")
-
-
-def _count(n: int, word: str) -> str:
-    return f"{n} {word}{'s' if n != 1 else ''}"
+    return ", ".join(spoken(name) for name in names)

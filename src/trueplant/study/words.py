@@ -5,14 +5,17 @@ from __future__ import annotations
 import dataclasses
 import html
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import date, datetime
 from pathlib import PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trueplant.study.result import Element, Parameter, Result
+
+if TYPE_CHECKING:
+    from trueplant.study.track_result import Track
 
 _PHRASES = {
     "gain": "a gain",
@@ -41,10 +44,10 @@ def headline(result: Result) -> str:
         if len(changed) > 1:
             text += f" {_also(changed[1:])}"
         if kept:
-            text += f" {_count(kept, 'element')} with no change found."
+            text += f" {counted(kept, 'element')} with no change found."
     elif kept:
         whole = "" if open_ones else "all " if kept > 1 else ""
-        where = f"{whole}{_count(kept, 'element')}" if kept > 1 or open_ones else _arrow(result.elements[0])
+        where = f"{whole}{counted(kept, 'element')}" if kept > 1 or open_ones else _arrow(result.elements[0])
         text = f"No change was found in {where}{_hidden([e for e in result.elements if e.verdict == 'unchanged'])}."
         settings = result.provenance.get("settings", {})
         tolerance, level = settings.get("tolerance_percent"), 1 - settings.get("confidence", 0.95)
@@ -54,7 +57,7 @@ def headline(result: Result) -> str:
     else:
         text = "No verdict is possible: none of the elements can be told from these data."
     if open_ones and (changed or kept):
-        text += f" {_count(len(open_ones), 'element')} could not be judged ({', '.join(map(_arrow, open_ones[:3]))}"
+        text += f" {counted(len(open_ones), 'element')} could not be judged ({', '.join(map(_arrow, open_ones[:3]))}"
         text += f" and {len(open_ones) - 3} more)." if len(open_ones) > 3 else ")."
     return text
 
@@ -74,15 +77,15 @@ def _weight(element: Element) -> tuple[float, float]:
 
 
 def _arrow(element: Element) -> str:
-    return f"{_spoken(element.input)} -> {_spoken(element.output)}"
+    return f"{spoken(element.input)} -> {spoken(element.output)}"
 
 
-def _spoken(name: str) -> str:
+def spoken(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _count(n: int, word: str) -> str:
-    return f"{n} {word}{'s' if n != 1 else ''}"
+def counted(n: int, word: str, plural: str = "s") -> str:
+    return f"{n} {word}{plural if n != 1 else ''}"
 
 
 def _sentence(text: str) -> str:
@@ -228,7 +231,7 @@ def loop_line(result: Result) -> str:
     margins = result.robustness.get("margins")
     if not margins:
         return ""
-    unstable = [_spoken(loop["input"]) for loop in margins["plant"] if not loop["stable"]]
+    unstable = [spoken(loop["input"]) for loop in margins["plant"] if not loop["stable"]]
     if unstable:
         every = len(unstable) == len(margins["plant"]) > 1
         which = "the loops" if every else f"the loop of {' and '.join(unstable)}"
@@ -238,7 +241,7 @@ def loop_line(result: Result) -> str:
     if measured:
         highest = max(measured, key=lambda loop: float(loop["Ms"]))
         before = next(loop for loop in margins["model"] if loop["input"] == highest["input"])
-        text += f"; the sensitivity peaks at Ms = {number(highest['Ms'])} ({_spoken(highest['input'])}"
+        text += f"; the sensitivity peaks at Ms = {number(highest['Ms'])} ({spoken(highest['input'])}"
         text += f", {number(before['Ms'])} on the model)" if before["stable"] else ", unstable on the model)"
     text += "."
     peaks = result.robustness.get("peaks", {})
@@ -296,6 +299,12 @@ def html_summary(result: Result) -> str:
     head = "<tr><th>element</th><th>verdict</th><th>parameters</th></tr>"
     table = f"<table>{head}{''.join(rows)}</table>" if rows else ""
     return f"<p><b>{html.escape(headline(result))}</b></p>{table}{f'<ul>{notes}</ul>' if notes else ''}"
+
+
+def document(outcome: Result | Track, left_out: Collection[str] = ()) -> dict[str, Any]:
+    """An outcome as plain Python (schema 1), without some of its fields; first what happened, then what was found."""
+    names = dict.fromkeys(["status", "headline", "reasons", "notes", *(f.name for f in dataclasses.fields(outcome))])
+    return {"schema": 1} | {name: plain(getattr(outcome, name)) for name in names if name not in left_out}
 
 
 def plain(value: Any) -> Any:
