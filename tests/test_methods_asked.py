@@ -162,15 +162,15 @@ def test_kept_elements_and_measured_disturbances_are_taken_along(tmp_path):
     assert all(row["p_values"]["direct"] > 0.01 for row in rows)
 
 
-@pytest.mark.parametrize("method", ["equation-error", "black-box"])
-def test_one_loop_alone(tmp_path, method):
-    """The equation error is biased by noise in PV, and says so; the black box alone says only its own."""
+def one_loop(folder: Path, method: str, held: int = 1) -> Result:
+    """PV as its instrument holds it for so many samples."""
     plant = TransferMatrix.of([["2 exp(-3.2 s)/(10 s + 1)"]], "min")
     rng = np.random.default_rng(1)
     law = Controller.diagonal([PID(Kc=0.9, Ti=9.0, sample_time=0.5)])
     v = coloured(rng, 3000, 1, [1, -0.9], [1], 0.3)
     s = simulate(plant, law, random_switching(rng, 3000, 1, 60.0), 0.5, v=v)
-    pl.DataFrame({"t": s.t, "sp": s.r[:, 0], "op": s.u[:, 0], "pv": s.y[:, 0]}).write_csv(tmp_path / "record.csv")
+    pv = s.y[np.arange(3000) // held * held, 0]
+    pl.DataFrame({"t": s.t, "sp": s.r[:, 0], "op": s.u[:, 0], "pv": pv}).write_csv(folder / "record.csv")
     text = f"""
         time_unit = "min"
         data = {{files = ["record.csv"]}}
@@ -179,7 +179,22 @@ def test_one_loop_alone(tmp_path, method):
         model = [{{output = "y", input = "u", tf = "2 exp(-3.2 s)/(10 s + 1)"}}]
         analysis = {{method = "{method}"}}
     """
-    result = run(Project.from_toml(text, tmp_path))
+    return run(Project.from_toml(text, folder))
+
+
+def test_values_that_only_stand_still_are_not_taken_for_measured(tmp_path):
+    result = one_loop(tmp_path, "all", held=4)
+    names = {"equation-error", "srivc", "rivc", "clsrivc", "two-stage", "black-box"}
+    assert not names & result.methods.keys()
+    why = result.methods["not_applied"]
+    assert all("export the record at the interval of the updates" in why[name] for name in names)
+    assert result.status == "ok"
+
+
+@pytest.mark.parametrize("method", ["equation-error", "black-box"])
+def test_one_loop_alone(tmp_path, method):
+    """The equation error is biased by noise in PV, and says so; the black box alone says only its own."""
+    result = one_loop(tmp_path, method)
     if method == "black-box":
         assert [row["p_values"].keys() for row in result.methods["black_box"]["elements"]] == [{"model", "direct"}]
         return
