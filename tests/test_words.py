@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trueplant.study.notes import grouped
 from trueplant.study.output import to_json
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
 from trueplant.study.words import html_summary, number, parameter_line, plain, text_summary, value_with_interval
@@ -197,3 +198,12 @@ def test_result_json_has_the_published_keys():
     } <= set(body)
     parameter = body["elements"][0]["parameters"][0]
     assert parameter["name"] == "tau1" and parameter["ci"] == [179.0, 187.0]
+
+
+def test_each_note_is_said_once_with_all_its_places():
+    again = Reason("cause-plant", "the plant itself has changed", "heater_2 -> temperature_2")
+    notes = [Reason("cause-plant", "the plant itself has changed", "heater_1 -> temperature_1"), Reason("a", "b"), again]
+    assert grouped([*notes, again]) == (
+        Reason("cause-plant", "the plant itself has changed", "heater_1 -> temperature_1; heater_2 -> temperature_2"),
+        Reason("a", "b"),
+    )

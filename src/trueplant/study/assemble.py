@@ -21,7 +21,7 @@ from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
 from trueplant.study.detectors import published_detections
 from trueplant.study.more_data import more_data
-from trueplant.study.notes import controller_notes, notes_of
+from trueplant.study.notes import controller_notes, grouped, notes_of
 from trueplant.study.parameters import parameters_of
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
 from trueplant.study.retuning import Retuning, retuning_of
@@ -101,7 +101,7 @@ def assemble(
         robustness=loop.table,
         controllers=retuned.table,
         more_data=tuple(plans),
-        notes=(*loop.notes, *retuned.notes, *notes),
+        notes=grouped([*loop.notes, *retuned.notes, *notes]),
         curves=replace(curves, mu=loop.mu, retuning=retuned.curves),
         plant_toml=study.project.with_model(updated).to_toml(),
     )
@@ -139,7 +139,7 @@ def refused(study: Study, reasons: Sequence[Reason], consistency: Sequence[Mappi
         data=data_tables(study),
         elements=elements,
         methods=methods,
-        notes=(*study.notes, *controller_notes(consistency), *cascade_notes(cascades)),
+        notes=grouped([*study.notes, *controller_notes(consistency), *cascade_notes(cascades)]),
         plant_toml=study.project.to_toml(),
     )
 

@@ -205,14 +205,13 @@ def _plant(
         )
         return [*causes, Reason("cause-unknown", message, f"{inputs[0]} -> {outputs[0]}")]
     for e in rest:
-        which = ", ".join(p.name.replace("_", " ") for p in e.parameters if p.changed)
-        alone = len(outputs) == len(inputs) == 1
-        message = f"the plant itself has changed ({which})"
-        message += "" if alone else ": no other element of its row and column moves with it"
+        message = "the plant itself has changed"
         if e.tf_model == "0":
             message = "the plant has an element here that the model lacks"
         elif any(other is not e and (other.output == e.output or other.input == e.input) for other in rest):
-            message = f"the plant itself has changed ({which}), and others of its row or column with it, not alike"
+            message += ": several elements of a row or column have, and not by one factor as with a sensor or a valve"
+        elif len(outputs) * len(inputs) > 1:
+            message += ": no other element of its row and column moves with it"
         causes.append(Reason("cause-plant", message, f"{e.input} -> {e.output}"))
     return causes
 

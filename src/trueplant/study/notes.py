@@ -100,5 +100,13 @@ def notes_of(
     return notes
 
 
+def grouped(notes: Sequence[Reason]) -> tuple[Reason, ...]:
+    """Each sentence once, in the order of its first place, with all the places that it holds for."""
+    places: dict[tuple[str, str], list[str]] = {}
+    for note in notes:
+        places.setdefault((note.code, note.message), []).append(note.where)
+    return tuple(Reason(*said, "; ".join(dict.fromkeys(filter(None, where)))) for said, where in places.items())
+
+
 def _absent(study: Study, i: int, j: int) -> bool:
     return (i, j) not in study.specs and study.model[i, j].is_zero
