@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 BoolArray = NDArray[np.bool_]
 
+METHODS = ("joint", "closed-form", "direct")
 MOST_MISSING = 0.1
 """Share of missing PV samples that is still bridged by straight lines."""
 LINEAR = 0.15
@@ -60,6 +61,8 @@ class FrequencyResponse:
     dof: int
     """Complex degrees of freedom of the noise in one window."""
     notes: tuple[str, ...] = ()
+    periods: int = 0
+    """Periods that were averaged; 0 where the response is of local polynomials."""
 
     @property
     def points(self) -> int:
@@ -90,40 +93,70 @@ def local_response(
     Raises Refused where the records cannot tell, LoopError where the closed form does not apply, UsageError for
     segments that do not fit together.
     """
+    h, hold, inputs, outputs, notes = gathered(segments)
+    n_y, n_u = outputs[0].shape[1], inputs[0].shape[1]
+    errors = outputs
+    if model is not None:
+        errors = [y - sampled_response(model, u, h, hold) for y, u in zip(outputs, inputs, strict=True)]
+    poles = () if model is None else tuple(p for row in model.elements for element in row for p in element.poles)
+    references = moved(segments, method)
+    joined = method == "joint"
+    signals = [np.hstack(z) for z in zip(errors, inputs, strict=True)] if joined else errors
+    windows = fit_windows(references, signals, h, poles=poles)
+    return plant_response(windows, (n_y, n_u), method, model, controller, near, h, hold, tuple(notes))
+
+
+def gathered(segments: Sequence[Segment]) -> tuple[float, tuple[str, ...], list[Array], list[Array], list[str]]:
+    """Sample time, holds, inputs and outputs relative to their first sample, and what was done to missing samples."""
     if not segments:
         raise Refused("there is no usable segment: see what screening left out, and why")
     h, hold = segments[0].h, segments[0].hold
     if any(abs(s.h - h) > 1e-9 * h or s.hold != hold for s in segments):
         raise UsageError("segments of different sample times or holds cannot be combined: resample them to one")
     notes: list[str] = []
-    inputs = [s.u - s.u[0] for s in segments]
-    errors = [_bridged(s, notes) for s in segments]
-    n_y, n_u = errors[0].shape[1], inputs[0].shape[1]
-    if model is not None:
-        errors = [y - sampled_response(model, u, h, hold) for y, u in zip(errors, inputs, strict=True)]
-    poles = () if model is None else tuple(p for row in model.elements for element in row for p in element.poles)
+    return h, hold, [s.u - s.u[0] for s in segments], [_bridged(s, notes) for s in segments], notes
+
+
+def moved(segments: Sequence[Segment], method: str) -> list[Array]:
+    """What moves the loop by this method, set-points or inputs, relative to the first sample; refused where it rests."""
+    if method not in METHODS:
+        raise UsageError(f'method must be "joint", "closed-form" or "direct", not {method!r}')
+    direct = method == "direct"
+    references = [s.u - s.u[0] if direct else s.r - s.r[0] for s in segments]
+    _check_moved(references, "input" if direct else "set-point")
+    return references
+
+
+def plant_response(
+    windows: Windows,
+    shape: tuple[int, int],
+    method: str,
+    model: TransferMatrix | None,
+    controller: Controller | None,
+    near: bool,
+    h: float,
+    hold: tuple[str, ...],
+    notes: tuple[str, ...] = (),
+    periods: int = 0,
+) -> FrequencyResponse:
+    """The plant (shape n_y, n_u) from responses to set-points, with the covariance on top of theirs.
+
+    `windows` hold the responses of (e, u) for the joint form, of e otherwise; the rest is as in `local_response`.
+    """
+    n_y, n_u = shape
     base = TransferMatrix.of([[0.0] * n_u] * n_y) if model is None else model
     if method == "direct":
-        _check_moved(inputs, "input")
-        windows = fit_windows(inputs, errors, h, poles=poles)
         delta = windows.value
         left = np.broadcast_to(np.eye(n_y, dtype=complex), (*delta.shape[:2], n_y, n_y))
         right = np.broadcast_to(np.eye(n_u, dtype=complex), (*delta.shape[:2], n_u, n_u))
         spread = np.zeros(delta.shape[:2])
-    elif method in ("joint", "closed-form"):
-        references = [s.r - s.r[0] for s in segments]
-        _check_moved(references, "set-point")
-        if method == "joint":
-            windows = fit_windows(references, [np.hstack(z) for z in zip(errors, inputs, strict=True)], h, poles=poles)
-            delta, left, right, spread = _joint(windows, n_y)
-        elif model is None or controller is None:
-            raise LoopError("the closed form needs a model and a declared controller: use the joint form without")
-        else:
-            windows = fit_windows(references, errors, h, poles=poles)
-            delta, left, right, spread = _closed(windows, model, controller, h, hold, near)
+    elif method == "joint":
+        delta, left, right, spread = _joint(windows, n_y)
+    elif model is None or controller is None:
+        raise LoopError("the closed form needs a model and a declared controller: use the joint form without")
     else:
-        raise UsageError(f'method must be "joint", "closed-form" or "direct", not {method!r}')
-    return _assembled(windows, delta, left, right, spread < LINEAR, base, h, hold, method, tuple(notes))
+        delta, left, right, spread = _closed(windows, model, controller, h, hold, near)
+    return _assembled(windows, delta, left, right, spread < LINEAR, base, h, hold, method, notes, periods)
 
 
 def speaking_band(response: FrequencyResponse) -> tuple[tuple[tuple[float, float] | None, ...], ...]:
@@ -250,6 +283,7 @@ def _assembled(
     hold: tuple[str, ...],
     method: str,
     notes: tuple[str, ...],
+    periods: int,
 ) -> FrequencyResponse:
     n_y, n_u = delta.shape[2:]
     covariance = _variance(windows, left, right)
@@ -269,4 +303,5 @@ def _assembled(
         method=method,
         dof=windows.dof,
         notes=notes,
+        periods=periods,
     )

@@ -35,18 +35,21 @@ LARGEST_CONDITION = 1e7
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Local models in windows that do not overlap, hence independent of each other."""
+    """Local models in windows that do not overlap, hence independent of each other.
+
+    Polynomials have 3 points and 3 terms in a window; a line of a periodic signal is a window of 1 point and 1 term.
+    """
 
     w: Array
-    """(n_win, 3) frequencies at which the polynomials are read."""
+    """(n_win, points) frequencies at which the polynomials are read."""
     basis: Array
-    """(3 points, 3 terms) of the response polynomial there."""
+    """(points, terms) of the response polynomial there."""
     theta: ComplexArray
-    """(n_win, 3 terms * n_r, n_z) coefficients; term a of reference j at a * n_r + j."""
+    """(n_win, terms * n_r, n_z) coefficients; term a of reference j at a * n_r + j."""
     gram: ComplexArray
-    """(n_win, 3 * n_r, 3 * n_r): covariance of theta is gram[c, d] noise[z, v]."""
+    """(n_win, terms * n_r, terms * n_r): covariance of theta is gram[c, d] noise[z, v]."""
     noise: ComplexArray
-    """(n_win, n_z, n_z) covariance of the DFTs of z over sqrt(N), averaged over three windows."""
+    """(n_win, n_z, n_z) covariance of the DFTs of z over sqrt(N); of polynomials averaged over three windows."""
     dof: int
     """Complex degrees of freedom behind the noise of one window, before averaging."""
     bins: int
@@ -56,7 +59,8 @@ class Windows:
     def value(self) -> ComplexArray:
         """(n_win, 3 points, n_z, n_r) responses from references to z."""
         n_win, n_coef, n_z = self.theta.shape
-        stacked = self.theta.reshape(n_win, TERMS, n_coef // TERMS, n_z)
+        terms = self.basis.shape[1]
+        stacked = self.theta.reshape(n_win, terms, n_coef // terms, n_z)
         value: ComplexArray = np.einsum("pa,wajz->wpzj", self.basis, stacked)
         return value
 
