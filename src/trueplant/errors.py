@@ -58,7 +58,11 @@ class IllPosedLoop(LoopError):
 
 
 class SignConflict(LoopError):
-    """The controller's action fights the sign of the plant's gain."""
+    """The controller's action fights the sign of the plant's gain, in the loop of `place`: (input, output)."""
+
+    def __init__(self, message: str, place: tuple[int, int] = (0, 0)) -> None:
+        super().__init__(message)
+        self.place = place
 
 
 class Refused(TrueplantError):

@@ -108,7 +108,8 @@ def check_loop(plant: TransferMatrix, controller: Controller) -> None:
         raise SignConflict(
             f"loop from output {j + 1} to input {i + 1}: the controller's gain is {words[own]} (in u = Q (r - y)) but "
             f"the model's gain is {words[gain]}, so the loop feeds back positively; their signs must be equal: "
-            f"{cure}, or change the sign of the controller's gain or of the model's"
+            f"{cure}, or change the sign of the controller's gain or of the model's",
+            place=(i, j),
         )
     if poles:
         raise UnstableLoop(

@@ -134,7 +134,7 @@ def _check_loop(project: Project, model: TransferMatrix, screened: Sequence[Scre
     A loop that only the model says is unstable is remarkable, but the plant may well have drifted that far.
     """
     from trueplant.errors import UnstableLoop
-    from trueplant.loop import check_loop
+    from trueplant.study.project_loop import check_signs
 
     notes = []
     plant = TransferMatrix(tuple(row[: len(project.inputs)] for row in model.elements), model.time_unit)
@@ -143,7 +143,8 @@ def _check_loop(project: Project, model: TransferMatrix, screened: Sequence[Scre
         if controller is None:
             continue
         try:
-            check_loop(plant, controller.linearised(np.nanmean(screened[k].record.y, axis=0)))
+            linear = controller.linearised(np.nanmean(screened[k].record.y, axis=0))
+            check_signs(project, plan.controllers, plant, linear)
         except UnstableLoop as error:
             notes.append(Reason("unstable-model", str(error), plan.name))
     return tuple(notes[:1])

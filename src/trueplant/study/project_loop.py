@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from trueplant import loop
-from trueplant.errors import LoopError, ProjectError
-from trueplant.lti import parse_pv, tf
+from trueplant.errors import LoopError, ProjectError, SignConflict
+from trueplant.lti import TransferMatrix, parse_pv, tf, to_formula
 from trueplant.record.layout import Channel, Layout
 from trueplant.study.project_parts import Controller, Limits
 
@@ -31,6 +31,29 @@ def controller_of(
         except LoopError as error:
             raise ProjectError(f"{project.source}: controller from {law.output} to {law.input}: {error}") from error
     return loop.Controller(entries, len(project.inputs), len(project.outputs))
+
+
+def check_signs(
+    project: Project, laws: Sequence[Controller], plant: TransferMatrix, controller: loop.Controller
+) -> None:
+    """`check_loop`, whose SignConflict names the signals, their columns and the keys to change."""
+    try:
+        loop.check_loop(plant, controller)
+    except SignConflict as error:
+        i, j = error.place
+        output, input_ = project.outputs[j], project.inputs[i]
+        law = next(law for law in laws if (law.input, law.output) == (input_.name, output.name))
+        own, its = ("positive", "negative") if controller.entries[i, j].sign > 0 else ("negative", "positive")
+        key = next(key for key in ("tf", "Kc", "Kp", "Ki", "Kd") if getattr(law, key))
+        change = 'remove its action = "direct"' if law.action == "direct" else 'set its action = "direct"'
+        raise SignConflict(
+            f"{project.source}: the loop of output {output.name} (PV {output.pv}) and input {input_.name} "
+            f"(OP {input_.op}) feeds back positively: its [[controller]] has a {own} gain "
+            f'({key} = {getattr(law, key)}, action = "{law.action or "reverse"}"), its [[model]] a {its} one '
+            f"({to_formula(plant[j, i])}), and in u = Q (r - y) both need the same sign. If the model is right, "
+            f"{change}, or change the sign of {key}; if it is not, change the sign in its tf",
+            error.place,
+        ) from None
 
 
 def _entry(project: Project, law: Controller, j: int, i: int, limits: Limits | None) -> loop.PID | loop.Linear:

@@ -13,6 +13,7 @@ from trueplant import loop
 from trueplant.errors import LoopError, OutputError, ProjectError
 from trueplant.lti import TransferMatrix
 from trueplant.study.project import Project
+from trueplant.study.project_loop import check_signs
 from trueplant.study.project_parts import Simulate
 
 if TYPE_CHECKING:
@@ -44,7 +45,8 @@ def simulate_record(project: Project) -> pl.DataFrame:
             "against a record but not simulated: leave pv_transform out to simulate the loop about one PV"
         )
     plant = _plant(project, plan)
-    loop.check_loop(plant, controller)
+    laws = project.experiments[0].controllers if project.experiments else project.controllers
+    check_signs(project, laws, plant, controller)
     every = steps_per_sample(project, plan, plant)
     h = plan.sample_time / every
     r, y0, u0 = _setpoints(project, plan, h)
