@@ -144,7 +144,24 @@ CASES = {
     "model names nothing known": Case(_project('input = "u"\ntf', 'input = "v"\ntf'), 2, ("line 14", '"v"')),
     "no data named": Case(_project('files = ["record.csv"]\n', ""), 2, ("data.files",)),
     "nothing to estimate": Case(_project('+ 1)"\n', '+ 1)"\nestimate = false\n'), 2, ("estimate",)),
-    "wrong sign of the controller": Case(_project("Kc = 0.8", "Kc = -0.8"), 2, ("action",)),
+    "wrong sign of the controller": Case(
+        _project("Kc = 0.8", "Kc = -0.8"),
+        2,
+        ("output y (PV pv)", "input u (OP op)", "negative gain (Kc = -0.8", "positive one (2 exp", "set its action"),
+    ),
+    "wrong action of the controller": Case(
+        _project("Kc = 0.8", 'Kc = 0.8\naction = "direct"'), 2, ('Kc = 0.8, action = "direct"', "remove its action")
+    ),
+    "wrong sign in a simulation": Case(
+        _project("Kc = 0.8", "Kc = -0.8"), 2, ("project.toml", "change the sign of Kc"), ("simulate", "project.toml")
+    ),
+    "a record for a project": Case(lambda f: None, 2, ("trueplant init record.csv",), ("run", "record.csv")),
+    "a binary record for a project": Case(
+        lambda f: (f / "x.parquet").write_bytes(b"PAR1\xff\xfe") and None,
+        2,
+        ("x.parquet is not a project file", "trueplant init x.parquet"),
+        ("check", "x.parquet"),
+    ),
     "unknown example record": Case(_project('"record.csv"', '"dataset:x/y.csv"'), 2, ("x/y.csv",)),
     # where results go
     "output is a file": Case(lambda f: (f / "out").write_text("mine") and None, 2, ("out", "file")),
@@ -158,6 +175,12 @@ CASES = {
     "init of nothing": Case(lambda f: None, 2, ("gone.csv", "does not exist"), ("init", "gone.csv")),
     "init without a loop": Case(
         lambda f: (f / "x.csv").write_text("a,b\n1,2\n2,3\n") and None, 2, ("x.csv", "PV and OP"), ("init", "x.csv")
+    ),
+    "init of a project": Case(
+        lambda f: None,
+        2,
+        ("project.toml is a project file", "the record", "trueplant check project.toml"),
+        ("init", "project.toml", "--force"),
     ),
     "init into nowhere": Case(lambda f: None, 2, ("cannot write",), ("init", "record.csv", "--out", "/proc/x/y.toml")),
     "simulate without a table": Case(

@@ -185,8 +185,17 @@ def test_quality_codes(good: str, bad: str) -> None:
 
 
 def test_unknown_tag() -> None:
-    with pytest.raises(DataError, match=r"no rows for tag 'flow' .*it has: amb, mode, op, pv, sp"):
+    with pytest.raises(DataError, match=r"no rows for tag 'flow' .*It has: amb, mode, op, pv, sp"):
         read_record(_long(), replace(ONE, outputs=(Channel("F", "flow"),)))
+    with pytest.raises(DataError, match=r"no rows for tag 'PVs' .*did you mean 'pv'\?"):
+        read_record(_long(), replace(ONE, outputs=(Channel("F", "PVs"),)))
+
+
+@pytest.mark.parametrize(("key", "near"), [("tag", "tag"), ("value", "value"), ("quality", "quality")])
+def test_a_misspelt_column_of_a_long_export_is_not_passed_over(key: str, near: str) -> None:
+    """Without its quality column a record would keep the values that the historian calls bad."""
+    with pytest.raises(DataError, match=rf"no column '{key}s' for the {key}; did you mean '{near}'\?"):
+        read_record(_long(), replace(ONE, **{key: f"{key}s"}))
 
 
 def test_frames_that_are_no_tables() -> None:

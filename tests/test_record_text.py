@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -172,6 +174,30 @@ def test_one_clear_error(write, content: str | bytes, says: list[str]) -> None:
     message = str(caught.value)
     assert all(part in message for part in says), message
     assert "\n" not in message
+
+
+MISSPELT = {
+    "the PV of y": {"outputs": (Channel("y", "TIC1.PVV", sp="TIC1.SP"),)},
+    "the set-point of y": {"outputs": (Channel("y", "TIC1.PV", sp="TIC1.SPP"),)},
+    "the OP of u": {"inputs": (Channel("u", "TIC1.OPP"),)},
+    "the mode of u": {"inputs": (Channel("u", "TIC1.OP", mode="TIC1.MODEE"),)},
+    "the slave's set-point of u": {"inputs": (Channel("u", "TIC1.OP", slave_sp="FIC2.SPP", slave_pv="FIC2.PV"),)},
+    "the slave's PV of u": {"inputs": (Channel("u", "TIC1.OP", slave_sp="FIC2.SP", slave_pv="FIC2.PVV"),)},
+    "disturbance d": {"disturbances": (Channel("d", "TI3.PVV"),)},
+    "time": {"time": "Time stampp"},
+}
+
+
+@pytest.mark.parametrize(("role", "change"), MISSPELT.items(), ids=MISSPELT)
+def test_every_misspelt_column_is_answered_by_the_nearest(write, role: str, change: dict) -> None:
+    names = "Time stamp,TIC1.SP,TIC1.PV,TIC1.OP,TIC1.MODE,FIC2.SP,FIC2.PV,TI3.PV"
+    file = write(names + "\n" + "".join(f"{k},1,2,3,1,4,5,{k}\n" for k in range(20)))
+    sound = Layout((Channel("y", "TIC1.PV", sp="TIC1.SP"),), (Channel("u", "TIC1.OP"),), time="Time stamp")
+    read_record(file, sound)
+    with pytest.raises(DataError, match=f"has no column '[^']+' for {role}; did you mean '") as caught:
+        read_record(file, replace(sound, **change))
+    wrong, near = re.findall("'([^']+)'", str(caught.value).replace("slave's", ""))[:2]
+    assert wrong[:-1] == near
 
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from trueplant.errors import OutputError
+from trueplant.errors import OutputError, UsageError
 from trueplant.study.output import write_files
 
 REFUSED = 3
@@ -44,6 +44,11 @@ def init(data: Path, out: Path | None, force: bool) -> int:
     from trueplant.record.table import read_table
     from trueplant.study.project_guess import guess_project
 
+    if data.suffix.lower() == ".toml":
+        raise UsageError(
+            f"{data} is a project file, and init writes one: give it the record (a CSV, Parquet or XLSX file), or go "
+            f"on with: trueplant check {data}"
+        )
     place = out or data.with_suffix(".toml")
     if place.exists() and not force:
         raise OutputError(f"{place} is there already: name another file with --out, or overwrite it with --force")

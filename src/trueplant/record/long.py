@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trueplant.errors import DataError
 from trueplant.record.numbers import counted
-from trueplant.record.table import Table
+from trueplant.record.table import Table, did_you_mean
 from trueplant.record.times import find_time, parse_times
 from trueplant.record.types import Array, BoolArray, Finding
 
@@ -23,9 +23,13 @@ _SYNONYMS = {
 _GOOD = ("good", "ok", "valid", "g", "true", "normal")
 
 
+def _bare(name: str) -> str:
+    return name.casefold().replace(" ", "").replace("_", "")
+
+
 def _find(table: Table, named: str, role: str) -> str | None:
-    bare = {n.casefold().replace(" ", "").replace("_", ""): n for n in reversed(table.names)}
-    wanted = (named.casefold().replace(" ", "").replace("_", ""), *_SYNONYMS[role])
+    bare = {_bare(n): n for n in reversed(table.names)}
+    wanted = (_bare(named), *_SYNONYMS[role])
     return next((bare[w] for w in wanted if w in bare), None)
 
 
@@ -80,6 +84,9 @@ def to_wide(
     """
     import polars as pl
 
+    for role, named in (("tag", tag), ("value", value), ("quality", quality)):
+        if named != role and _bare(named) not in map(_bare, table.names):
+            table.column(named, f"the {role}")
     tag_name, value_name = _find(table, tag, "tag"), _find(table, value, "value")
     assert tag_name is not None
     assert value_name is not None
@@ -89,7 +96,8 @@ def to_wide(
     for name in wanted:
         if name not in present:
             shown = ", ".join(sorted(present)[:20])
-            raise DataError(f"{table.source} has no rows for tag {name!r} in column {tag_name!r}; it has: {shown}")
+            hint = did_you_mean(name, sorted(present))
+            raise DataError(f"{table.source} has no rows for tag {name!r} in column {tag_name!r}{hint} It has: {shown}")
     code = np.full(len(table), -1, dtype=np.int64)
     for k, name in enumerate(wanted):
         code[np.asarray((tags == name).fill_null(False).to_numpy(), dtype=bool)] = k

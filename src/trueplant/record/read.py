@@ -110,7 +110,8 @@ def _roles(layout: Layout) -> list[tuple[str, str]]:
     named += [(f"the set-point of {c.name}", c.sp) for c in layout.outputs if c.sp]
     named += [(f"the OP of {c.name}", c.column) for c in layout.inputs]
     named += [(f"the mode of {c.name}", c.mode) for c in layout.inputs if c.mode]
-    named += [(f"the slave of {c.name}", x) for c in layout.inputs for x in (c.slave_sp, c.slave_pv) if x]
+    named += [(f"the slave's set-point of {c.name}", c.slave_sp) for c in layout.inputs if c.slave_sp]
+    named += [(f"the slave's PV of {c.name}", c.slave_pv) for c in layout.inputs if c.slave_pv]
     named += [(f"disturbance {c.name}", c.column) for c in layout.disturbances]
     return named
 

@@ -50,9 +50,7 @@ class Table:
         """The raw column. Raises DataError with the nearest names if there is none."""
         if name in self.names:
             return self.frame[name]
-        lower = {n.strip().casefold(): n for n in reversed(self.names)}
-        near = [lower[m] for m in difflib.get_close_matches(name.casefold(), lower, n=1, cutoff=0.6)]
-        hint = f"; did you mean {near[0]!r}?" if near else "."
+        hint = did_you_mean(name, self.names)
         shown = ", ".join(self.names[:30]) + (", ..." if len(self.names) > 30 else "")
         wanted = f" for {role}" if role else ""
         raise DataError(f"{self.source} has no column {name!r}{wanted}{hint} It has: {shown}")
@@ -60,6 +58,13 @@ class Table:
     def numbers(self, name: str) -> tuple[Array, BoolArray]:
         """A column as float64 (NaN where there is no number) and where a word stood instead of one."""
         return to_numbers(self.column(name), self.decimal)
+
+
+def did_you_mean(name: str, names: Sequence[str]) -> str:
+    """The nearest of the names as a question that ends a sentence; a full stop where none is near."""
+    lower = {n.strip().casefold(): n for n in reversed(names)}
+    near = difflib.get_close_matches(name.strip().casefold(), lower, n=1, cutoff=0.6)
+    return f"; did you mean {lower[near[0]]!r}?" if near else "."
 
 
 def read_table(path: str | Path, *, separator: str | None = None, sheet: str | None = None) -> Table:

@@ -109,7 +109,8 @@ class Project(Table):
             text = content.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             line = content[: error.start].count(b"\n") + 1
-            raise ProjectError(f"{file}, line {line}: is not UTF-8 text: save the project file as UTF-8") from None
+            what = f"{file}, line {line}: is not UTF-8 text: save the project file as UTF-8"
+            raise ProjectError(_if_record(file) or what) from None
         return cls._read(text, file, hashlib.sha256(content).hexdigest())
 
     @classmethod
@@ -122,7 +123,7 @@ class Project(Table):
         try:
             tables = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
-            raise ProjectError(f"{file}: is not valid TOML: {error}") from None
+            raise ProjectError(_if_record(file) or f"{file}: is not valid TOML: {error}") from None
         try:
             project = cls(**tables)
         except ProjectError as error:
@@ -292,3 +293,10 @@ class Project(Table):
         if name.startswith("dataset:") or os.path.isabs(name):
             return name
         return Path(os.path.relpath(self._folder / name, folder)).as_posix()
+
+
+def _if_record(file: Path) -> str:
+    """What to say of a file without TOML whose name does not claim it either."""
+    if file.suffix.lower() == ".toml":
+        return ""
+    return f"{file} is not a project file: if it is a record, write a project file for it with: trueplant init {file}"
