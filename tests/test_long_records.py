@@ -49,15 +49,20 @@ def test_blocks_are_long_beside_the_plant():
 
 
 def test_blocks_tell_what_the_whole_record_tells(long):
-    """Their operating points and initial states cost next to nothing of the information."""
+    """Their operating points and initial states cost next to nothing of the information.
+
+    The initial states have to be told although elements that work against each other hide them from PV, and whatever
+    the order of the noise model.
+    """
     pieces = pieces_of([long], 0)
-    whole, cut = (
-        fit_row(Row(SPECS, p).without_unseen(TRUTH), TRUTH, np.array([-0.8]))
-        for p in (pieces, in_blocks(pieces, len(long) // 6, 1))
-    )
-    sigma = np.sqrt(np.diag(whole.covariance))
-    assert np.all(np.abs(cut.theta - whole.theta) < 0.3 * sigma)
-    assert np.sqrt(np.diag(cut.covariance)) == pytest.approx(sigma, rel=0.01)
+    for ar in ([-0.8], [-0.8, 0.0, 0.0], [-0.8, 0.0, 0.0, 0.0, 0.0, 0.0]):
+        whole, cut = (
+            fit_row(Row(SPECS, p).without_unseen(TRUTH), TRUTH, np.array(ar), reweight=False)
+            for p in (pieces, in_blocks(pieces, len(long) // 30, 1))
+        )
+        sigma = np.sqrt(np.diag(whole.covariance))
+        assert np.all(np.abs(cut.theta - whole.theta) < 0.2 * sigma)
+        assert np.sqrt(np.diag(cut.covariance)) == pytest.approx(sigma, rel=0.03)
 
 
 def test_the_part_is_where_all_inputs_move(long):

@@ -22,8 +22,10 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
-NEGLIGIBLE = 1e-10
-"""Share of the cost for which no step is tried."""
+SETTLED = 1e-4
+"""Gain in -2 log likelihood, done and expected, at which the fit ends: a hundredth of a standard error."""
+NEGLIGIBLE = 1e-6
+"""Gain in -2 log likelihood for which no step is tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,7 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tu
         unknown = row.unknown(theta, k)
         v = np.where(valid, y - response, 0.0)
         columns, errors = whiten(ar, unknown.columns)[use], whiten(ar, v)[use]
-        told = seen(columns, errors, float(np.std(y[valid])))
+        told = seen(columns, errors, unknown.largest)
         coefficients = np.zeros(told.size)
         coefficients[told], basis = eliminated(columns[:, told], errors)
         v = np.where(valid, v - unknown.columns @ coefficients, 0.0)
@@ -162,7 +164,7 @@ def fit_row(
         expected = float(-step @ point.slope)
         theta, ar = trial, trial_ar
         damping = max(damping / 10, 1e-9)
-        settled = gain <= 1e-9 * point.cost and expected <= 1e-8 * point.cost
+        settled = max(gain, expected) <= SETTLED * point.cost / max(point.count, 1)
         if reweight and len(row.pieces) > 1 and round_ in (2, 5, 9):
             weights = _level_weights(candidate.power, weights)
             settled = False
@@ -192,7 +194,7 @@ def _downhill(
     for _ in range(12):
         step = np.zeros(active.size)
         step[active] = -np.linalg.solve(normal + damping * np.eye(scale.size), point.slope[active] / scale) / scale
-        if -step @ point.slope <= NEGLIGIBLE * point.cost:
+        if -step @ point.slope <= NEGLIGIBLE * point.cost / max(point.count, 1):
             return None
         trial = np.clip(_limited(theta, step[: theta.size], low), low, high)
         trial_ar = ar + step[theta.size :]
@@ -233,11 +235,12 @@ def residuals(fit: RowFit) -> list[tuple[Array, Array, BoolArray]]:
         y, valid = row.measured(k)
         response = row.response(fit.theta, k)
         v = np.where(valid, y - response, 0.0)
-        z = row.nuisance(fit.theta, k)
+        unknown = row.unknown(fit.theta, k)
+        z = unknown.columns
         if y.size > order + 1 and whitened_valid(order, valid).any():
             use = whitened_valid(order, valid)
             columns, errors = whiten(fit.ar, z)[use], whiten(fit.ar, v)[use]
-            told = seen(columns, errors, float(np.std(y[valid])))
+            told = seen(columns, errors, unknown.largest)
             v = v - z[:, told] @ eliminated(columns[:, told], errors)[0]
             e = np.full(y.size, np.nan)
             e[order:][use] = whiten(fit.ar, np.where(valid, v, 0.0))[use]

@@ -162,8 +162,7 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
         filtered = [_filtered(ar, z, i) for i, z in enumerate(nuisance)]
         columns = _stacked(root, np.concatenate(filtered, axis=2), use)
         e = _stacked(root, _prediction_errors(ar, v)[:, :, None], use)[:, 0]
-        spread = np.repeat([np.std(y[whole]) for y, _ in measured], [z.shape[1] for z in nuisance])
-        told = seen(columns, e[::n_y], spread)
+        told = seen(columns, e[::n_y], np.concatenate([of_row.largest for of_row in unknown]))
         columns, all_weights = columns[:, told], np.zeros(told.size)
         all_weights[told], basis = eliminated(columns, e)
         weights = np.split(all_weights, np.cumsum([z.shape[1] for z in nuisance])[:-1])

@@ -45,13 +45,13 @@ def eliminated(columns: Array, target: Array) -> tuple[Array, Array]:
     return weights, basis
 
 
-def seen(columns: Array, errors: Array, spread: float | Array) -> BoolArray:
-    """Columns whose amplitude the data tell to better than the whole spread of PV.
+def seen(columns: Array, errors: Array, largest: Array) -> BoolArray:
+    """Columns (n, m) whose amplitude the errors (n,) tell to better than how large (m,) it may be at all.
 
     A free response that the noise model cancels is not seen at all: left in, it would take on any amplitude, and the
     output errors with it.
     """
-    size = np.linalg.norm(columns, axis=0) * spread
+    size = np.linalg.norm(columns, axis=0) * largest
     moves = np.diff(errors)
     if not moves.size:
         return np.asarray(size > 0)

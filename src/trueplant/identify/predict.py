@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trueplant.identify.unknown import Mode, Unknown, lag_mode, pair_modes
+from trueplant.identify.unknown import LARGE, Mode, Unknown, lag_mode, pair_modes
 from trueplant.lti.sampled import rows_response, sampled_response
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import TransferFunction
@@ -74,6 +74,16 @@ class Piece:
     @property
     def span(self) -> float:
         return self.h * (self.y.size - 1)
+
+    @cached_property
+    def spread(self) -> float:
+        """Standard deviation of y where it was measured."""
+        return float(np.std(self.y[self.valid])) if self.valid.any() else 0.0
+
+    @cached_property
+    def input_spread(self) -> Array:
+        """(n_columns,) standard deviation of each input."""
+        return np.asarray(np.std(self.inputs, axis=1))
 
     def from_sample(self, first: int, end: int | None = None) -> Piece:
         """The piece from one sample on (to another)."""
@@ -270,7 +280,8 @@ class Row:
         at = np.arange(0, piece.y.size, self.stride)
         jumps = [(at >= jump).astype(float) for jump in piece.jumps]
         columns = np.array([np.ones(t.size), *(mode.response for mode in modes), *jumps]).T
-        return Unknown(columns, tuple(mode.derivatives for mode in modes), self.size)
+        largest = np.array([piece.spread, *(mode.largest for mode in modes), *(piece.spread for _ in jumps)])
+        return Unknown(columns, largest, tuple(mode.derivatives for mode in modes), self.size)
 
     def nuisance(self, theta: Array, k: int) -> Array:
         """Columns (n, n_z) of `unknown`."""
@@ -290,14 +301,18 @@ class Row:
         clock = np.where(began, since, 0.0)
         found: list[Mode] = []
         for spec, part in zip(self.specs, self.slices, strict=True):
+            driven = float(np.sum(np.abs(theta[part][: spec.structure.delayed]))) * piece.input_spread[spec.column]
             for m, name in enumerate(spec.structure.names):
                 index = part.start + m
+                does = driven * theta[index] if spec.structure.integrators and name.startswith("tau") else driven
+                largest = max(LARGE * does, piece.spread)
                 if name.startswith("tau"):
-                    found.append(lag_mode(theta[index], index, clock, began))
+                    found.append(lag_mode(theta[index], index, clock, began, largest))
                 elif name.startswith("omega0"):
-                    found += pair_modes(theta[index], theta[index + 1], index, clock, began)
+                    found += pair_modes(theta[index], theta[index + 1], index, clock, began, largest)
             if spec.structure.integrators:
                 # At the start OP's operating point is not known; after a gap the level.
                 after_gap = not began.all()
-                found.append(Mode(began.astype(float) if after_gap else clock / max(piece.span, piece.h), {}))
+                level = began.astype(float) if after_gap else clock / max(piece.span, piece.h)
+                found.append(Mode(level, {}, max(driven * piece.span, piece.spread)))
         return found

@@ -11,16 +11,19 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+LARGE = 3.0
+"""Standard deviations of what an element does that the amplitude of its free response may have."""
 GONE = 40.0
 """Time constants after which nothing is left of a free response, to rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """One free response (n,), and its derivatives by the parameters that shape it."""
+    """One free response (n,), its derivatives by the parameters that shape it, and how large it may be."""
 
     response: Array
     derivatives: Mapping[int, Array]
+    largest: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +32,9 @@ class Unknown:
 
     columns: Array
     """(n, n_z)"""
+    largest: Array
+    """(n_z,) amplitude that each may have. Elements may work against each other: what one of them does can be many
+    times what PV shows."""
     derivatives: tuple[Mapping[int, Array], ...]
     """Of the free responses, which follow the offset."""
     size: int
@@ -44,16 +50,16 @@ class Unknown:
         return out.T
 
 
-def lag_mode(tau: float, index: int, clock: Array, began: BoolArray) -> Mode:
+def lag_mode(tau: float, index: int, clock: Array, began: BoolArray, largest: float) -> Mode:
     """Free response of a lag, of which theta[index] is the time constant."""
     decay, derivative = np.zeros(clock.size), np.zeros(clock.size)
     live = slice(int(np.argmax(began)), int(np.searchsorted(clock, GONE * tau, side="right")))
     decay[live] = np.where(began[live], np.exp(-clock[live] / tau), 0.0)
     derivative[live] = decay[live] * clock[live] / tau**2
-    return Mode(decay, {index: derivative})
+    return Mode(decay, {index: derivative}, largest)
 
 
-def pair_modes(omega0: float, zeta: float, index: int, t: Array, began: BoolArray) -> list[Mode]:
+def pair_modes(omega0: float, zeta: float, index: int, t: Array, began: BoolArray, largest: float) -> list[Mode]:
     """The two free responses of a complex pair, with derivatives by differences."""
 
     def both(w: float, z: float) -> Array:
@@ -64,4 +70,4 @@ def pair_modes(omega0: float, zeta: float, index: int, t: Array, began: BoolArra
     base, step = both(omega0, zeta), 1e-6
     by_w = (both(omega0 * (1 + step), zeta) - base) / (step * omega0)
     by_z = (both(omega0, zeta * (1 + step)) - base) / (step * zeta)
-    return [Mode(base[c], {index: by_w[c], index + 1: by_z[c]}) for c in range(2)]
+    return [Mode(base[c], {index: by_w[c], index + 1: by_z[c]}, largest) for c in range(2)]
