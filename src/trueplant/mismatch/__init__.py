@@ -12,6 +12,7 @@ from trueplant.mismatch.expressions import (
     standard_errors,
 )
 from trueplant.mismatch.local import FrequencyResponse, local_response, speaking_band
+from trueplant.mismatch.periodic import period_of, periodic_response
 from trueplant.mismatch.reduction import fit_structure
 from trueplant.mismatch.sampling import hold_response, sampled_frequency_response
 
@@ -28,6 +29,8 @@ __all__ = [
     "joint",
     "local_response",
     "over_controller",
+    "period_of",
+    "periodic_response",
     "plant_covariance",
     "sampled_frequency_response",
     "speaking_band",

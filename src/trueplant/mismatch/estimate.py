@@ -13,6 +13,7 @@ from trueplant.loop.controller import Controller
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import TransferMatrix
 from trueplant.mismatch.local import FrequencyResponse, local_response
+from trueplant.mismatch.periodic import periodic_response
 from trueplant.mismatch.reduction import fit_structure
 from trueplant.record.types import Segment
 
@@ -23,6 +24,8 @@ ROUNDS = 6
 BEYOND_CORNER = 3.0
 """Times the corner frequency of the model's slowest element: where noise hides all below, gains read from the rest were
 wrong by many standard errors (joint form, simulated Wood-Berry, AR(2) disturbance)."""
+LEAST_DOF = 4
+"""Complex degrees of freedom of the noise at a line from which its size is known well enough to weight with."""
 SETTLED = 0.05
 """Largest change of a parameter between rounds, in standard errors, at which they end."""
 
@@ -45,22 +48,31 @@ def fit_locally(
     model: TransferMatrix,
     method: str = "joint",
     controller: Controller | None = None,
+    periodic: bool = False,
 ) -> LocalFit:
     """Estimate elements {(output, input): structure} by the mismatch expression and the local polynomial method.
 
     Each round takes the mismatch against the present model (see `local_response` for `method`), reduces the plant's
     response to the structures, and puts the result in as the next model: what the local polynomials get wrong is in
     proportion to the mismatch, and vanishes as the rounds settle. Elements without a structure keep the model's value.
-    Each element is fitted by itself; covariances between elements are not given.
+    Each element is fitted by itself; covariances between elements are not given. `periodic` takes the response from
+    averages over periods (`periodic_response`); weights from a spread of nu degrees of freedom make the covariance
+    nu/(nu - 2) times what known weights would leave.
 
     Raises what `local_response` and `fit_structure` raise.
     """
     parameters: dict[Element, Array] = {}
     covariance: dict[Element, Array] = {}
     plant, converged = model, False
+    respond = periodic_response if periodic else local_response
     corner = min((abs(p) for place in structures for p in model[place].poles if p), default=np.inf)
     for round_ in range(ROUNDS):
-        response = local_response(segments, method, plant, controller, near=round_ > 0)
+        response = respond(segments, method, plant, controller, near=round_ > 0)
+        if periodic and response.dof < LEAST_DOF:
+            raise Refused(
+                f"{response.periods} periods after the transient leave the noise {response.dof} degree"
+                f"{'s'[: response.dof > 1]} of freedom at a line, and parameters need {LEAST_DOF}: record more periods"
+            )
         clear = response.reliable.reshape(-1, response.points).all(axis=1) | (method == "closed-form")
         lowest = response.w.reshape(-1, response.points)[clear].min(initial=np.inf)
         if clear.any() and lowest > BEYOND_CORNER * corner:
@@ -81,6 +93,8 @@ def fit_locally(
                 trusted[:, None, None] * response.covariance[..., i, j],
                 before.get((i, j)) if round_ > 1 else None,
             )
+            if periodic:
+                covariance[i, j] = covariance[i, j] * response.dof / (response.dof - 2)
         plant = _with_elements(plant, structures, parameters)
         converged = bool(before) and all(_settled(before[e], parameters[e], covariance[e]) for e in structures)
         if converged:

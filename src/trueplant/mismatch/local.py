@@ -118,7 +118,7 @@ def gathered(segments: Sequence[Segment]) -> tuple[float, tuple[str, ...], list[
 
 
 def moved(segments: Sequence[Segment], method: str) -> list[Array]:
-    """What moves the loop by this method, set-points or inputs, relative to the first sample; refused where it rests."""
+    """What moves the loop by this method, set-points or inputs, from the first sample on; refused where it rests."""
     if method not in METHODS:
         raise UsageError(f'method must be "joint", "closed-form" or "direct", not {method!r}')
     direct = method == "direct"

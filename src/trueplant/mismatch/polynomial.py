@@ -31,6 +31,8 @@ NODES = np.sqrt(0.75) * np.array([-1.0, 0.0, 1.0])
 """Where in a window (-1 to 1) its polynomial is read: three points hold all that it says."""
 LARGEST_CONDITION = 1e7
 """Of the regressors of a window, scaled: above it the reference signals cannot be told apart."""
+ROUNDING = 1e-10
+"""Of a reference signal's strongest window: in a window with less it is not there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +186,8 @@ def _solve(
     left = target - free @ (free.conj().transpose(0, 2, 1) @ target)
     scaled = own / np.where(before > 0, before, 1.0)
     u, singular, vh = np.linalg.svd(scaled, full_matrices=False)
-    usable = singular[:, -1] * LARGEST_CONDITION > np.maximum(singular[:, 0], 1e-12)
+    present = np.all(before > ROUNDING * before.max(axis=0), axis=(1, 2))
+    usable = present & (singular[:, -1] * LARGEST_CONDITION > np.maximum(singular[:, 0], 1e-12))
     inverse = np.where(usable[:, None], 1 / np.where(singular > 0, singular, 1.0), 0.0)
     projected = u.conj().transpose(0, 2, 1) @ left
     back = vh.conj().transpose(0, 2, 1) * inverse[:, None, :] / np.where(before > 0, before, 1.0).transpose(0, 2, 1)
