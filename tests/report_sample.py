@@ -134,7 +134,7 @@ def _element(output: str, input_: str, model: Array, plant: Array, error: Array,
         raw = float(2 * norm.sf(abs(p - m) / s))
         adjusted = min(1.0, raw * questions)
         interval = (float(p - 1.96 * s), float(p + 1.96 * s))
-        unit = "degC per %" if name == "gain" else "min"
+        unit = "degC/%" if name == "gain" else "min"
         change = float(100 * (p - m) / m)
         parameters.append(
             Parameter(name, unit, float(m), float(p), float(s), interval, change, raw, adjusted, adjusted < 0.05)

@@ -241,7 +241,7 @@ def test_everything_in_robustness_and_controllers_is_shown(result):
 def test_extreme_gains_keep_their_digits(scale, told):
     result = sample(scale=scale, experiments=1)
     rows = [text for _, text in Page(without_plotly(render(result))).all("tr")]
-    assert any(f"gain degC per % {told} " in row for row in rows)
+    assert any(f"gain degC/% {told} " in row for row in rows)
 
 
 def test_many_experiments_are_all_drawn():

@@ -96,7 +96,7 @@ def test_step_response_draws_the_curves(curves):
     assert trace(figure, "plant").line.dash == "solid"
     band = trace(figure, "plant, interval")
     assert band.y.max() == curves.step_high[:, 1, 0].max()
-    assert figure.layout.yaxis.title.text == "% per %"
+    assert figure.layout.yaxis.title.text == "%/%"
     assert figure.layout.xaxis.title.text == "Time (min)"
 
 

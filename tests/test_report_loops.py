@@ -120,7 +120,7 @@ def test_new_settings_come_before_all_else_that_explains_them(result, parsed):
     new = next(p for p in loop["proposals"] if p["method"] == loop["recommended"])["shown"]
     said = next(text for a, text in parsed.all("section") if a.get("id") == "next")
     assert "Enter these settings" in said
-    assert f"Gain (% per degC) {number(loop['current']['shown']['gain'])} {number(new['gain'])}" in said
+    assert f"Gain (%/degC) {number(loop['current']['shown']['gain'])} {number(new['gain'])}" in said
     assert f"Integral time (min) {number(loop['current']['shown']['integral'])} {number(new['integral'])}" in said
     line = settings_lines(result)[0]
     assert f"Kc = {new['gain']:.4g} (now 0.6)" in line and line in text_summary(result)
@@ -242,7 +242,7 @@ PARALLEL = {"gain": "gain", "integral": "time", "derivative_filter": "time", "ti
     ("notation", "form", "labels"),
     [
         (VENDOR, "ideal", ("Proportional band (%)", "Repeats per min", "Derivative time (min)")),
-        (PARALLEL, "parallel", ("Gain (% per degC)", "Integral gain Ki (per s)", "Derivative gain Kd (times s)")),
+        (PARALLEL, "parallel", ("Gain (%/degC)", "Integral gain Ki (per s)", "Derivative gain Kd (times s)")),
     ],
 )
 def test_settings_bear_the_names_and_units_of_the_notation(result, notation, form, labels):

@@ -90,3 +90,20 @@ def test_elements_that_cannot_be_estimated_say_so(formula):
 def test_unknown_structures_are_refused(name):
     with pytest.raises(FormulaError):
         Structure.parse(name)
+
+
+@pytest.mark.parametrize(
+    ("units", "gain", "slope"),
+    [
+        (("degC", "%"), "degC/%", "(degC/%)/min"),
+        (("%", "lb/min"), "%/(lb/min)", "(%/(lb/min))/min"),
+        (("t/h", "m3/h"), "(t/h)/(m3/h)", "((t/h)/(m3/h))/min"),
+        (("%", "(lb/min)"), "%/(lb/min)", "(%/(lb/min))/min"),
+        (("kg s", ""), "kg s", "(kg s)/min"),
+        (("", "%"), "1/%", "(1/%)/min"),
+        (("", ""), "", "1/min"),
+    ],
+)
+def test_units_of_gains_cannot_be_misread(units, gain, slope):
+    assert Structure.parse("fopdt").units(*units, "min") == (gain, "min", "min")
+    assert Structure.parse("integrator").units(*units, "min") == (slope, "min")

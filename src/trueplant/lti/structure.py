@@ -110,8 +110,8 @@ class Structure:
 
     def units(self, output_unit: str, input_unit: str, time_unit: str) -> tuple[str, ...]:
         """The unit of each parameter, in the order of `names`."""
-        gain = f"{output_unit or '1'}/{input_unit or '1'}" if output_unit or input_unit else ""
-        table = {"gain": gain, "slop": f"{gain or '1'}/{time_unit}" if time_unit else gain, "zeta": ""}
+        gain = gain_unit(output_unit, input_unit)
+        table = {"gain": gain, "slop": gain_unit(gain, time_unit), "zeta": ""}
         table["omeg"] = f"rad/{time_unit}" if time_unit else ""
         return tuple(table.get(name[:4], time_unit) for name in self.names)
 
@@ -214,6 +214,16 @@ class Structure:
             [0 if re.match("gain|zeta|dead", n) else -1 if re.match("omega|slope", n) else 1 for n in self.names],
             dtype=float,
         )
+
+
+def gain_unit(output_unit: str, input_unit: str) -> str:
+    """Unit of output by input, with compound ones in brackets: "degC/%", "%/(lb/min)"; empty if neither has one."""
+
+    def single(unit: str) -> str:
+        bracketed = re.fullmatch(r"\([^()]*\)", unit)
+        return f"({unit})" if re.search(r"[/*·\s]", unit) and not bracketed else unit
+
+    return f"{single(output_unit or '1')}/{single(input_unit)}" if input_unit else output_unit
 
 
 def _product(factors: list[Array]) -> Array:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.lti.structure import gain_unit
 from trueplant.report.figures import phases
-from trueplant.report.numbers import interval, number, per
+from trueplant.report.numbers import interval, number
 from trueplant.study.result import Curves, Residuals, Trend
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ def _unit(unit: str) -> str:
 
 
 def step_response(curves: Curves, i: int, j: int) -> str:
-    t, unit = curves.step_t, _unit(per(curves.output_units[i], curves.input_units[j]))
+    t, unit = curves.step_t, _unit(gain_unit(curves.output_units[i], curves.input_units[j]))
     model, plant = curves.step_model[:, i, j], curves.step_plant[:, i, j]
     low, high = curves.step_low[:, i, j], curves.step_high[:, i, j]
     if not t.size:

@@ -11,8 +11,9 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from trueplant.lti.structure import gain_unit
 from trueplant.report.decimate import compact, merged, min_max
-from trueplant.report.numbers import number, per
+from trueplant.report.numbers import number
 from trueplant.report.style import BOTTOM, LIGHT, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
 from trueplant.study.result import Curves, Residuals, Trend
 
@@ -43,8 +44,8 @@ def step_response(curves: Curves, i: int, j: int) -> go.Figure:
     figure.add_trace(line("plant", "plant", x=curves.step_t, y=curves.step_plant[:, i, j]))
     figure.add_trace(line("model", "model", x=curves.step_t, y=curves.step_model[:, i, j]))
     figure.update_xaxes(title_text=with_unit("Time", inert(curves.time_unit)))
-    gain_unit = per(curves.output_units[i], curves.input_units[j])
-    figure.update_yaxes(title_text=inert(shortened(gain_unit or "Response", 24)), nticks=6)
+    unit = gain_unit(curves.output_units[i], curves.input_units[j])
+    figure.update_yaxes(title_text=inert(shortened(unit or "Response", 24)), nticks=6)
     return framed(figure, 270)
 
 
@@ -158,7 +159,7 @@ def bode(curves: Curves, i: int, j: int, z: float) -> go.Figure:
     frequencies = decades(w, room=0.0)
     figure.update_xaxes(type="log", range=frequencies, **log_ticks(frequencies))
     figure.update_xaxes(title_text=f"Frequency (rad/{inert(curves.time_unit)})", row=2, col=1)
-    unit = per(curves.output_units[i], curves.input_units[j])
+    unit = gain_unit(curves.output_units[i], curves.input_units[j])
     title = inert(shortened(unit or "Magnitude", 18))
     figure.update_yaxes(type="log", title_text=title, range=magnitudes, row=1, col=1, **log_ticks(magnitudes))
     figure.update_yaxes(title_text="Phase (°)", range=[lowest, highest], dtick=tick, row=2, col=1)

@@ -59,10 +59,3 @@ def percentage(change: float | None) -> str:
         return f"{number(change)} %"
     text = f"{change:+.{0 if abs(change) >= 100 else 1}f}"
     return "0.0 %" if text in ("+0.0", "-0.0") else f"{text} %"
-
-
-def per(output_unit: str, input_unit: str) -> str:
-    """Unit of a gain; empty if neither signal has a unit."""
-    if not (output_unit or input_unit):
-        return ""
-    return f"{output_unit or '1'} per {input_unit}" if input_unit else output_unit

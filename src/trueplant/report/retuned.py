@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from trueplant.lti.structure import gain_unit
 from trueplant.report.loops import Cell
-from trueplant.report.numbers import MISSING, number, per
+from trueplant.report.numbers import MISSING, number
 
 Table = Mapping[str, Any]
 
@@ -160,8 +161,8 @@ def _labels(loop: Table, input_unit: str, output_unit: str) -> dict[str, str]:
     """Key of the settings shown to its name and unit."""
     notation, parallel = loop.get("notation") or {}, loop.get("form") == "parallel"
     unit = notation.get("time_unit") or loop["time_unit"]
-    gain_unit = "% per %" if loop.get("gain_unit") == "percent of span" else per(input_unit, output_unit)
-    gain = f"Gain ({gain_unit})" if gain_unit else "Gain"
+    unit_of_gain = "%/%" if loop.get("gain_unit") == "percent of span" else gain_unit(input_unit, output_unit)
+    gain = f"Gain ({unit_of_gain})" if unit_of_gain else "Gain"
     if notation.get("gain") == "proportional band":
         gain = "Proportional band (%)"
     integral = f"Repeats per {unit}" if notation.get("integral") == "repeats" else f"Integral time ({unit})"

@@ -212,6 +212,8 @@ def _plant(
             message += ": several elements of a row or column have, and not by one factor as with a sensor or a valve"
         elif len(outputs) * len(inputs) > 1:
             message += ": no other element of its row and column moves with it"
+        elif dynamics:
+            message += ": a sensor's span or a valve's gain would move the gain alone"
         causes.append(Reason("cause-plant", message, f"{e.input} -> {e.output}"))
     return causes
 
