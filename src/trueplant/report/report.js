@@ -42,7 +42,7 @@
     }
     for (const shape of drawn.shapes || []) shape.fillcolor = colors[shape.name];
     drawn.hoverlabel = { ...drawn.hoverlabel, bgcolor: colors.paper, bordercolor: colors.axis, font: { color: colors.ink } };
-    drawn.modebar = { bgcolor: colors.paper, color: colors.axis, activecolor: colors.ink };
+    drawn.modebar = { bgcolor: "rgba(0,0,0,0)", color: colors.axis, activecolor: colors.ink };
     // A finger that drags should scroll the page.
     drawn.dragmode = touch ? false : "zoom";
     if (printing) Object.assign(drawn, { autosize: false, width: box.clientWidth, height: box.clientHeight });
