@@ -1,5 +1,6 @@
 """Mismatch between plant and model from closed-loop data: the expressions (17)-(20), and their use on records."""
 
+from trueplant.mismatch.coherence import Coherence, coherence
 from trueplant.mismatch.estimate import LocalFit, fit_locally
 from trueplant.mismatch.expressions import (
     Mismatch,
@@ -17,11 +18,13 @@ from trueplant.mismatch.reduction import fit_structure
 from trueplant.mismatch.sampling import hold_response, sampled_frequency_response
 
 __all__ = [
+    "Coherence",
     "FrequencyResponse",
     "LocalFit",
     "Mismatch",
     "closed_form",
     "closed_form_covariance",
+    "coherence",
     "consistency",
     "fit_locally",
     "fit_structure",
