@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import html
 import io
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from trueplant.cli import main
 from trueplant.paper import equations, mill_section, splitter_section
-from trueplant.paper.entry import last_digit, rounded, rounds_to
+from trueplant.paper.entry import Entry, last_digit, rounded, rounds_to
+from trueplant.paper.page import noted
 from trueplant.report.style import DARK, LIGHT
 
 
@@ -178,6 +181,33 @@ def test_the_page_shows_every_value_and_needs_no_network(written):
     differing = text[text.index('id="differences"') : text.index('id="equations"')]
     assert differing.count("▲") == sum(row["agrees"] is False for row in rows)
     assert "simulated" in text
+
+
+def test_the_page_explains_everything_once(written):
+    """Notes that many rows of a table share stand above it; a difference is explained where the differences stand."""
+    page = (written[1] / "paper.html").read_text("utf-8")
+    text = html.unescape(page[: page.index('<script type="application/json"')])
+    rows = json.loads((written[1] / "paper.json").read_text("utf-8"))
+    shared = "largest difference of the two sides relative to the larger"
+    assert sum(shared in row["note"] for row in rows) > 10 and text.count(shared) == 1
+    for row in rows:
+        if row["agrees"] is False:
+            assert text.count(row["note"]) == 1, row["id"]
+    for chapter in text.split('<section id="')[2:]:
+        keys = re.findall(r'class="key (\w+)"', chapter)
+        assert len(keys) == len(set(keys))
+
+
+def test_notes_lose_nothing_but_repetition():
+    """Each note can be put together again from what the row and the letters say."""
+    entries = [
+        Entry(str(k), "", None, 1.0, None, f"the same long remark for all; tolerance {k}. Here something else")
+        for k in range(3)
+    ]
+    entries.append(Entry("3", "", None, 1.0, None, "a note of its own; and more. Then this"))
+    remarks, told = noted([*entries, replace(entries[0], id="4", agrees=False)], False)
+    assert remarks == [("a", "the same long remark for all; Here something else")]
+    assert [note for _, note in told] == [*(f"tolerance {k} [a]" for k in range(3)), entries[3].note, None]
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_computed(tmp_path, capsys):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from string import ascii_lowercase
 
 from trueplant import __version__
 from trueplant.paper import figures
@@ -21,6 +23,10 @@ MU: Legend = (
     ("setpoint", "plant, 1.0137 as (37) implies"),
 )
 
+OFTEN = 3
+"""Notes of a table in which a clause stands, from which on it is said once above the table."""
+LONG = 15
+"""Characters from which on that is worth a letter."""
 COLUMNS = ("median_error", "rms_error", "bound", "rms_over_bound", "coverage", "median_error_of_route")
 HEADINGS = (
     "Parameter",
@@ -59,11 +65,39 @@ def render(paper: Paper) -> str:
         entries=len(paper.entries),
         differing=[e for e in compared if e.agrees is False],
         value=value,
+        noted=noted,
         version=__version__,
         most_rows=MOST_ROWS,
         **frame(book),
     )
     return page + "\n"
+
+
+def noted(entries: Sequence[Entry], apart: bool) -> tuple[list[tuple[str, str]], list[tuple[Entry, str | None]]]:
+    """What several notes of a table say, once and with a letter, and each entry with what its own note says besides.
+
+    The note is None for a difference, which the table of the differences, `apart`, explains.
+    """
+    clauses = {e.id: re.split(r"; |\. (?=[A-Z])", e.note) if e.note else [] for e in entries}
+    holders: dict[str, list[str]] = {}
+    for e in entries:
+        for clause in clauses[e.id]:
+            holders.setdefault(clause, []).append(e.id)
+    together: dict[tuple[str, ...], list[str]] = {}
+    for clause, ids in holders.items():
+        if len(ids) >= OFTEN and len(clause) >= LONG:
+            together.setdefault(tuple(ids), []).append(clause)
+    remarks = [(letter, "; ".join(said)) for letter, said in zip(ascii_lowercase, together.values(), strict=False)]
+    letters = {clause: letter for (letter, _), said in zip(remarks, together.values(), strict=False) for clause in said}
+    rows: list[tuple[Entry, str | None]] = []
+    for e in entries:
+        own = ""
+        for clause in (c for c in clauses[e.id] if c not in letters):
+            own += f"{'. ' if clause[0].isupper() else '; '}{clause}" if own else clause
+        marks = dict.fromkeys(f"[{letters[clause]}]" for clause in clauses[e.id] if clause in letters)
+        told = e.agrees is False and not apart
+        rows.append((e, None if told else " ".join(filter(None, [own, *marks]))))
+    return remarks, rows
 
 
 def value(computed: Value) -> str:
@@ -84,8 +118,8 @@ def value(computed: Value) -> str:
 def _equations(paper: Paper) -> Chapter:
     text = (
         "Each side of an equation is computed by itself, on the mill of section 3 at 9 frequencies, for two "
-        "experiments with "
-        "random r and v. The signals come from the two equations of the loop, not from the paper's algebra."
+        "experiments with random r and v. The signals come from the two equations of the loop, not from the paper's "
+        "algebra."
     )
     return Chapter("equations", "Section 2 and Appendix A: the expression", text, (), tuple(paper.equations))
 
@@ -96,40 +130,32 @@ def _mill(paper: Paper, book: Book) -> Chapter:
         figures.figure_4(mill),
         "Figure 4: robust performance test",
         f"mu of the model peaks at {number(mill.nominal.RP.upper)} at {number(mill.nominal.RP.frequency)} rad/min. "
-        f"The suprema "
-        f"of the plant, {number(mill.perturbed['printed'].RP.upper)} and "
-        f"{number(mill.perturbed['eq37'].RP.upper)}, are "
-        "limits towards frequency 0. Both bounds agree to within the line.",
+        f"The suprema of the plant, {number(mill.perturbed['printed'].RP.upper)} and "
+        f"{number(mill.perturbed['eq37'].RP.upper)}, are limits towards frequency 0. Both bounds agree to within the "
+        "line.",
     )
     steps = []
     for k, what in enumerate(("particle size", "circulating load")):
         for signals, kind in (("y", "controlled"), ("u", "manipulated")):
             at = 5 + 2 * k + (signals == "u")
             title = f"Figure {at}: {kind} variables, step of the {what} set-point"
-            steps.append(
-                book.add(figures.mill_steps(mill, k, signals), title, "Deviations for a unit step; simulated.")
-            )
-    groups = (
-        ((*MU, ("bound", "limit of 1")), (four,)),
-        ((*MU, ("bound", "set-point")), tuple(steps)),
-    )
+            steps.append(book.add(figures.mill_steps(mill, k, signals), title, ""))
+    groups = (((*MU, ("bound", "limit of 1, or set-point")), (four,)), ((), tuple(steps)))
     text = (
-        "Everything is computed twice where (34) matters: with the factor 1.1014 that it prints and with the "
-        "1.0137 that (37) "
-        "implies."
+        "Everything is computed twice where (34) matters: with the factor 1.1014 that it prints and with the 1.0137 "
+        "that (37) implies. Figures 5 to 8 are simulated and show deviations for a unit step."
     )
     return Chapter("mill", "Section 3: the grinding mill", text, groups, tuple(mill.entries))
 
 
 def _splitter(paper: Paper, book: Book) -> Chapter:
     shown = paper.records.shown
-    record = "Simulated from (40) with white noise; the industrial record is not public."
-    ten = book.add(figures.figure_10(shown), "Figure 10: step test data for 5 hours", record)
+    ten = book.add(figures.figure_10(shown), "Figure 10: step test data for 5 hours", "")
     near = []
     for output, (at, what) in enumerate(((11, "top temperature"), (12, "vaporisation"))):
         start = STEP_TIMES[output] - 10
         drawn = figures.step_data(shown, output, start, start + 50)
-        near.append(book.add(drawn, f"Figure {at}: step of the {what}", f"{record} Model (41)."))
+        near.append(book.add(drawn, f"Figure {at}: step of the {what}", ""))
     last = []
     for at, element, output, step in ((13, "(1, 1)", 0, 2), (14, "(1, 2)", 0, 3), (15, "(2, 2)", 1, 3)):
         ids = [f"table5.{name}{element[1]}{element[4]}" for name in ("model", "fit")]
@@ -140,15 +166,22 @@ def _splitter(paper: Paper, book: Book) -> Chapter:
             book.add(figures.comparison(shown, output, STEP_TIMES[step]), f"Figure {at}: element {element}", caption)
         )
     groups = (
-        ((("measured", "PV, or OP"), ("setpoint", "SP")), (ten,)),
-        ((("measured", "PV, or OP"), ("model", "model (41)"), ("setpoint", "error")), tuple(near)),
-        ((("measured", "PV"), ("model", "model (41)"), ("plant", "plant, estimated")), tuple(last)),
+        (
+            (
+                ("measured", "PV, or OP"),
+                ("setpoint", "SP; in Figures 11 and 12 the model's error"),
+                ("model", "model (41)"),
+                ("plant", "plant, estimated"),
+            ),
+            (ten,),
+        ),
+        ((), tuple(near)),
+        ((), tuple(last)),
     )
     entries = [e for e in paper.records.entries if not e.id.startswith(("mc.", "table4.ours", "table4.route"))]
     text = (
-        "The printed models are taken as they are, and the record is simulated from (40) under Table 2 with the "
-        "sign that the top "
-        "temperature's controller must have."
+        "The printed models are taken as they are, and the record is simulated from (40) with white noise, under "
+        "Table 2 with the sign that the top temperature's controller must have."
     )
     return Chapter("splitter", "Section 4: the splitter column", text, groups, (*paper.splitter, *entries))
 
@@ -158,10 +191,7 @@ def _seeds(paper: Paper, book: Book) -> Chapter:
         book.add(
             figures.errors(paper.records.runs[kind]),
             what[0].upper() + what[1:],
-            f"{paper.seeds} simulated records. Row 2 of the plant has no mismatch: where the paper's route finds "
-            f"none it returns "
-            "the model, which is the truth, and no mark is drawn. The bound of a time constant holds while errors "
-            "are small.",
+            "",
         )
         for kind, what in KINDS.items()
     )
@@ -172,9 +202,10 @@ def _seeds(paper: Paper, book: Book) -> Chapter:
         ("points", "paper's route, median (crosses)"),
     )
     text = (
-        "The paper's own route (equation error, (20), reduction) and this program's estimate on the same simulated "
-        "records, many "
-        "times."
+        f"The paper's own route (equation error, (20), reduction) and this program's estimate on the same "
+        f"{paper.seeds} simulated records for each kind of noise. Row 2 of the plant has no mismatch: where the "
+        "paper's route finds none it returns the model, which is the truth, and no mark is drawn. The bound of a time "
+        "constant holds while errors are small."
     )
     numbers = tuple((what[0].upper() + what[1:], HEADINGS, _rows(paper, kind)) for kind, what in KINDS.items())
     return Chapter("seeds", "Table 4 over many records", text, ((legend, drawn),), tuple(entries), numbers)
