@@ -72,9 +72,7 @@ def test_noise_alone_exceeds_the_level_in_one_of_twenty(n_r):
         above += int(np.sum(found.multiple[apart, 0] > found.level))
         partial += int(np.sum(found.partial[apart, 0] > found.partial_level)) / n_r
         count += found.multiple[apart, 0].size
-    print(
-        f"\n{n_r} set-points: {above / count:.4f}, partial {partial / count:.4f} of {count}, {found.windows:.1f} windows"
-    )
+    print(f"\n{n_r}: {above / count:.4f}, partial {partial / count:.4f} of {count}")
     low, high = binom.ppf([0.0005, 0.9995], count, 0.05) / count
     # windows that share half of their samples count as their effective number: right to a fifth
     assert 0.8 * low < above / count < 1.2 * high

@@ -21,6 +21,7 @@ from trueplant.study.curves import curves_of, model_frequencies
 from trueplant.study.datatables import data_tables, fit_rows, provenance
 from trueplant.study.detectors import published_detections
 from trueplant.study.more_data import more_data
+from trueplant.study.nonparametric import coherence_curves, coherence_of, coherence_rows
 from trueplant.study.notes import controller_notes, grouped, notes_of
 from trueplant.study.parameters import parameters_of
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
@@ -81,6 +82,9 @@ def assemble(
             methods["band"] = inside
         notes += outside
         notes += causes_of(study, estimates, found, elements)
+    explained = coherence_of(study)
+    if explained is not None:
+        methods["coherence"] = coherence_rows(study, explained)
     if study.project.analysis.detectors:
         methods["detectors"] = published_detections(study)
     notes += [Reason("methods", sentence) for sentence in others.agreement if "disagree" in sentence]
@@ -88,6 +92,8 @@ def assemble(
     loop = robustness_of(study, plant, estimates) if answered else LoopToday()
     retuned = retuning_of(study, plant, estimates, others.response) if answered else Retuning()
     curves = curves_of(study, estimates, found, plant, others.response)
+    if explained is not None:
+        curves = replace(curves, coherence=coherence_curves(study, explained))
     plans = more_data(study, estimates, plant)
     notes += [Reason("more-data", f"to settle what is open: {plan['sentence']}") for plan in plans[:1]]
     return Result(

@@ -8,8 +8,9 @@ import numpy as np
 
 from trueplant.detect import holm
 from trueplant.lti import TransferMatrix
-from trueplant.mismatch import FrequencyResponse
+from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.mismatch.band import within_band
+from trueplant.study.nonparametric import label_of
 from trueplant.study.result import Reason
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ def band_test(
     inputs = TransferMatrix(tuple(row[:n_u] for row in plant.elements), plant.time_unit)
     test = within_band(response, inputs)
     places = [place for place in sorted(study.specs) if place[1] < n_u and np.isfinite(test.p_value[place])]
+    speaks = speaking_band(response)
     rows, notes = [], []
     for place, adjusted in zip(places, holm([test.p_value[place] for place in places]), strict=True):
         i, j = place
@@ -40,6 +42,8 @@ def band_test(
             "p_adjusted": float(adjusted),
             "within": within,
             "worst_frequency": float(test.worst[place]),
+            "speaks": speaks[i][j],
+            "by": label_of(response),
         }
         rows.append(row)
         if not within:

@@ -16,6 +16,7 @@ from trueplant.lti.sampled import sampled_response
 from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.record import excitation
 from trueplant.study.datatables import simulate_row
+from trueplant.study.nonparametric import label_of
 from trueplant.study.result import Curves, Residuals, Trend
 
 if TYPE_CHECKING:
@@ -78,19 +79,12 @@ def curves_of(
         np_w=np.zeros(0) if response is None else response.w,
         np_value=np.zeros((0, n_y, n_u), complex) if response is None else _believable(response),
         np_std=np.zeros((0, n_y, n_u)) if response is None else response.std,
-        np_label="" if response is None else LABELS[response.method],
+        np_label="" if response is None else label_of(response),
         trends=tuple(_trend(study, k, plant) for k in range(len(study.screened))),
         residuals=tuple(_residuals(study, i, e) for i, e in sorted(estimates.items())),
         condition_w=excited.w,
         condition=excited.condition,
     )
-
-
-LABELS = {
-    "joint": "joint form, local polynomials",
-    "closed-form": "closed form (17), local polynomials",
-    "direct": "response to OP, local polynomials",
-}
 
 
 def _believable(response: FrequencyResponse) -> ComplexArray:

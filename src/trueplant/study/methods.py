@@ -14,7 +14,7 @@ from trueplant.errors import TrueplantError
 from trueplant.identify import OutputEstimate, paper_route, unanswered
 from trueplant.loop import Controller
 from trueplant.lti import Structure, TransferMatrix
-from trueplant.mismatch import FrequencyResponse, fit_locally
+from trueplant.mismatch import FrequencyResponse, fit_locally, period_of
 from trueplant.record import Segment
 from trueplant.study.asked import ask
 from trueplant.study.disturbed import (
@@ -26,6 +26,7 @@ from trueplant.study.disturbed import (
     without_measured,
     without_unmeasured,
 )
+from trueplant.study.nonparametric import best_known
 from trueplant.study.result import Reason
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def compare_methods(study: Study, estimates: Mapping[int, OutputEstimate]) -> Co
     plant = plant_matrix(study, estimates)
     found: dict[str, Estimated] = {}
     refused: dict[str, str] = {}
-    for name in ("joint", "closed-form", "open-loop response"):
+    for name in ("joint", "closed-form", "open-loop response", "periodic"):
         if wanted not in ("auto", "all", name):
             continue
         why = _why_not(study, name)
@@ -97,7 +98,7 @@ def compare_methods(study: Study, estimates: Mapping[int, OutputEstimate]) -> Co
     for name, answer in asked.answers.items():
         parameters = {place: p for place, (p, _) in answer.found.items()}
         found[name] = Estimated(parameters, {place: covariance for place, (_, covariance) in answer.found.items()})
-    first = next((fit.response for fit in found.values() if fit.response is not None), None)
+    first = best_known(fit.response for fit in found.values())
     elements = {name: _summaries(study, fit) for name, fit in found.items()}
     if "closed-form" in found:
         elements["paper-route"] = _paper_route(study, plant)
@@ -164,11 +165,29 @@ def _segments(study: Study, closed: bool) -> list[Segment]:
     return [s for s in study.segments if s.closed == closed and len(s) <= LARGEST]
 
 
+def _in_closed_loop(study: Study, name: str) -> bool:
+    """Which records a method takes; averages over periods take those in open loop where there are no others."""
+    return bool(_segments(study, closed=True)) if name == "periodic" else name != "open-loop response"
+
+
+def _repeat(segments: Sequence[Segment], closed: bool) -> bool:
+    """Does what moves any of them repeat with a period."""
+    for segment in segments:
+        try:
+            period_of(segment.r if closed else segment.u, segment.h)
+        except TrueplantError:
+            continue
+        return True
+    return False
+
+
 def _why_not(study: Study, name: str, taken_along: bool = False) -> str | None:
     """Why a method does not apply to these data; an empty text where it has no business at all."""
-    closed = name != "open-loop response"
+    closed = _in_closed_loop(study, name)
     segments = _segments(study, closed)
     if not segments:
+        return ""
+    if name == "periodic" and study.project.analysis.method != name and not _repeat(segments, closed):
         return ""
     lasting = _lasting(study)
     if lasting and not taken_along:
@@ -215,12 +234,13 @@ def _problem(
 
 
 def _run(study: Study, name: str, plant: TransferMatrix) -> Estimated:
-    closed = name != "open-loop response"
+    closed = _in_closed_loop(study, name)
     segments = _segments(study, closed)
     model, structures, controller = _problem(study, segments)
     segments = without_measured(study, segments, plant, controller if closed else None)
     law = controller if name == "closed-form" else None
-    fit = fit_locally(segments, structures, model, name if closed else "direct", law)
+    form = ("joint" if name == "periodic" else name) if closed else "direct"
+    fit = fit_locally(segments, structures, model, form, law, periodic=name == "periodic")
     return Estimated(fit.parameters, fit.covariance, fit.response)
 
 

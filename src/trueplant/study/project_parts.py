@@ -266,6 +266,7 @@ Method = Literal[
     "direct",
     "closed-form",
     "joint",
+    "periodic",
     "equation-error",
     "srivc",
     "rivc",

@@ -116,6 +116,19 @@ class MuCurves:
 
 
 @dataclass(frozen=True, eq=False)
+class CoherenceCurves:
+    """What of each output the set-points (or OP) explain over frequency."""
+
+    w: Array
+    multiple: Array
+    """(n_w, n_y) between 0 and 1."""
+    level: float
+    """What noise alone exceeds at a share `significance` of the frequencies."""
+    significance: float
+    setpoints: bool
+
+
+@dataclass(frozen=True, eq=False)
 class RetuningCurves:
     """One loop before and after retuning, on the plant as estimated, the other loops closed likewise.
 
@@ -173,6 +186,7 @@ class Curves:
     """Condition number of the set-points' (or inputs') excitation at `condition_w`."""
     mu: tuple[MuCurves, ...] = ()
     retuning: tuple[RetuningCurves, ...] = ()
+    coherence: CoherenceCurves | None = None
 
 
 @dataclass(frozen=True, eq=False)
