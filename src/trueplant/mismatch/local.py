@@ -162,10 +162,15 @@ def plant_response(
 def speaking_band(response: FrequencyResponse) -> tuple[tuple[tuple[float, float] | None, ...], ...]:
     """Lowest and highest frequency between which each element is known to better than half its size.
 
-    The longest run of frequencies, in octaves, without an interruption; None where no two neighbours speak.
+    The longest run of frequencies, in octaves, without an interruption; None where no two neighbours speak. Lines of
+    periodic set-points differ in strength by chance: each speaks together with its neighbours.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        speaks = (response.std < SPEAKS * np.abs(response.sampled)) & response.reliable[:, None, None]
+        known = np.abs(response.sampled) ** 2 / response.std**2
+    known = np.where(response.reliable[:, None, None], np.nan_to_num(known, posinf=1e300), 0.0)
+    if response.periods:
+        known[1:-1] = known[:-2] + known[1:-1] + known[2:]
+    speaks = known > 1 / SPEAKS**2
     _, n_y, n_u = speaks.shape
     return tuple(tuple(_longest_run(response.w, speaks[:, i, j]) for j in range(n_u)) for i in range(n_y))
 

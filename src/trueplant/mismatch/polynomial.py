@@ -111,7 +111,8 @@ def fit_windows(
     if not usable.any():
         raise Refused(
             "the set-points move too little or too much alike within these records to tell their effects apart: "
-            "move each of them at instants of its own, well apart"
+            "move each of them at instants of its own, well apart; moves that repeat many times are for averages over "
+            "their periods"
         )
     basis = NODES[:, None] ** np.arange(TERMS)
     return Windows(

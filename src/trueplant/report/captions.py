@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trueplant.lti.structure import gain_unit
 from trueplant.report.figures import phases
 from trueplant.report.numbers import interval, number
-from trueplant.study.result import Curves, Residuals, Trend
+from trueplant.study.result import CoherenceCurves, Curves, Residuals, Trend
 
 Array = NDArray[np.float64]
 
@@ -117,6 +117,17 @@ def correlation(lags: Array, value: Array, bound: float) -> str:
     return (
         f"{outside} of {int(known.sum())} lags lie outside ±{number(bound, 2)}; "
         f"the largest is {number(float(value[at]), 2)} at lag {number(float(lags[at]))}."
+    )
+
+
+def coherence(curves: Curves, found: CoherenceCurves, i: int) -> str:
+    value = found.multiple[:, i]
+    best = int(np.argmax(value))
+    unit = f"rad/{curves.time_unit}"
+    return (
+        f"Largest, {number(float(value[best]), 2)}, at {number(float(found.w[best]), 3)} {unit}; above the level of "
+        f"noise, {number(found.level, 2)}, at {int(np.sum(value > found.level))} of {value.size} frequencies. Noise "
+        f"alone exceeds it at {number(100 * found.significance)} % of them."
     )
 
 

@@ -15,7 +15,7 @@ from trueplant.lti.structure import gain_unit
 from trueplant.report.decimate import compact, merged, min_max
 from trueplant.report.numbers import number
 from trueplant.report.style import BOTTOM, LIGHT, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
-from trueplant.study.result import Curves, Residuals, Trend
+from trueplant.study.result import CoherenceCurves, Curves, Residuals, Trend
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -298,6 +298,17 @@ def correlation(lags: Array, value: Array, bound: float) -> go.Figure:
             figure.add_trace(line("bound", "bound", x=ends, y=[sign * bound] * 2))
     figure.update_xaxes(title_text="Lag (samples)")
     figure.update_yaxes(title_text="Correlation", nticks=6)
+    return framed(figure, 230)
+
+
+def coherence(curves: Curves, found: CoherenceCurves, i: int) -> go.Figure:
+    """Multiple coherence of output i over frequency, and the level that noise alone seldom exceeds."""
+    frequencies = decades(found.w, room=0.0)
+    figure = go.Figure(line("plant", "coherence", x=found.w, y=found.multiple[:, i]))
+    figure.add_trace(line("bound", "level of noise", x=[found.w[0], found.w[-1]], y=[found.level] * 2))
+    unit = inert(curves.time_unit)
+    figure.update_xaxes(type="log", title_text=f"Frequency (rad/{unit})", range=frequencies, **log_ticks(frequencies))
+    figure.update_yaxes(title_text="Coherence (-)", range=[-0.02, 1.02], dtick=0.25)
     return framed(figure, 230)
 
 

@@ -244,6 +244,12 @@ def _figures(curves: Curves, book: Book, z: float) -> dict[str, Any]:
             for title, lags, value, bound, told in pairs_of_lags
         ]
         residuals.append((found.output, over_time, correlations))
+    explained = curves.coherence
+    coherences = [
+        book.add(figures.coherence(curves, explained, i), name, captions.coherence(curves, explained, i))
+        for i, name in enumerate(curves.outputs)
+        if explained is not None
+    ]
     condition = None
     if np.isfinite(curves.condition).any():
         title = "Condition number of the excitation"
@@ -254,6 +260,8 @@ def _figures(curves: Curves, book: Book, z: float) -> dict[str, Any]:
         "bodes": bodes,
         "residuals": residuals,
         "condition": condition,
+        "coherences": coherences,
+        "coherent_with": "the set-points" if curves.coherence is None or curves.coherence.setpoints else "OP",
         "np_label": curves.np_label or "estimate without a model",
         "has_plant": bool(np.isfinite(curves.bode_plant).any()),
         "has_setpoint": any(np.isfinite(t.r).any() for t in curves.trends),

@@ -77,6 +77,13 @@ def _drawing(p: Parameter, scale: float, kind: str) -> Markup:
     )
 
 
+def _digits(p: Parameter) -> int:
+    """Of the model's value: as far as the plant's is known, and three to six."""
+    if not (p.model and p.std_error and math.isfinite(p.std_error)):
+        return 4
+    return min(max(2 + math.floor(math.log10(abs(p.model))) - math.floor(math.log10(p.std_error)), 3), 6)
+
+
 def parameter_row(p: Parameter, scale: float) -> ParameterRow:
     """`scale` is the half width of the drawing in percent."""
     kind = "unknown" if p.plant is None else "changed" if p.changed else "unchanged"
@@ -89,7 +96,7 @@ def parameter_row(p: Parameter, scale: float) -> ParameterRow:
     return ParameterRow(
         name=plain_name(p.name),
         unit=p.unit,
-        model=number(p.model, 6),
+        model=number(p.model, _digits(p)),
         plant=to_precision(p.plant, p.std_error),
         error=number(p.std_error, 2),
         interval=interval(*p.ci, resolution=p.std_error) if p.ci is not None else MISSING,
@@ -148,6 +155,10 @@ class ComparisonRow:
     answers: tuple[str, ...]
 
 
+DRAWN = ("coherence",)
+"""Entries of `methods` that figures show."""
+
+
 @dataclass(frozen=True)
 class Comparison:
     """What each method answers, element by element; and what the methods said besides."""
@@ -188,7 +199,7 @@ def comparison(methods: Mapping[str, Any], elements: Sequence[Element] = ()) -> 
         )
         for element, rows in found.items()
     )
-    return Comparison(names, rows_of, {k: v for k, v in methods.items() if k not in names})
+    return Comparison(names, rows_of, {k: v for k, v in methods.items() if k not in (*names, *DRAWN)})
 
 
 def _answer(p: Mapping[str, Any]) -> str:
