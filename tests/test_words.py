@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trueplant.cli.show import show
+from trueplant.study.detectors_words import detector_lines
 from trueplant.study.notes import grouped
 from trueplant.study.output import to_json
 from trueplant.study.result import Element, Importance, Parameter, Reason, Result
@@ -207,3 +209,46 @@ def test_each_note_is_said_once_with_all_its_places():
         Reason("cause-plant", "the plant itself has changed", "heater_1 -> temperature_1; heater_2 -> temperature_2"),
         Reason("a", "b"),
     )
+
+
+def _detected(name: str, flagged: dict[tuple[str, str], bool], refused=None) -> dict:
+    entries = [
+        {"output": o, "input": i, "statistic": 1.0, "threshold": 0.5, "flagged": f, "kind": "gain" if f else ""}
+        for (o, i), f in flagged.items()
+    ]
+    return {"name": name, "refused": refused, "note": "", "elements": [] if refused else entries}
+
+
+def test_published_detectors_are_said_with_what_the_verdicts_say_otherwise(capsys):
+    changed, kept = ("temperature_1", "heater_1"), ("temperature_2", "heater_2")
+    result = replace(
+        _result(_element(*changed), _element(*kept, verdict="unchanged")),
+        methods={
+            "detectors": [
+                _detected("stepwise", {changed: True, kept: False}),
+                _detected("cross-correlation", {changed: False, kept: True}),
+                _detected("one-class", {}, "12 windows are needed"),
+            ]
+        },
+    )
+    told = [
+        "published detectors, on which no verdict rests:",
+        "  stepwise flags heater_1 -> temperature_1 (gain)",
+        "  cross-correlation flags heater_2 -> temperature_2 (gain) (verdict: heater_2 -> temperature_2 unchanged; "
+        "heater_1 -> temperature_1 changed)",
+        "  one-class does not apply: 12 windows are needed",
+    ]
+    assert detector_lines(result) == told
+    assert "\n".join(told) in text_summary(result)
+    show(result, [])
+    assert "\n".join(told) in capsys.readouterr().out
+    assert detector_lines(_result(_element())) == []
+
+
+def test_table_explains_its_marks(capsys):
+    show(_result(_element(), _element(verdict="unchanged", grade="C")), [])
+    out = capsys.readouterr().out
+    assert "-53.1 % *" in out
+    assert "* changed, beyond chance. Grade: A and B are good enough to retune on, C is rough" in out
+    show(_result(_element(verdict="unchanged", grade="")), [])
+    assert "*" not in capsys.readouterr().out

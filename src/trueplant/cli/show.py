@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from trueplant.study.detectors_words import detector_lines
+from trueplant.study.methods_words import comparison_lines
 from trueplant.study.result import Element, Parameter, Result
 from trueplant.study.words import loop_line, number, settings_lines, value_with_interval
 
@@ -28,7 +30,8 @@ def show(result: Result, written: Sequence[Path]) -> None:
     out.print(Text(result.headline, style="bold"))
     if result.elements:
         out.print(elements_table(result))
-    for line in (loop_line(result), *settings_lines(result)):
+        out.print(Text(legend(result)))
+    for line in (loop_line(result), *settings_lines(result), *comparison_lines(result), *detector_lines(result)):
         if line:
             out.print(Text(line))
     for reason in (*result.reasons, *result.notes):
@@ -51,6 +54,21 @@ def elements_table(result: Result) -> Table:
     return table
 
 
+def legend(result: Result) -> str:
+    """What the marks of the table mean, as far as there are any."""
+    marked = any(parameter.changed for element in result.elements for parameter in element.parameters)
+    grades = {
+        "A": "A and B are good enough to retune on",
+        "B": "A and B are good enough to retune on",
+        "C": "C is rough",
+        "D": "D leaves something unanswered",
+    }
+    said = dict.fromkeys(text for grade, text in grades.items() if any(e.grade == grade for e in result.elements))
+    return ". ".join(
+        filter(None, ["* changed, beyond chance" if marked else "", f"Grade: {', '.join(said)}" if said else ""])
+    )
+
+
 def _element_cells(element: Element) -> tuple[Text, Text, Text]:
     name = Text(f"{element.input} -> {element.output}")
     return name, Text(element.verdict, style=_STYLE.get(element.verdict, "")), Text(element.grade)
@@ -68,5 +86,6 @@ def _parameter_cells(element: Element, parameter: Parameter | None) -> tuple[Tex
     else:
         plant = f"{value_with_interval(parameter.plant, parameter.ci)}{unit}"
     percent = "" if parameter.change_percent is None else f"{parameter.change_percent:+.1f} %"
+    percent = f"{percent} *".strip() if parameter.changed else f"{percent}  "
     style = "bold" if parameter.changed else ""
     return Text(parameter.name.replace("_", " ")), Text(model), Text(plant, style=style), Text(percent, style=style)

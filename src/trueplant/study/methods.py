@@ -28,6 +28,7 @@ from trueplant.study.disturbed import (
 )
 from trueplant.study.nonparametric import best_known
 from trueplant.study.result import Reason
+from trueplant.study.words import number
 
 if TYPE_CHECKING:
     from trueplant.study.pipeline import Study
@@ -336,7 +337,7 @@ def _agreement(
             continue
         named = "; ".join(
             f"{label.replace('_', ' ')} of {study.columns[j]} -> {study.project.output_names[i]}: "
-            f"{a:.3g} by the fit, {b:.3g}"
+            f"{number(a)} by the fit, {number(b)} by {name}"
             for _, (i, j), label, a, b in clear[:4]
         )
         more = f" and {len(clear) - 4} more" if len(clear) > 4 else ""

@@ -201,6 +201,7 @@ def value_with_interval(value: float, ci: tuple[float, float]) -> str:
 
 def text_summary(result: Result) -> str:
     """What a terminal shows."""
+    from trueplant.study.detectors_words import detector_lines
     from trueplant.study.methods_words import comparison_lines
 
     lines = [headline(result)]
@@ -215,6 +216,8 @@ def text_summary(result: Result) -> str:
             lines.append(f"  {_sentence(element.reason)}")
     if compared := comparison_lines(result):
         lines += ["", *compared]
+    if detected := detector_lines(result):
+        lines += ["", *detected]
     if loop := loop_line(result):
         lines += ["", loop, *settings_lines(result)]
     for title, reasons in (("refused", result.reasons), ("note", result.notes)):
@@ -241,8 +244,8 @@ def loop_line(result: Result) -> str:
     if measured:
         highest = max(measured, key=lambda loop: float(loop["Ms"]))
         before = next(loop for loop in margins["model"] if loop["input"] == highest["input"])
-        text += f"; the sensitivity peaks at Ms = {number(highest['Ms'])} ({spoken(highest['input'])}"
-        text += f", {number(before['Ms'])} on the model)" if before["stable"] else ", unstable on the model)"
+        text += f"; the sensitivity peaks at Ms = {number(highest['Ms'])} ({spoken(highest['input'])}; usual is below 2"
+        text += f"; {number(before['Ms'])} on the model)" if before["stable"] else "; unstable on the model)"
     text += "."
     peaks = result.robustness.get("peaks", {})
     if "RP" in peaks.get("plant", {}):
@@ -278,6 +281,8 @@ def settings_lines(result: Result) -> list[str]:
         if new.get("others"):
             said += f", and from {', '.join(new['others'])} as in the report"
         lines.append(f"recommended for {loop['input']} ({loop['recommended']}): {said}")
+    if lines and loops[0]["reason"]:
+        lines.append(f"  because it {_sentence(loops[0]['reason'])}")
     if loops and not lines:
         lines.append(f"no retuning is recommended: {_sentence(loops[0]['reason'] or 'see the report')}")
     return lines
