@@ -95,3 +95,11 @@ def test_an_op_at_its_limits_is_no_sign_of_a_faster_scan(tmp_path):
     text = declared(tmp_path, record, MODEL, LAW).to_toml().replace('op = "op"', 'op = "op"\nlimits = [-1.0, 0.5]')
     element = run(Project.from_toml(text, tmp_path)).elements[0]
     assert all(p.plant is not None for p in element.parameters)
+
+
+def test_a_scan_that_is_the_records_is_confirmed_without_being_declared(tmp_path):
+    """A continuous law would not have written what derivative action on noise wrote once a sample."""
+    confirmed = run(declared(tmp_path, recorded(1), MODEL, LAW)).methods["controller_consistency"]
+    assert [entry["confirmed"] for entry in confirmed] == [True]
+    other = run(declared(tmp_path, recorded(1, Kc=-0.6), MODEL, LAW)).methods["controller_consistency"]
+    assert [entry["confirmed"] for entry in other] == [False]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,20 +42,16 @@ def _entry(
 ) -> dict[str, Any]:
     unit = study.project.inputs[i].unit
     entry: dict[str, Any] = {"experiment": name, "input": study.project.input_names[i], "unit": unit}
-    errors, times, moved = [], [], []
-    for segment in segments:
-        try:
-            error = _replay_error(controller, segment, study, k, i)
-        except LoopError as problem:
-            return entry | {"confirmed": None, "rms": None, "message": f"the controller cannot be checked: {problem}"}
-        if error is not None:
-            errors.append(error)
-            times.append(segment.t)
-            moved.append(segment.u[:, i])
-    if not errors:
+    try:
+        replayed = _best_replay(controller, segments, study, k, i)
+    except LoopError as problem:
+        return entry | {"confirmed": None, "rms": None, "message": f"the controller cannot be checked: {problem}"}
+    if not replayed:
         why = study.screened[k].refusal or "set-point or PV is missing"
         return entry | {"confirmed": None, "rms": None, "message": f"the controller cannot be checked: {why}"}
-    e, t, u = np.concatenate(errors), np.concatenate(times), np.concatenate(moved)
+    e = np.concatenate([error for _, error in replayed])
+    t = np.concatenate([segment.t for segment, _ in replayed])
+    u = np.concatenate([segment.u[:, i] for segment, _ in replayed])
     rms = float(np.sqrt(np.mean(e**2)))
     scale = float(np.std(u)) or 1.0
     confirmed = rms <= CLOSE * scale
@@ -68,6 +65,23 @@ def _entry(
         "message": f"the declared controller does not reproduce OP: {rms:.3g} {unit} rms, {100 * rms / scale:.0f} % of "
         f"OP's own movement, {where}. Its tuning, action, scan or mode is not what was declared"
     }
+
+
+def _best_replay(
+    controller: Controller, segments: tuple[Segment, ...], study: Study, k: int, i: int
+) -> list[tuple[Segment, Array]]:
+    """The segments that can be replayed, each with recorded minus replayed OP.
+
+    Laws whose scan is not declared are taken to be continuous or to scan as the record does, whichever fits better.
+    """
+    laws = [controller]
+    if segments and any(law.sample_time is None for law in controller.entries.values()):
+        h = segments[0].h
+        scans = {place: replace(law, sample_time=law.sample_time or h) for place, law in controller.entries.items()}
+        laws.append(replace(controller, entries=scans))
+    tried = [[(s, _replay_error(law, s, study, k, i)) for s in segments] for law in laws]
+    kept = [[(segment, error) for segment, error in one if error is not None] for one in tried]
+    return min(kept, key=lambda one: sum(float(error @ error) for _, error in one))
 
 
 def _replay_error(controller: Controller, segment: Segment, study: Study, k: int, i: int) -> Array | None:
