@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from trueplant.errors import TrueplantError
+from trueplant.errors import Refused, TrueplantError
 from trueplant.identify import OutputEstimate, paper_route, unanswered
 from trueplant.loop import Controller
 from trueplant.lti import Structure, TransferMatrix
@@ -241,7 +241,12 @@ def _run(study: Study, name: str, plant: TransferMatrix) -> Estimated:
     segments = without_measured(study, segments, plant, controller if closed else None)
     law = controller if name == "closed-form" else None
     form = ("joint" if name == "periodic" else name) if closed else "direct"
-    fit = fit_locally(segments, structures, model, form, law, periodic=name == "periodic")
+    try:
+        fit = fit_locally(segments, structures, model, form, law, periodic=name == "periodic")
+    except Refused:
+        if name != "closed-form" or not _repeat(segments, closed):
+            raise
+        fit = fit_locally(segments, structures, model, form, law, periodic=True)
     return Estimated(fit.parameters, fit.covariance, fit.response)
 
 
