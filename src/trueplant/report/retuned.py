@@ -162,7 +162,7 @@ def _labels(loop: Table, input_unit: str, output_unit: str) -> dict[str, str]:
     notation, parallel = loop.get("notation") or {}, loop.get("form") == "parallel"
     unit = notation.get("time_unit") or loop["time_unit"]
     unit_of_gain = "%/%" if loop.get("gain_unit") == "percent of span" else gain_unit(input_unit, output_unit)
-    gain = f"Gain ({unit_of_gain})" if unit_of_gain else "Gain"
+    gain = f"Gain, {unit_of_gain}" if "(" in unit_of_gain else f"Gain ({unit_of_gain})" if unit_of_gain else "Gain"
     if notation.get("gain") == "proportional band":
         gain = "Proportional band (%)"
     integral = f"Repeats per {unit}" if notation.get("integral") == "repeats" else f"Integral time ({unit})"

@@ -135,11 +135,10 @@ def reason_of(
     the least load error. Nothing where today's settings hold as well and no load error would fall by a tenth.
     """
     share = asked["share"]
-    named = f"Ms and Mt of {asked['Ms']:g} in all loops"
+    named = f"Ms and Mt below {asked['Ms']:.3g} in all loops"
     good = [p.method for p in proposals if p.method in judged and all(p.answered) and _holds(judged[p.method], asked)]
     usual = [m for m in good if m not in DESIGNS] or good
     now = next(iter(today.values()))["drawn"]
-    held = f"today's settings hold {named} for {_percent(now['share_all'])} of the plants" if now else ""
     if not usual:
         if not judged:
             return None, "no method had an answer: " + "; ".join(f"{p.method}: {p.notes[0]}" for p in proposals)
@@ -154,11 +153,18 @@ def reason_of(
     change = _load_change(judged[method], today, places)
     calm = bool(now) and now["share_all"] >= share and (asked["mu"] is None or (now["mu_share"] or 0.0) >= share)
     if calm and change and min(change) > WORTH - 1:
-        return None, f"{held}, and no proposal that does brings the error of a load step down by a tenth: keep them"
-    text = f"holds {named} for {_percent(_share(judged[method]))} of independently drawn plants; {held}"
+        return None, (
+            f"today's settings hold {named} for {_percent(now['share_all'])} of the plants that the record leaves "
+            "possible, and no proposal that does brings the error of a load step down by a tenth: keep them"
+        )
+    text = (
+        f"holds {named} for {_percent(_share(judged[method]))} of plants drawn anew from those that the record leaves "
+        "possible"
+    )
+    text += f" (today's settings: for {_percent(now['share_all'])})" if now else ""
     if change:
         told = ", ".join(f"{100 * c:+.0f} %" for c in change)
-        text += f"; absolute error of a load step on the plant as estimated: {told} against today"
+        text += f"; the absolute error of a load step, loop by loop, changes by {told}"
         louder = _noise_change(judged[method], today, places)
         if louder and max(louder) > LOUD:
             text += f"; noise moves OP up to {max(louder):.2g} times as much as today: a PI would be calmer"
