@@ -25,6 +25,7 @@ from trueplant.study import Project, track_windows
 from trueplant.study.track import track
 from trueplant.study.track_result import Change, Moved, Track, TrackedElement, TrackedExperiment, Window, WindowElement
 from trueplant.study.track_windows import blocks_of, moves_of
+from trueplant.study.track_words import refused_stretches
 
 N = 2600
 X = np.arange(N)
@@ -222,3 +223,24 @@ def test_every_field_of_the_track_is_described(step: tuple[int, Path, dict[str, 
     for kind in (Moved, TrackedExperiment, WindowElement):
         missing = {f.name for f in fields(kind)} - set(re.findall(r"`(\w+)`", text))
         assert not missing
+
+
+def test_stretches_refused_alike_are_said_together() -> None:
+    """Outputs with the same stretch and reason, then stretches with the same outputs, record and reason."""
+    still, short = "no set-point moves in this stretch", "this stretch is shorter than a window can be"
+    windows = [
+        Window(output, "march.csv", start, end, "refused", why)
+        for output, start, end, why in [
+            ("top", 0.0, 60.0, still),
+            ("bottom", 0.0, 60.0, still),
+            ("top", 300.0, 340.0, short),
+            ("top", 500.0, 560.0, still),
+            ("bottom", 500.0, 560.0, still),
+        ]
+    ]
+    windows.append(Window("top", "march.csv", 60.0, 300.0, "ok"))
+    found = Track("ok", (), (), {}, "min", (), windows=tuple(windows))
+    assert refused_stretches(found) == [
+        ("top, bottom", "march.csv", "0 to 60, 500 to 560", still),
+        ("top", "march.csv", "300 to 340", short),
+    ]

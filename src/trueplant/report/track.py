@@ -36,9 +36,7 @@ def render(track: Track) -> str:
             precision=track.provenance["settings"]["precision_percent"],
             changes=[(c, change_sentence(c, track.time_unit).replace("->", "→")) for c in track.changes],
             figures=figures,
-            refused=[
-                (names, file, time_text(a), time_text(b), why) for names, file, a, b, why in refused_stretches(track)
-            ],
+            refused=refused_stretches(track),
             moved=lambda p: moved_words(p).replace("->", "→"),
             time=time_text,
             provenance=plain(track.provenance),

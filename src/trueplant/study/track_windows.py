@@ -81,8 +81,8 @@ class Demand:
         """What a stretch of this length with so many prediction errors lacks: length, samples, or moves."""
         if length < self.shortest:
             return (
-                f"this stretch of {length:.3g} is shorter than a window can be ({self.shortest:.3g}, three times what "
-                "the plant takes to settle): a longer record is needed"
+                f"this stretch is shorter than a window can be: it takes {self.shortest:.3g}, three times what the "
+                "plant takes to settle"
             )
         if errors < FEWEST_ERRORS:
             return (

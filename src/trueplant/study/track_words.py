@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby
 
 from trueplant.study.track_result import Change, Moved, Track
 from trueplant.study.words import counted, number, spoken
@@ -52,12 +51,16 @@ def moved_words(p: Moved) -> str:
     return f"{spoken(p.name)} {number(p.before)} -> {number(p.after)}{unit}{percent}"
 
 
-def refused_stretches(track: Track) -> list[tuple[str, str, float, float, str]]:
-    """(outputs, experiment, from, to, reason) of the refused windows, outputs refused alike put together."""
-    refused = [w for w in track.windows if w.status == "refused"]
-    refused.sort(key=lambda w: (w.experiment, w.start, w.end, w.reason))
-    groups = groupby(refused, key=lambda w: (w.experiment, w.start, w.end, w.reason))
-    return [(_listed([w.output for w in same]), *key) for key, same in groups]
+def refused_stretches(track: Track) -> list[tuple[str, str, str, str]]:
+    """(outputs, experiment, from ... to ..., reason) of the refused windows: what was refused alike put together."""
+    outputs: dict[tuple[str, str, float, float], list[str]] = {}
+    for w in sorted((w for w in track.windows if w.status == "refused"), key=lambda w: (w.experiment, w.start, w.end)):
+        outputs.setdefault((w.experiment, w.reason, w.start, w.end), []).append(w.output)
+    spans: dict[tuple[str, str, str], list[str]] = {}
+    for (experiment, reason, start, end), names in outputs.items():
+        place = (_listed(names), experiment, reason)
+        spans.setdefault(place, []).append(f"{time_text(start)} to {time_text(end)}")
+    return [(names, experiment, ", ".join(when), reason) for (names, experiment, reason), when in spans.items()]
 
 
 def _listed(names: Sequence[str]) -> str:
