@@ -309,3 +309,54 @@ def test_text_colours_have_enough_contrast(palette, role):
     """WCAG 2.2, success criterion 1.4.3: 4.5 to 1."""
     bright, faint = sorted((_luminance(palette[role]), _luminance(palette["paper"])), reverse=True)
     assert (bright + 0.05) / (faint + 0.05) >= 4.5
+
+
+def test_published_detectors_are_one_table_beside_the_verdicts():
+    base = sample(experiments=1)
+    first, second = base.elements[:2]
+
+    def entry(name, flagged, refused=None):
+        said = [
+            {
+                "output": e.output,
+                "input": e.input,
+                "statistic": 3.25 if e is flagged else 0.5,
+                "threshold": 2.0,
+                "flagged": e is flagged,
+                "kind": "dead time" if e is flagged else "",
+            }
+            for e in (first, second)
+        ]
+        return {"name": name, "refused": refused, "note": "", "elements": [] if refused else said}
+
+    asked = [entry("stepwise", first), entry("cross-correlation", second), entry("one-class", None, "too few windows")]
+    page = Page(without_plotly(render(dataclasses.replace(base, methods=base.methods | {"detectors": asked}))))
+    found = [text for _, text in page.all("tr")]
+    flag, calm = "▲ 3.25 > 2 (dead time)", "0.5 ≤ 2"
+    for element, cells in ((first, f"{flag} {calm}"), (second, f"{calm} {flag}")):
+        assert any(row.startswith(f"{element.input} → {element.output} {element.verdict} {cells}") for row in found)
+    section = next(text for a, text in page.all("section") if a.get("id") == "methods")
+    assert "one-class does not apply: too few windows" in section and section.count("Published detectors") <= 2
+    assert "Published detectors" not in " ".join(t for _, t in Page(without_plotly(render(base))).all("section"))
+
+
+def test_report_explains_itself():
+    """It is sent on by itself: no file of this program's documentation is named, and the grades are said."""
+    text = without_plotly(render(sample(experiments=1)))
+    assert "docs/" not in text and ".md" not in text
+    page = " ".join(t for _, t in Page(text).all("section"))
+    assert "A, every parameter to within 10 %" in page and "p is the probability" in page
+
+
+def test_model_has_as_many_digits_as_the_plant_is_known_to():
+    from trueplant.report.tables import parameter_row
+    from trueplant.study.result import Parameter
+
+    def shown(model, error):
+        return parameter_row(Parameter("gain", "", model, 13.0, error, (12.8, 13.2), 1.0, 0.5, 0.5, False), 50.0).model
+
+    assert shown(12.900612345, 0.077) == "12.901"
+    assert shown(12.900612345, 5.0) == "12.9"
+    assert shown(12.8, 0.0001) == "12.8"
+    assert shown(0.000123456789, 0.00001) == "0.000123"
+    assert shown(0.0, 0.1) == "0" and shown(None, 0.1) == "–"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trueplant.report import loops, retuned, tables
+from trueplant.report.detected import detected
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.labels import label
 from trueplant.report.numbers import number, probability
@@ -48,6 +49,7 @@ def render(result: Result) -> str:
             retuned=_retuned(result, book),
             more_data=plain(result.more_data),
             comparison=tables.comparison(plain(result.methods), result.elements),
+            detected=detected(plain(result.methods).get("detectors", ()), result.elements),
             elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in result.elements],
             grid=_grid(result),
             scale=number(scale),

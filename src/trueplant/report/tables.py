@@ -155,8 +155,8 @@ class ComparisonRow:
     answers: tuple[str, ...]
 
 
-DRAWN = ("coherence",)
-"""Entries of `methods` that figures show."""
+APART = ("coherence", "detectors")
+"""Entries of `methods` that figures, or tables of their own, show."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def comparison(methods: Mapping[str, Any], elements: Sequence[Element] = ()) -> 
         )
         for element, rows in found.items()
     )
-    return Comparison(names, rows_of, {k: v for k, v in methods.items() if k not in (*names, *DRAWN)})
+    return Comparison(names, rows_of, {k: v for k, v in methods.items() if k not in (*names, *APART)})
 
 
 def _answer(p: Mapping[str, Any]) -> str:
