@@ -193,6 +193,11 @@ def test_what_does_not_repeat_or_tell_is_refused_in_words():
     with pytest.raises(Refused, match="with a period of 60 at least 3 times"):
         periodic_response([one_loop(6)], period=60.0)
     assert periodic_response([one_loop(6)], period=100.0).periods == periodic_response([one_loop(6)]).periods
+    for short in (1, 2, 8):
+        with pytest.raises(Refused, match="do not repeat"):
+            period_of(np.arange(float(short)), H)
+    with pytest.raises(Refused, match="do not repeat"):
+        period_of(np.full(100, np.nan), H)
     one, _ = two_loops(5, "opposite")
     with pytest.raises(Refused, match="1 experiment with periodic set-points cannot tell 2 of them apart"):
         periodic_response([one])

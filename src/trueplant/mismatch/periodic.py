@@ -29,6 +29,8 @@ ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 FEWEST = 3
 """Periods of a stretch: one for the transient, two to tell their spread."""
+SHORTEST = 3
+"""Samples of a period: one line below half the sampling rate."""
 SAME = 1e-6
 """Of a signal's range: within it two samples count as equal."""
 COVERED = 0.5
@@ -116,10 +118,10 @@ def period_of(r: Array, h: float) -> float:
 
 def _samples(period: float, h: float) -> int:
     length = round(period / h)
-    if length < 3 or abs(length * h - period) > 1e-6 * period:
+    if length < SHORTEST or abs(length * h - period) > 1e-6 * period:
         raise UsageError(
             f"a period of {period:g} is {period / h:.6g} samples of {h:g}: it has to be a whole number of samples, at "
-            "least 3; resample the record, or use the local polynomial method"
+            f"least {SHORTEST}; resample the record, or use the local polynomial method"
         )
     return length
 
@@ -159,6 +161,8 @@ def _moves(r: Array) -> NDArray[np.bool_]:
 def _candidates(r: Array) -> NDArray[np.int64]:
     """Lags at which the mean square of r(t + lag) - r(t) has its lowest minima, by way of the autocorrelation."""
     n = len(r)
+    if n < FEWEST * SHORTEST:
+        return np.zeros(0, dtype=np.int64)
     scaled = (r - r.mean(axis=0)) / np.where(_range(r) > 0, _range(r), 1.0)
     size = 2 ** int(np.ceil(np.log2(2 * n)))
     power = np.sum(np.abs(np.fft.rfft(scaled, size, axis=0)) ** 2, axis=1)
@@ -167,7 +171,7 @@ def _candidates(r: Array) -> NDArray[np.int64]:
     lags = np.arange(n // FEWEST + 2)
     apart = (energy[n - lags] + energy[n] - energy[lags] - 2 * product[lags]) / (n - lags)
     lowest = np.flatnonzero((apart[1:-1] <= apart[:-2]) & (apart[1:-1] <= apart[2:])) + 1
-    lowest = lowest[(lowest >= 3) & (FEWEST * lowest <= n)]
+    lowest = lowest[(lowest >= SHORTEST) & (FEWEST * lowest <= n)]
     return lowest[np.argsort(apart[lowest], kind="stable")[:MINIMA]]
 
 
