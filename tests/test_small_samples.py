@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from simulated import random_switching, segment_of
-from trueplant.identify import Spec, identify_output
-from trueplant.identify.small import inflation
+from simulated import WOOD_BERRY, random_switching, segment_of, wood_berry
+from trueplant.identify import Spec, identify_matrix, identify_output, specs_of
+from trueplant.identify.small import inflation, of_starts
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
-from trueplant.lti.structure import Structure
+from trueplant.lti.structure import Structure, structure_of
 
 FOPDT = Structure.parse("fopdt")
 LAW = Controller.diagonal([PID(Kc=0.5, Ti=10.0, sample_time=1.0)])
@@ -56,3 +58,25 @@ def test_slow_noise_widens_more_than_fast_noise_and_short_records_more_than_long
     record = simulate(TransferMatrix.of([["2/(12 s + 1)"]], "min"), LAW, r, 1.0, v=slow)
     wandering = identify_output([segment_of(record)], 0, [Spec(0, FOPDT, (1.6, 15.0, 0.0))]).fit
     assert inflation(wandering, 0.95) > 1.5
+
+
+def test_many_gaps_in_closed_loop_are_allowed_for():
+    """Of every 60 samples 8 are lost."""
+    covered, plain = [], []
+    for seed in range(8):
+        whole = segment_of(wood_berry(seed, 1000))
+        spans = [slice(first, first + 52) for first in range(0, 1000, 60)]
+        cut = [
+            replace(whole, **{name: getattr(whole, name)[span] for name in ("t", "r", "u", "y", "d", "free")})
+            for span in spans
+        ]
+        for i, found in identify_matrix(cut, WOOD_BERRY, specs_of(WOOD_BERRY)).items():
+            truth = np.concatenate([structure_of(WOOD_BERRY[i, j])[1] for j in range(2)])
+            error = np.abs(found.theta - truth)
+            covered.append(error <= 1.96 * np.sqrt(np.diag(found.covariance)))
+            plain.append(error <= 1.96 * np.sqrt(np.diag(found.fit.covariance)))
+            assert of_starts(found.fit) > 0.2
+    assert np.mean(plain) < 0.88
+    assert 0.92 < np.mean(covered) <= 0.99
+    one_start = identify_matrix([whole], WOOD_BERRY, specs_of(WOOD_BERRY))[0]
+    assert of_starts(one_start.fit) < 0.01

@@ -15,7 +15,7 @@ from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.runs import Runs, combine_runs, compare_runs, refit_noise
 from trueplant.identify.sandwich import asks_for_sandwich, sandwich
 from trueplant.identify.search import felt_lag, lag_of
-from trueplant.identify.small import inflation, without_unseen_dead_times
+from trueplant.identify.small import inflation, of_starts, without_unseen_dead_times
 from trueplant.identify.stretch import block_length, in_blocks, most_moved
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
@@ -135,14 +135,15 @@ def identify_output(
     fit = without_unseen_dead_times(full)
     tests = residual_tests(fit, confidence)
     runs = compare_runs(fit)
-    more = np.zeros((row.size, row.size))
+    more = fit.covariance * (of_starts(fit) if any(segment.closed for segment in segments) else 0.0)
     if runs is not None and not runs.agree:
         theta, covariance = combine_runs(fit, runs, confidence)
-        factor = 1.0
+        factor, uneven = 1.0, False
     else:
         factor = inflation(fit, confidence)
-        if asks_for_sandwich(tests):
-            more = sandwich(fit) - fit.covariance
+        uneven = asks_for_sandwich(tests)
+        if uneven:
+            more = more + sandwich(fit) - fit.covariance
         theta, covariance = fit.theta, fit.covariance * factor + more
     moved, shifts = _order_dependence(fit, covariance, tests)
     # What the choice of the noise model moves is not known better than that, unless the runs have shown their spread.
@@ -176,7 +177,7 @@ def identify_output(
         tests,
         validate(fit),
         unprofiled=unprofiled,
-        sandwiched=bool(np.any(more)),
+        sandwiched=uneven,
     )
 
 
