@@ -58,8 +58,8 @@ def show(track: Track) -> None:
                 first = (name, Text(word, style=style), Text(str(element.windows)))
                 table.add_row(*(first if k == 0 else (Text(""),) * 3), when, what)
         out.print(table)
-    for names, file, when, why in refused_stretches(track):
-        out.print(Text(f"refused: {names}, {file}, {when} {track.time_unit}: {why}"))
+    for names, file, spans, why in refused_stretches(track):
+        out.print(Text(f"refused: {names}, {file}, {spans} {track.time_unit}: {why}"))
     for reason in (*track.reasons, *track.notes):
         out.print(Text(f"{'refused' if reason in track.reasons else 'note'}: {reason.message}"))
 
