@@ -210,7 +210,7 @@ MISTAKES = {
     "undeclared output": (
         'output = "top"\ninput = "gas"',
         'output = "tpo"\ninput = "gas"',
-        'line 24: .*"tpo" is not declared',
+        'line 24: .*"tpo" is not declared .*did you mean "top"',
     ),
     "element twice": (
         'output = "vapour"\ninput = "gas"',

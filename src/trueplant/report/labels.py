@@ -54,6 +54,7 @@ LABELS = {word: word.replace("_", " ").capitalize() for word in WORDS.split()} |
     "elements": "Elements",
     "detectors": "Published detectors",
     "cascade": "Cascades",
+    "precision_percent": "Standard error that windows are made long enough for (%)",
     "p_value": "p",
     "p_adjusted": "p, adjusted",
     "within": "Within",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
@@ -155,4 +156,6 @@ def _check_simulation(project: Project) -> None:
 def _known(name: str, names: Iterable[str], table: str, *where: str | int) -> None:
     if name not in (known := list(names)):
         listed = ", ".join(known) if known else "none"
-        raise problem(f'"{name}" is not declared in {table}, which has: {listed}', *where)
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f'; did you mean "{near[0]}"?' if near else ""
+        raise problem(f'"{name}" is not declared in {table}, which has: {listed}{hint}', *where)
