@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -13,6 +15,7 @@ from trueplant.detect import common_factors, noise_change, stuck
 from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.study import Project, run
+from trueplant.study.causes import _saturated
 
 SAMPLES = 1800
 
@@ -250,3 +253,17 @@ def test_the_stuck_simulation_is_the_simulator_where_nothing_sticks():
     v = coloured(rng, 200, 2, [1, -0.8], [1], 0.1)
     other = simulate(WOOD_BERRY, BLT, r, 1.0, v=v)
     assert np.allclose(mine.y, other.y, atol=1e-6)
+
+
+def test_what_several_actuators_did_is_one_sentence():
+    """Shares in the order of the places; no sentence for a share of 1 %."""
+    record = [SimpleNamespace(name=f"run{k}.csv") for k in range(2)]
+    saturated = [np.zeros((1000, 2), dtype=bool) for _ in range(2)]
+    saturated[0][:250, 0] = saturated[0][:30, 1] = saturated[1][:400, 0] = saturated[1][:10, 1] = True
+    screened = [SimpleNamespace(refusal=None, saturated=s, record=r) for s, r in zip(saturated, record, strict=True)]
+    study = SimpleNamespace(screened=screened, project=SimpleNamespace(input_names=("reflux", "steam")))
+    (cause,) = _saturated(study)
+    assert cause.where == "run0.csv, reflux; run0.csv, steam; run1.csv, reflux"
+    assert "in 25, 3 and 40 % of the samples" in cause.message
+    saturated[0][:], saturated[1][:] = False, False
+    assert _saturated(study) == []

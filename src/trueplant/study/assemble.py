@@ -52,7 +52,7 @@ def assemble(
     if not answered:
         reasons = [*reasons, Reason("not-identifiable", "no parameter of any element can be told from these data")]
         reasons += [
-            Reason("not-identifiable", f"{p.name}: {p.reason}", f"{e.input} -> {e.output}")
+            Reason("not-identifiable", p.reason, f"{p.name} of {e.input} -> {e.output}")
             for e in elements
             for p in e.parameters
             if p.reason
@@ -98,7 +98,7 @@ def assemble(
     notes += [Reason("more-data", f"to settle what is open: {plan['sentence']}") for plan in plans[:1]]
     return Result(
         status="ok" if answered else "refused",
-        reasons=tuple(reasons),
+        reasons=grouped(reasons),
         provenance=provenance(study),
         data=data_tables(study),
         elements=elements,

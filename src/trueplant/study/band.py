@@ -50,8 +50,8 @@ def band_test(
             notes.append(
                 Reason(
                     "outside-band",
-                    f"the plant as estimated lies outside of the band of the estimate that assumes no structure, most of all at "
-                    f"{row['worst_frequency']:.3g} rad/{study.project.time_unit}: the structure "
+                    "the plant as estimated lies outside of the band of the estimate that assumes no structure, most "
+                    f"of all at {row['worst_frequency']:.3g} rad/{study.project.time_unit}: the structure "
                     f"{study.specs[place].structure} is too simple for this element, or the plant is not linear",
                     f"{row['input']} -> {row['output']}",
                 )

@@ -45,18 +45,26 @@ def causes_of(
 
 
 def _saturated(study: Study) -> list[Reason]:
-    causes = []
+    shares, places = [], []
     for screened in study.screened:
         if screened.refusal is not None or not screened.saturated.size:
             continue
         for name, share in zip(study.project.input_names, screened.saturated.mean(axis=0), strict=True):
             if share > AT_LIMIT:
-                message = (
-                    f"the actuator was saturated: OP stood at a limit in {100 * share:.2g} % of the samples. The "
-                    "estimate takes OP as it was recorded and does not suffer, but the loop was not linear then"
-                )
-                causes.append(Reason("cause-valve-saturated", message, f"{screened.record.name}, {name}"))
-    return causes
+                shares.append(f"{100 * share:.2g}")
+                places.append(f"{screened.record.name}, {name}")
+    if not places:
+        return []
+    message = (
+        f"the actuator was saturated: OP stood at a limit in {_respectively(shares)} % of the samples. The estimate "
+        "takes OP as it was recorded and does not suffer, but the loop was not linear then"
+    )
+    return [Reason("cause-valve-saturated", message, "; ".join(places))]
+
+
+def _respectively(values: Sequence[str]) -> str:
+    """Values in the order of the places that a sentence holds for."""
+    return values[0] if len(values) == 1 else f"{', '.join(values[:-1])} and {values[-1]}"
 
 
 def _sticking(study: Study, estimates: Mapping[int, OutputEstimate]) -> list[Reason]:
@@ -117,7 +125,7 @@ def _levels(
     study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[tuple[int, int], Found]
 ) -> list[Reason]:
     """Where PV sits at another level than in the first experiment, for the same OP."""
-    causes = []
+    sizes, places = [], []
     level = 1 - study.project.analysis.confidence
     for i, estimate in estimates.items():
         if any(spec.structure.integrators for spec in estimate.row.specs):
@@ -134,13 +142,15 @@ def _levels(
                 continue
             unit = study.project.outputs[i].unit
             half = norm.isf(level / 2) * sigma
-            message = (
-                f"PV sits {shift:+.3g} ± {half:.2g} {unit} from where the same OP held it in the first experiment: a "
-                "sensor bias, or a load that has come to stay. It moves no gain and no time constant"
-            )
-            where = f"{study.project.output_names[i]}, {study.project.experiments[k].name}"
-            causes.append(Reason("cause-operating-point", message.replace("  ", " "), where))
-    return causes
+            sizes.append(f"{shift:+.3g} ± {half:.2g} {unit}".rstrip())
+            places.append(f"{study.project.output_names[i]}, {study.project.experiments[k].name}")
+    if not places:
+        return []
+    message = (
+        f"PV sits {_respectively(sizes)} from where the same OP held it in the first experiment: a sensor bias, or a "
+        "load that has come to stay. It moves no gain and no time constant"
+    )
+    return [Reason("cause-operating-point", message, "; ".join(places))]
 
 
 def _biases(study: Study, estimate: OutputEstimate, i: int) -> dict[int, tuple[float, float, Array]]:

@@ -87,7 +87,11 @@ def notes_of(
                 else "the structure is simpler than the plant; intervals are widened by what other noise models say"
             )
             notes.append(
-                Reason("undermodelled", f"the prediction errors still follow {', '.join(follows)}: {advice}", names[i])
+                Reason(
+                    "undermodelled",
+                    f"the prediction errors still follow the input: {advice}",
+                    f"{', '.join(follows)} -> {names[i]}",
+                )
             )
     if len(experiments) == 1:
         notes.append(
