@@ -57,7 +57,7 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
 
     What was added to the covariance of an output for other reasons stays added.
     """
-    if any(found.runs is not None and not found.runs.agree for found in estimates.values()):
+    if any(found.disputed for found in estimates.values()):
         return None
     joint = fit_until_white([found.fit for found in estimates.values()])
     if joint is None:

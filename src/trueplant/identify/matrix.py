@@ -11,9 +11,10 @@ import numpy as np
 from trueplant.identify.crossed import crossed_outputs, less_sure, together
 from trueplant.identify.instrumental import started
 from trueplant.identify.missing import with_missing
-from trueplant.identify.output import OutputEstimate, choose_block, choose_stride, identify_output, samples_per_update
+from trueplant.identify.output import OutputEstimate, identify_output
 from trueplant.identify.predict import Held, Spec
 from trueplant.identify.search import lag_of
+from trueplant.identify.strides import choose_block, choose_stride, samples_per_update
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix
 from trueplant.record.types import Segment

@@ -8,29 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueplant.identify.estimate import UNDERMODELLED, Options, estimate_row
-from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.dependence import order_dependence
+from trueplant.identify.estimate import Options, estimate_row
+from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval, widened
 from trueplant.identify.predict import Held, Row, Spec, pieces_of
-from trueplant.identify.runs import Runs, combine_runs, compare_runs, refit_noise
+from trueplant.identify.runs import Runs, combine_runs, compare_runs
 from trueplant.identify.sandwich import asks_for_sandwich, sandwich
-from trueplant.identify.search import felt_lag, lag_of
+from trueplant.identify.search import lag_of
 from trueplant.identify.small import inflation, of_starts, without_unseen_dead_times
-from trueplant.identify.stretch import block_length, in_blocks, most_moved
+from trueplant.identify.stretch import in_blocks
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
 
 Array = NDArray[np.float64]
 
-SAMPLES_PER_LAG = 80
-"""More samples than this per lag of the fastest element are left out of long records."""
-ENOUGH_SAMPLES = 1000
 FEWEST_SAMPLES = 2.5
 """Lag and dead time together must span this many samples to be told from each other and from none."""
 ROUNDING = 1e-6
 """Relative standard error below which no estimate from recorded numbers is believed."""
-PLAUSIBLE = 2.0
-"""A noise model whose prediction errors have more than this times the variance is no rival: nobody would choose it."""
 UNKNOWN = 1e30
 """A standard error beyond this says that there was no information at all."""
 WEAKLY_KNOWN = "its standard error is more than half of its size: the data say too little about it"
@@ -68,39 +64,10 @@ class OutputEstimate:
     def row(self) -> Row:
         return self.fit.row
 
-
-def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_interval: float) -> int:
-    """Samples from one prediction error to the next: real updates of PV only, no finer than the lags deserve.
-
-    `specs` are all elements of the matrix: rows that share a stride can be compared.
-    """
-    h = segments[0].h
-    held = samples_per_update(update_interval, h)
-    answers = [
-        lag_of(spec.structure.names, np.array(spec.start)) + _dead(spec) for spec in specs if spec.start is not None
-    ]
-    samples = sum(len(segment) for segment in segments)
-    wanted = int(min((a for a in answers if a > 0), default=0.0) / SAMPLES_PER_LAG / h)
-    return held * max(1, min(wanted, samples // ENOUGH_SAMPLES) // held)
-
-
-def choose_block(segments: Sequence[Segment], specs: Sequence[Spec]) -> int:
-    """Samples of the blocks into which long records are cut: many times the longest lag of the matrix."""
-    answers = [
-        lag_of(spec.structure.names, np.array(spec.start)) + _dead(spec) for spec in specs if spec.start is not None
-    ]
-    return block_length(max(answers, default=0.0), segments[0].h)
-
-
-def samples_per_update(update_interval: float, h: float) -> int:
-    """For how many samples PV is held, at least 1."""
-    return max(1, round(update_interval / h)) if np.isfinite(update_interval) else 1
-
-
-def _dead(spec: Spec) -> float:
-    assert spec.start is not None
-    names = spec.structure.names
-    return max((v for name, v in zip(names, spec.start, strict=True) if name.startswith("dead")), default=0.0)
+    @property
+    def disputed(self) -> bool:
+        """Do the experiments disagree?"""
+        return self.runs is not None and not self.runs.agree
 
 
 def identify_output(
@@ -135,17 +102,18 @@ def identify_output(
     fit = without_unseen_dead_times(full)
     tests = residual_tests(fit, confidence)
     runs = compare_runs(fit)
+    apart = runs is not None and not runs.agree
     more = fit.covariance * (of_starts(fit) if any(segment.closed for segment in segments) else 0.0)
-    if runs is not None and not runs.agree:
+    uneven = not apart and asks_for_sandwich(tests)
+    if uneven:
+        more = more + sandwich(fit) - fit.covariance
+    if runs is not None and apart:
+        factor = 1.0
         theta, covariance = combine_runs(fit, runs, confidence)
-        factor, uneven = 1.0, False
     else:
         factor = inflation(fit, confidence)
-        uneven = asks_for_sandwich(tests)
-        if uneven:
-            more = more + sandwich(fit) - fit.covariance
         theta, covariance = fit.theta, fit.covariance * factor + more
-    moved, shifts = _order_dependence(fit, covariance, tests)
+    moved, shifts = order_dependence(fit, covariance, tests)
     # What the choice of the noise model moves is not known better than that, unless the runs have shown their spread.
     shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
     covariance = covariance + np.diag(np.where(shown, 0.0, shifts**2))
@@ -158,7 +126,7 @@ def identify_output(
     low, high = fit.row.bounds()
     intervals = np.clip(intervals, np.where(np.isfinite(low), low, -np.inf)[:, None], high[:, None])
     unprofiled = covariance - (factor - 1) * fit.covariance
-    if not np.any(shifts) and (runs is None or runs.agree):
+    if not np.any(shifts) and not apart:
         for index in _profiled(fit):
             # A dead time that is held at 0 may still be as large as the data allow.
             profiled = fit if fit.free[index] else full
@@ -191,46 +159,6 @@ def _profiled(fit: RowFit) -> list[int]:
         if (name.startswith("dead") or relative > WEAK) and relative < 1e3 and not name.startswith(("gain", "slope")):
             chosen.append(index)
     return chosen
-
-
-def _order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tuple[dict[int, str], Array]:
-    """What other noise models make of the same data.
-
-    Returns the parameters that move by more than chance and by more than a third, with a sentence each,
-    and (n,) how far each parameter moves where the prediction errors still follow the inputs: then the
-    structure is too simple, every noise model weighs its error differently, and no one of them is right.
-    """
-    fit = _of_a_part(fit)
-    used = fit.ar.size
-    undermodelled = bool(np.min(tests.cross_p) < UNDERMODELLED)
-    limit = max(fit.row.measured(k)[0].size for k in range(len(fit.row.pieces))) // 20
-    orders = {used // 2, min(used, 1), 2 * used + 2} | ({0} if undermodelled else set())
-    sigma = np.sqrt(np.diag(covariance))
-    scale = np.maximum(np.abs(fit.theta), felt_lag(fit))
-    moved: dict[int, str] = {}
-    shifts = np.zeros(fit.theta.size)
-    for order in sorted(orders - {used}):
-        if order > limit or (order == 0 and not undermodelled):
-            continue
-        other = refit_noise(fit, order)
-        shift = np.abs(other.theta - fit.theta)
-        beyond = (shift > 3 * np.minimum(sigma, np.sqrt(np.diag(other.covariance)))) & (shift > scale / 3)
-        beyond &= other.variance < PLAUSIBLE * fit.variance
-        for index in np.flatnonzero(beyond):
-            moved.setdefault(
-                int(index),
-                f"it depends on the noise model: {fit.theta[index]:.3g} with order {used}, "
-                f"{other.theta[index]:.3g} with order {order}",
-            )
-        if undermodelled:
-            shifts = np.maximum(shifts, shift)
-    return moved, shifts
-
-
-def _of_a_part(fit: RowFit) -> RowFit:
-    """The fit of that part of a long record in which the inputs move most."""
-    row = most_moved(fit.row)
-    return fit if row is fit.row else fit_row(row, fit.theta, fit.ar, free=fit.free)
 
 
 def unanswered(estimate: OutputEstimate) -> dict[int, str]:

@@ -78,7 +78,7 @@ def ask(
         if answer.found:
             answers[name] = _as_late(study, task, answer)
     remarks = {name: answer.notes for name, answer in answers.items() if answer.notes}
-    if any(found.runs is not None and not found.runs.agree for found in estimates.values()):
+    if any(found.disputed for found in estimates.values()):
         apart = "the experiments disagree, which its intervals do not count (those of the direct fit do)"
         remarks = {name: (*remarks.get(name, ()), apart) for name in answers}
     if BLACK_BOX not in names:

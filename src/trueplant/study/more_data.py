@@ -121,7 +121,7 @@ def _open_parameters(study: Study, estimates: Mapping[int, OutputEstimate], conf
 
 def _data_can_help(estimate: OutputEstimate) -> bool:
     """Not where runs of the plant differ, or the structure is too simple: there more of the same narrows nothing."""
-    agree = estimate.runs is None or estimate.runs.agree
+    agree = not estimate.disputed
     return agree and bool(np.min(estimate.tests.cross_p) >= UNDERMODELLED)
 
 

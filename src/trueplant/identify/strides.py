@@ -1,0 +1,49 @@
+"""Which samples an estimate looks at: real updates of PV, no finer than the lags deserve, in blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trueplant.identify.predict import Spec
+from trueplant.identify.search import lag_of
+from trueplant.identify.stretch import block_length
+from trueplant.record.types import Segment
+
+SAMPLES_PER_LAG = 80
+"""More samples than this per lag of the fastest element are left out of long records."""
+ENOUGH_SAMPLES = 1000
+
+
+def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_interval: float) -> int:
+    """Samples from one prediction error to the next: real updates of PV only, no finer than the lags deserve.
+
+    `specs` are all elements of the matrix: rows that share a stride can be compared.
+    """
+    h = segments[0].h
+    held = samples_per_update(update_interval, h)
+    samples = sum(len(segment) for segment in segments)
+    wanted = int(min((a for a in _answers(specs) if a > 0), default=0.0) / SAMPLES_PER_LAG / h)
+    return held * max(1, min(wanted, samples // ENOUGH_SAMPLES) // held)
+
+
+def choose_block(segments: Sequence[Segment], specs: Sequence[Spec]) -> int:
+    """Samples of the blocks into which long records are cut: many times the longest lag of the matrix."""
+    return block_length(max(_answers(specs), default=0.0), segments[0].h)
+
+
+def samples_per_update(update_interval: float, h: float) -> int:
+    """For how many samples PV is held, at least 1."""
+    return max(1, round(update_interval / h)) if np.isfinite(update_interval) else 1
+
+
+def _answers(specs: Sequence[Spec]) -> list[float]:
+    """How long each element of the model takes to answer, dead time included."""
+    answers = []
+    for spec in specs:
+        if spec.start is not None:
+            names = spec.structure.names
+            dead = [v for name, v in zip(names, spec.start, strict=True) if name.startswith("dead")]
+            answers.append(lag_of(names, np.array(spec.start)) + max(dead, default=0.0))
+    return answers
