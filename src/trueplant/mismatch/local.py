@@ -32,6 +32,8 @@ MOST_MISSING = 0.1
 """Share of missing PV samples that is still bridged by straight lines."""
 LINEAR = 0.15
 """Relative noise of the loop's response up to which errors are carried to first order."""
+NEIGHBOURS = 4
+"""Lines to each side that tell how far noise hides the loop's response at a line."""
 SPEAKS = 0.5
 """Relative standard error below which a frequency says something."""
 
@@ -156,6 +158,8 @@ def plant_response(
         raise LoopError("the closed form needs a model and a declared controller: use the joint form without")
     else:
         delta, left, right, spread = _closed(windows, model, controller, h, hold, near)
+    if periods:
+        spread = _steadied(spread, windows.gram)
     return _assembled(windows, delta, left, right, spread < LINEAR, base, h, hold, method, notes, periods)
 
 
@@ -275,6 +279,20 @@ def _spread(windows: Windows, left: ComplexArray, right: ComplexArray) -> Array:
     variance = np.einsum("wppii->wpi", _variance(windows, left, right)).real
     spread: Array = np.sqrt(np.maximum(variance, 0.0)).max(axis=2)
     return spread
+
+
+def _steadied(spread: Array, gram: ComplexArray) -> Array:
+    """The spread (n_lines, 1) as neighbouring lines have it, on the whole, but for how strong each line is.
+
+    A line that is taken because its own spread came out small, or its response large, would be believed too much.
+    """
+    strength = np.linalg.slogdet(gram)[1] / (2 * gram.shape[1])
+    size = np.log(np.maximum(spread[:, 0], 1e-300)) - strength
+    place = np.arange(size.size)
+    low, high = np.maximum(place - NEIGHBOURS, 0), np.minimum(place + NEIGHBOURS + 1, size.size)
+    total = np.concatenate([[0.0], np.cumsum(size)])
+    steady: Array = np.exp((total[high] - total[low]) / (high - low) + strength)[:, None]
+    return steady
 
 
 def _assembled(
