@@ -26,6 +26,8 @@ AVERAGES = 4
 """Windows without overlap for each set-point, and as many more."""
 SHORTEST = 16
 """Samples of a window."""
+BATCH = 2**16
+"""Samples that are transformed at once."""
 OVERLAP = 1 / 36
 """Squared correlation of Hann windows that overlap by half."""
 ABSENT = 1e-14
@@ -71,19 +73,15 @@ def coherence(
     signals = [np.hstack(z) for z in zip(outputs, inputs, strict=True)] if which == "r" else outputs
     n_r, lengths = references[0].shape[1], [len(r) for r in references]
     length = min(sum(lengths) // (AVERAGES * (n_r + 1)), max(lengths)) if window is None else window
-    spectra = np.concatenate(
-        [_windowed(np.hstack(x), length) for x in zip(references, signals, strict=True)]
-        if length >= SHORTEST
-        else [np.zeros((0, 0, 0))]
-    )
-    count = len(spectra)
+    powers = [_powers(np.hstack(x), length) for x in zip(references, signals, strict=True)]
+    count = sum(windows for _, windows in powers)
     independent = count / (1 + 2 * OVERLAP * (count - 1) / max(count, 1))
     if independent < n_r + 2:
         raise Refused(
             f"{sum(lengths)} samples hold too few windows to tell what {n_r} "
             f"{'set-point' if which == 'r' else 'input'}{'s'[: n_r > 1]} explain: use longer records"
         )
-    S = np.einsum("kfi,kfj->fij", spectra.conj(), spectra)[1:]
+    S = np.sum([power for power, _ in powers], axis=0)[1:]
     multiple = _explained(S, range(n_r), n_r)
     without = np.stack([_explained(S, [k for k in range(n_r) if k != j], n_r) for j in range(n_r)], axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -100,14 +98,20 @@ def coherence(
     )
 
 
-def _windowed(x: Array, length: int) -> ComplexArray:
-    """(windows, length // 2 + 1, n) spectra of Hann windows of half overlap, without their means."""
-    if len(x) < length:
-        return np.zeros((0, length // 2 + 1, x.shape[1]), dtype=complex)
+def _powers(x: Array, length: int) -> tuple[ComplexArray, int]:
+    """(length // 2 + 1, n, n) spectral matrix summed over Hann windows of half overlap without their means, and how
+    many they are."""
+    total = np.zeros((length // 2 + 1, x.shape[1], x.shape[1]), dtype=complex)
+    if not SHORTEST <= length <= len(x):
+        return total, 0
     cut = np.lib.stride_tricks.sliding_window_view(x, length, axis=0)[:: length - length // 2].transpose(0, 2, 1)
-    hann = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)
-    spectra: ComplexArray = np.fft.rfft((cut - cut.mean(axis=1, keepdims=True)) * hann[:, None], axis=1)
-    return spectra
+    hann = (0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length))[:, None]
+    batch = max(1, BATCH // length)
+    for k in range(0, len(cut), batch):
+        some = cut[k : k + batch]
+        spectra = np.fft.rfft((some - some.mean(axis=1, keepdims=True)) * hann, axis=1)
+        total += np.einsum("kfi,kfj->fij", spectra.conj(), spectra)
+    return total, len(cut)
 
 
 def _explained(S: ComplexArray, chosen: Sequence[int], n_r: int) -> Array:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-FREQUENCIES = 100
-"""Kept of a coherence, spread evenly over the logarithm."""
+LISTED, DRAWN = 100, 400
+"""Frequencies kept of a coherence, spread evenly over the logarithm: in result.json, and to be drawn."""
 
 LABELS = {
     "joint": "joint form",
@@ -65,7 +65,7 @@ def coherence_of(study: Study) -> Coherence | None:
 
 def coherence_rows(study: Study, found: Coherence) -> Mapping[str, Any]:
     """As in result.json."""
-    keep, project = _kept(found), study.project
+    keep, project = _kept(found, LISTED), study.project
     references = project.output_names if found.which == "r" else project.input_names
     signals = (*project.output_names, *(project.input_names if found.which == "r" else ()))
     return {
@@ -91,10 +91,12 @@ def coherence_rows(study: Study, found: Coherence) -> Mapping[str, Any]:
 
 def coherence_curves(study: Study, found: Coherence) -> CoherenceCurves:
     """What the report draws: the outputs alone."""
-    n_y = len(study.project.outputs)
-    return CoherenceCurves(found.w, found.multiple[:, :n_y], found.level, found.significance, found.which == "r")
+    keep, n_y = _kept(found, DRAWN), len(study.project.outputs)
+    return CoherenceCurves(
+        found.w[keep], found.multiple[keep, :n_y], found.level, found.significance, found.which == "r"
+    )
 
 
-def _kept(found: Coherence) -> NDArray[np.intp]:
-    wanted = np.geomspace(1, found.w.size, FREQUENCIES)
+def _kept(found: Coherence, count: int) -> NDArray[np.intp]:
+    wanted = np.geomspace(1, found.w.size, count)
     return np.unique(np.round(wanted).astype(np.intp)) - 1
