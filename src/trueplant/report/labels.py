@@ -59,6 +59,7 @@ LABELS = {word: word.replace("_", " ").capitalize() for word in WORDS.split()} |
     "p_adjusted": "p, adjusted",
     "within": "Within",
     "worst_frequency": "Farthest at (rad per time unit)",
+    "by": "Estimated by",
     "speaks": "The data speak (rad per time unit)",
     "follows": "Follows its set-point",
     "basis": "Basis",
