@@ -101,5 +101,6 @@ def test_a_scan_that_is_the_records_is_confirmed_without_being_declared(tmp_path
     """A continuous law would not have written what derivative action on noise wrote once a sample."""
     confirmed = run(declared(tmp_path, recorded(1), MODEL, LAW)).methods["controller_consistency"]
     assert [entry["confirmed"] for entry in confirmed] == [True]
+    assert confirmed[0]["message"] == "the declared controller reproduces OP to rounding"
     other = run(declared(tmp_path, recorded(1, Kc=-0.6), MODEL, LAW)).methods["controller_consistency"]
     assert [entry["confirmed"] for entry in other] == [False]

@@ -21,6 +21,8 @@ START = 20
 """Samples from which the start of the integral is read."""
 CLOSE = 0.02
 """A controller is confirmed if the OP it writes differs by less than this share of OP's own movement (rms)."""
+ROUNDING = 1e-6
+"""A difference below this share of OP's own movement (rms) is called rounding."""
 
 
 def check_controllers(study: Study) -> list[dict[str, Any]]:
@@ -57,7 +59,8 @@ def _entry(
     confirmed = rms <= CLOSE * scale
     entry |= {"confirmed": confirmed, "rms": rms, "relative": rms / scale, "from": None}
     if confirmed:
-        return entry | {"message": f"the declared controller reproduces OP to {rms:.3g} {unit} rms".rstrip()}
+        to = "rounding" if rms < ROUNDING * scale else f"{rms:.3g} {unit}".rstrip() + " rms"
+        return entry | {"message": f"the declared controller reproduces OP to {to}"}
     since = _since(e, t, CLOSE * scale)
     entry["from"] = since
     where = "throughout" if since is None else f"from t = {since:g} on"
