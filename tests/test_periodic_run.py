@@ -73,7 +73,7 @@ def test_averages_over_periods_answer_all_elements_beside_the_fit(result, method
     ]
     assert np.max(np.abs(apart)) < 4
     assert np.sqrt(np.mean(np.square(apart))) < 1.8
-    assert f"{method} and the fit agree within their uncertainties" in result.methods["agreement"]
+    assert "closed-form and periodic agree with the fit within their uncertainties" in result.methods["agreement"]
     assert "paper-route" not in result.methods
     assert "averages over their periods" in result.methods["not_applied"]["joint"]
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from trueplant.cli.show import show
+from trueplant.study.agreement import in_sentences
 from trueplant.study.detectors_words import detector_lines
 from trueplant.study.notes import grouped
 from trueplant.study.output import to_json
@@ -252,3 +253,12 @@ def test_table_explains_its_marks(capsys):
     assert "* changed, beyond chance. Grade: A and B are good enough to retune on, C is rough" in out
     show(_result(_element(verdict="unchanged", grade="")), [])
     assert "*" not in capsys.readouterr().out
+
+
+def test_methods_that_agree_are_named_in_one_sentence_and_each_other_speaks_for_itself():
+    apart = "srivc and the fit disagree beyond their uncertainties: gain of u -> y: 1 by the fit, 2 by srivc"
+    said = in_sentences({"joint": "", "srivc": apart, "rivc": "", "the black box": ""})
+    assert said == ("joint, rivc and the black box agree with the fit within their uncertainties", apart)
+    assert in_sentences({"joint": ""}) == ("joint agrees with the fit within their uncertainties",)
+    assert in_sentences({"srivc": apart}) == (apart,)
+    assert in_sentences({}) == ()

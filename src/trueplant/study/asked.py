@@ -37,8 +37,8 @@ class Asked:
     """What to know of each method, in sentences."""
     black_box: Mapping[str, Any] = field(default_factory=dict)
     """As in result.json."""
-    agreement: tuple[str, ...] = ()
-    """What the black box says of the fit."""
+    disagreements: Mapping[str, str] = field(default_factory=dict)
+    """Where the black box, if it ran, and the fit differ; as `agreement.disagreements` has it."""
 
 
 def names_asked(method: str) -> tuple[str, ...]:
@@ -90,7 +90,7 @@ def ask(
     opinion = second_opinion(_without_disturbances(study, segments, plant), plants)
     if opinion.refused:
         refused[BLACK_BOX] = opinion.refused
-    return Asked(answers, refused, remarks, _table(study, opinion, answers), _verdict(study, estimates, opinion))
+    return Asked(answers, refused, remarks, _table(study, opinion, answers), _disagreement(study, estimates, opinion))
 
 
 def _why_nothing(study: Study, segments: Sequence[Segment]) -> str:
@@ -175,20 +175,20 @@ def _table(study: Study, opinion: Opinion, answers: Mapping[str, Answer]) -> dic
     }
 
 
-def _verdict(study: Study, estimates: Mapping[int, OutputEstimate], opinion: Opinion) -> tuple[str, ...]:
+def _disagreement(study: Study, estimates: Mapping[int, OutputEstimate], opinion: Opinion) -> dict[str, str]:
     """Does the fit lie where the black box says, over all elements at the level of the verdicts?"""
-    p = opinion.p_values.get(DIRECT)
+    who, p = "the black box", opinion.p_values.get(DIRECT)
     if p is None:
-        return ()
+        return {}
     level = 1 - study.project.analysis.confidence
     rows = [(i, j) for i in estimates for j in range(p.shape[1])]
     clear = [place for place in rows if p[place] * len(rows) < level]
     if not clear:
-        return ("the black box and the fit agree within their uncertainties",)
+        return {who: ""}
     named = ", ".join(
         f"{study.columns[j]} -> {study.project.output_names[i]} (p = {p[i, j]:.1g})" for i, j in clear[:4]
     )
-    return (
-        f"the black box and the fit disagree beyond their uncertainties: {named}. The structure of the element, or "
-        "another element of the same input, may be too simple",
-    )
+    return {
+        who: f"{who} and the fit disagree beyond their uncertainties: {named}. The structure of the element, or "
+        "another element of the same input, may be too simple"
+    }
