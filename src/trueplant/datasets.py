@@ -92,9 +92,7 @@ REGISTRY: dict[str, Dataset] = {
     "tclab_pid/pid_short_02.csv": Dataset(
         TCLAB_PID, "ab963355324d507715a6316b9abe813cd53e1729061d93ac1ea7f62ed38270be"
     ),
-    "tclab_pid/openloop_01.csv": Dataset(
-        TCLAB_PID, "f59eeda4ad600ad5563f8415d44de1e853aa85e75bad3de049a5570af56dd0b4"
-    ),
+    "tclab_pid/openloop_01.csv": Dataset(TCLAB_PID, "f59eeda4ad600ad5563f8415d44de1e853aa85e75bad3de049a5570af56dd0b4"),
     "tclab_lqg/sp_Augmented_ARX.csv": Dataset(
         TCLAB_LQG, "c8d9def2a1e3037fef92d322b9b671b062d72cc3ed877455796460432ecd0470"
     ),

@@ -1,6 +1,8 @@
 """Exceptions. Each message says what is wrong, where, and what to do about it.
 
-    TrueplantError                     exit status 70 unless a subclass says otherwise
+Each with its exit status:
+
+    TrueplantError                     70 unless a subclass says otherwise
     |-- UsageError                     2: wrong usage, or an input that cannot be used as it is
     |   |-- ProjectError               the project file (or a Project built in code)
     |   |-- FormulaError               a transfer function or PV transform written as text
