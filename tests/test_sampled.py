@@ -11,7 +11,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from trueplant.errors import FormulaError
 from trueplant.lti import TransferMatrix, sampled_response, tf
-from trueplant.lti.sampled import expm
+from trueplant.lti.sampled import expm, rows_response
 
 ELEMENTS = [
     "2 exp(-3.4 s)/(5 s + 1)",
@@ -92,3 +92,13 @@ def test_improper_systems_and_unknown_holds_are_refused():
         sampled_response(tf("s + 1"), np.ones(5), 0.1)
     with pytest.raises(FormulaError, match="hold"):
         sampled_response(tf("1/(s + 1)"), np.ones(5), 0.1, "cubic")
+
+
+@pytest.mark.parametrize("hold", ["zoh", "linear"])
+@pytest.mark.parametrize("samples", [60, 61, 65])
+def test_thinned_responses_are_those_of_every_sample(hold, samples):
+    u = np.random.default_rng(samples).standard_normal(samples)
+    num, den = np.array([[0.0, 1.0, 3.0], [0.0, 0.0, 2.0]]), np.array([1.0, 0.7, 0.1])
+    whole = rows_response(num, den, 2.3, u, 0.5, hold)
+    for every in (1, 2, 6):
+        assert np.array_equal(rows_response(num, den, 2.3, u, 0.5, hold, every), whole[:, ::every])

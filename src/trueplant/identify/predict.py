@@ -253,10 +253,11 @@ class Row:
     def response(self, theta: Array, k: int) -> Array:
         """Simulated output of piece k at the strided samples, from rest."""
         piece = self.pieces[k]
-        total = np.zeros(piece.y.size)
+        total = np.zeros(-(-piece.y.size // self.stride))
         for spec, part in zip(self.specs, self.slices, strict=True):
-            total += spec.structure.response(theta[part], piece.inputs[spec.column], piece.h, piece.hold[spec.column])
-        return total[:: self.stride]
+            u, hold = piece.inputs[spec.column], piece.hold[spec.column]
+            total += spec.structure.response(theta[part], u, piece.h, hold, self.stride)
+        return total
 
     def response_and_gradient(self, theta: Array, k: int) -> tuple[Array, Array]:
         """Simulated output (n,) of piece k and its derivative by theta (n, size)."""
@@ -266,7 +267,7 @@ class Row:
         for spec, part in zip(self.specs, self.slices, strict=True):
             u, hold = piece.inputs[spec.column], piece.hold[spec.column]
             for block in spec.structure.gradient_blocks(theta[part]):
-                rows = rows_response(block.num, block.den, block.dead_time, u, piece.h, hold)[:, :: self.stride]
+                rows = rows_response(block.num, block.den, block.dead_time, u, piece.h, hold, self.stride)
                 total += rows[0]
                 for index, row in zip(block.index, rows[1:], strict=True):
                     gradient[part.start + index] += row

@@ -93,7 +93,7 @@ def _columns(row: Row, theta: Array, skip: int | None = None) -> list[Array]:
         for c, m in enumerate(kept):
             spec = row.specs[m]
             u, hold = piece.inputs[spec.column], piece.hold[spec.column]
-            columns[:, c] = spec.structure.response(_unit(row, theta, m), u, piece.h, hold)[:: row.stride]
+            columns[:, c] = spec.structure.response(_unit(row, theta, m), u, piece.h, hold, row.stride)
         out.append(columns)
     return out
 
@@ -210,13 +210,13 @@ def _rivals(row: Row, theta: Array, ar: Array, weights: Array, index: int, reach
             continue
         use = whitened_valid(ar.size, valid)
         response, gradient = row.response_and_gradient(theta, k)
-        candidates = np.empty((tried.size, piece.y.size))
+        candidates = np.empty((tried.size, y.size))
         for c, value in enumerate(tried):
             p = theta[part].copy()
             p[index - part.start] = value
-            candidates[c] = spec.structure.response(p, piece.inputs[spec.column], piece.h, piece.hold[spec.column])
-        seen = candidates[:, :: row.stride]
-        errors = np.where(valid, y - response, 0.0)[:, None] + (seen[0] - seen).T
+            u, hold = piece.inputs[spec.column], piece.hold[spec.column]
+            candidates[c] = spec.structure.response(p, u, piece.h, hold, row.stride)
+        errors = np.where(valid, y - response, 0.0)[:, None] + (candidates[0] - candidates).T
         errors[~valid] = 0.0
         basis = orthonormal(whiten(ar, row.nuisance(theta, k))[use])
         e = weights[k] * whiten(ar, errors)[use]

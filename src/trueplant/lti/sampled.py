@@ -106,22 +106,23 @@ def discretise(a: Array, b: Array, h: float, phi: float, linear: bool) -> tuple[
 
 
 @njit(cache=True)
-def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear: bool, u: Array) -> Array:
+def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear: bool, u: Array, every: int) -> Array:
     n, m, length = ad.shape[0], c.shape[0], u.size
-    y = np.empty((m, length))
+    y = np.empty((m, (length + every - 1) // every))
     x = np.zeros(n)
     new = np.zeros(n)
     for k in range(length):
         ahead = u[k - q + 1] if 0 <= k - q + 1 < length else 0.0
         now = u[k - q] if k >= q else 0.0
         before = u[k - q - 1] if k > q else 0.0
-        held = before if phi > 0.0 else now
-        direct = (1.0 - phi) * now + phi * before if linear else held
-        for i in range(m):
-            value = d[i] * direct
-            for j in range(n):
-                value += c[i, j] * x[j]
-            y[i, k] = value
+        if k % every == 0:
+            held = before if phi > 0.0 else now
+            direct = (1.0 - phi) * now + phi * before if linear else held
+            for i in range(m):
+                value = d[i] * direct
+                for j in range(n):
+                    value += c[i, j] * x[j]
+                y[i, k // every] = value
         for i in range(n):
             value = taps[0, i] * ahead + taps[1, i] * now + taps[2, i] * before
             for j in range(n):
@@ -139,16 +140,18 @@ def split_dead_time(dead_time: float, h: float) -> tuple[int, float]:
     return q, (phi if phi > WHOLE_SAMPLE else 0.0)
 
 
-def rows_response(num: Array, den: Array, dead_time: float, u: Array, h: float, hold: str = "zoh") -> Array:
+def rows_response(
+    num: Array, den: Array, dead_time: float, u: Array, h: float, hold: str = "zoh", every: int = 1
+) -> Array:
     """Responses (m, N) of m numerators (m, n + 1) over one monic denominator (n + 1,) to u (N,), from rest.
 
-    Before its first sample u is zero: pass deviations from the operating point.
+    Of the N samples only each `every`-th is returned, the first among them. Before its first sample u is zero: pass deviations from the operating point.
     """
     a, b, c, d = realise(np.ascontiguousarray(num), np.ascontiguousarray(den))
     q, phi = split_dead_time(dead_time, h)
     linear = hold == "linear"
     ad, taps = discretise(a, b, h, phi, linear)
-    y: Array = _run(ad, taps, c, d, min(q, u.size + 1), phi, linear, np.ascontiguousarray(u, dtype=float))
+    y: Array = _run(ad, taps, c, d, min(q, u.size + 1), phi, linear, np.ascontiguousarray(u, dtype=float), every)
     return y
 
 

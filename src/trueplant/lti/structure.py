@@ -130,13 +130,13 @@ class Structure:
     def dead_times(self, p: Array) -> Array:
         return p[self._slices()[4]] if self.has_dead_time else np.zeros(self.delayed)
 
-    def response(self, p: Array, u: Array, h: float, hold: str = "zoh") -> Array:
-        """Sampled response (N,) to u (N,) from rest: `sampled_response` of `transfer`, without the detour."""
+    def response(self, p: Array, u: Array, h: float, hold: str = "zoh", every: int = 1) -> Array:
+        """Sampled response to u (N,) from rest at each `every`-th sample: `sampled_response` of `transfer`."""
         num, den = self.polynomials(p)
         padded = np.concatenate([np.zeros(len(den) - len(num)), num]) / den[0]
-        total = np.zeros(u.size)
+        total = np.zeros(-(-u.size // every))
         for g, theta in zip(p[: self.delayed], self.dead_times(p), strict=True):
-            total += rows_response(g * padded[None, :], den / den[0], float(theta), u, h, hold)[0]
+            total += rows_response(g * padded[None, :], den / den[0], float(theta), u, h, hold, every)[0]
         return total
 
     def transfer(self, p: Array) -> TransferFunction:
