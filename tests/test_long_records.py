@@ -9,7 +9,7 @@ import pytest
 
 from simulated import WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
-from trueplant.identify.stretch import BLOCK, SEARCHED, block_length, in_blocks, most_moved
+from trueplant.identify.blocks import BLOCK, SEARCHED, block_length, in_blocks, most_moved
 from trueplant.identify.validate import residual_tests
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti.structure import Structure, structure_of

@@ -66,8 +66,7 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
     for (i, found), theta, covariance in zip(estimates.items(), joint.theta, joint.covariance, strict=True):
         added = np.maximum(np.diag(found.covariance - found.fit.covariance), 0.0)
         covariance = covariance + np.diag(added)
-        low, high = found.row.bounds()
-        intervals = np.clip(normal_intervals(theta, covariance, confidence), low[:, None], high[:, None])
+        intervals = normal_intervals(found.row, theta, covariance, confidence)
         better[i] = replace(
             found, theta=theta, covariance=covariance, intervals=intervals, unprofiled=None, jointly=True
         )

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import UNDERMODELLED
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.runs import refit_noise
 from trueplant.identify.search import felt_lag
-from trueplant.identify.stretch import most_moved
 from trueplant.identify.validate import ResidualTests
 
 Array = NDArray[np.float64]

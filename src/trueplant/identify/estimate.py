@@ -7,16 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.identify.blocks import most_moved
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.noise import choose_order, fit_ar
 from trueplant.identify.predict import Row
 from trueplant.identify.search import felt_lag, grid_start, initial_theta, rival_dead_times
-from trueplant.identify.stretch import most_moved
 from trueplant.identify.validate import residual_tests
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-
 
 NOT_WHITE = 0.05
 """Significance from which prediction errors do not count as white."""
@@ -41,6 +40,7 @@ class Options:
 
 
 def largest_order(row: Row, limit: int) -> int:
+    """The largest order of a noise model that these data bear, at most `limit`."""
     samples = sum(int(row.measured(k)[1].sum()) for k in range(len(row.pieces)))
     shortest = min(row.measured(k)[0].size for k in range(len(row.pieces)))
     return max(0, min(limit, samples // 40, shortest // 4))

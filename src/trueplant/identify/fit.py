@@ -21,7 +21,6 @@ from trueplant.identify.predict import Row
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-
 SETTLED = 1e-4
 """Gain in -2 log likelihood, done and expected, at which the fit ends: a hundredth of a standard error."""
 NEGLIGIBLE = 1e-6
@@ -36,17 +35,20 @@ class RowFit:
     theta: Array
     """(row.size,) parameters of the elements, stacked in the order of row.specs."""
     ar: Array
+    """(order,) coefficients a1, a2, ... of A(q) = 1 + a1 q^-1 + ..."""
     variance: float
     """Of the prediction error e."""
     information: Array
-    """(size + len(ar), ...) Gauss-Newton information of theta and ar, in units of 1/variance."""
+    """(size + order, size + order) Gauss-Newton information of theta and ar, in units of 1/variance."""
     cost: float
+    """Sum of squares of the weighted prediction errors."""
     count: int
     """Prediction errors used."""
     weights: Array
     """(n_pieces,) 1/relative standard deviation of the prediction errors in each piece."""
     converged: bool
     free: BoolArray
+    """(size,) parameters that could move; the others are held."""
 
     @property
     def deviance(self) -> float:
@@ -67,12 +69,15 @@ class RowFit:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Where the fit stands."""
+    """Where the fit stands: the cost, and its derivatives by theta and ar, one after the other."""
 
     cost: float
     information: Array
+    """(size + order, size + order)"""
     slope: Array
+    """(size + order,) half of the gradient."""
     count: int
+    """Prediction errors."""
     power: Array
     """(n_pieces, 2) weighted sum of squares and number of errors of each piece."""
 
@@ -90,7 +95,7 @@ def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
 
 
 def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tuple[int, Array, Array]]:
-    """Each piece's number, the derivatives (size + len(ar), n) of its weighted prediction errors, and these (n,)."""
+    """Each piece's number, the derivatives (size + order, n) of its weighted prediction errors, and these (n,)."""
     order = ar.size
     for k in range(len(row.pieces)):
         y, valid = row.measured(k)
@@ -136,7 +141,7 @@ def fit_row(
     low, high = row.bounds()
     moving = np.concatenate([free, np.ones(ar.size, dtype=bool)])
     n = theta.size
-    dead = np.array([name.startswith("dead") for s in row.specs for name in s.structure.names] + [False] * ar.size)
+    dead = np.concatenate([row.dead, np.zeros(ar.size, dtype=bool)])
     damping = 1e-3
     point = evaluate(row, theta, ar, weights)
     converged = False
@@ -173,18 +178,21 @@ def fit_row(
         if settled or point.cost <= 1e-24 * max(_energy(row), 1e-300):
             converged = True
             break
-    used = max(point.count - int(moving.sum()) - row.nuisance_count(theta), 1)
+    left = max(point.count - int(moving.sum()) - row.nuisance_count(theta), 1)
     information = point.information.copy()
     frozen = np.flatnonzero(~moving)
     information[frozen, :] = information[:, frozen] = 0.0
     information[frozen, frozen] = 1e30
-    return RowFit(row, theta, ar, point.cost / used, information, point.cost, point.count, weights, converged, free)
+    return RowFit(row, theta, ar, point.cost / left, information, point.cost, point.count, weights, converged, free)
 
 
 def _downhill(
     row: Row, theta: Array, ar: Array, weights: Array, point: Point, active: BoolArray, damping: float
 ) -> tuple[Array, Array, Array, Point, float] | None:
-    """A damped Gauss-Newton step of the active parameters that does not raise the cost; None if there is none."""
+    """A damped Gauss-Newton step of the active parameters that does not raise the cost; None if there is none.
+
+    Returns the step of theta and ar, both as they are after it, the point there, and the damping that it took.
+    """
     if not active.any():
         return None
     low, high = row.bounds()

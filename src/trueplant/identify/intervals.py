@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.predict import Row
 
 Array = NDArray[np.float64]
 
@@ -14,10 +15,11 @@ FURTHEST = 12
 """Standard errors."""
 
 
-def normal_intervals(theta: Array, covariance: Array, confidence: float) -> Array:
-    """(n, 2) intervals theta -+ z sigma."""
+def normal_intervals(row: Row, theta: Array, covariance: Array, confidence: float) -> Array:
+    """(n, 2) intervals theta -+ z sigma, within the bounds of the row's parameters."""
     half = norm.ppf(0.5 + confidence / 2) * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return np.column_stack([theta - half, theta + half])
+    low, high = row.bounds()
+    return np.asarray(np.clip(np.column_stack([theta - half, theta + half]), low[:, None], high[:, None]))
 
 
 def profile_interval(fit: RowFit, index: int, confidence: float, rounds: int = 6) -> tuple[float, float]:

@@ -13,8 +13,7 @@ from trueplant.identify.instrumental import started
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
 from trueplant.identify.predict import Held, Spec
-from trueplant.identify.search import lag_of
-from trueplant.identify.strides import choose_block, choose_stride, samples_per_update
+from trueplant.identify.strides import choose_block, choose_stride, samples_per_update, typical_lag
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix
 from trueplant.record.types import Segment
@@ -48,11 +47,11 @@ def identify_matrix(
     PV, `timing` the standard error of the instants (`identify_output`). `tell` is told the number of each output
     before it is estimated.
     """
-    stride = choose_stride(segments, list(specs.values()), update_interval)
+    everywhere = list(specs.values())
+    stride = choose_stride(segments, everywhere, update_interval)
     update = samples_per_update(update_interval, segments[0].h)
-    block = choose_block(segments, list(specs.values()))
-    known = [lag_of(s.structure.names, np.array(s.start)) for s in specs.values() if s.start is not None]
-    scales = [lag for lag in known if lag > 0]
+    block = choose_block(segments, everywhere)
+    time_scale = typical_lag(everywhere)
     places = np.ndindex(*model.shape)
     absent = [place for place in places if place not in specs and model[place].is_zero]
     estimates = {}
@@ -71,7 +70,7 @@ def identify_matrix(
             update=update,
             block=block,
             timing=timing,
-            time_scale=float(np.median(scales)) if scales else None,
+            time_scale=time_scale,
         )
         estimate = partial(_from_both_starts, once, partial(started, segments, i, held=held))
         found = estimate(own)

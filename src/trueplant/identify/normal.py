@@ -11,7 +11,9 @@ BoolArray = NDArray[np.bool_]
 LOST = 1e-7
 """Directions whose singular value is below this share of the largest are lost in rounding."""
 ENOUGH = 5000
-"""Samples from which a level is taken."""
+"""Errors from which their level is taken."""
+MOVES_BY = 0.95
+"""Median of |e[k] - e[k - 1]| over the standard deviation of white normal e: 0.6745 sqrt(2)."""
 
 
 def inverse(information: Array, floor: float = 1e-14) -> Array:
@@ -56,4 +58,4 @@ def seen(columns: Array, errors: Array, largest: Array) -> BoolArray:
     if not moves.size:
         return np.asarray(size > 0)
     some = moves[:: 1 + moves.size // ENOUGH]
-    return np.asarray(size > np.median(np.abs(some)) / 0.95)
+    return np.asarray(size > np.median(np.abs(some)) / MOVES_BY)

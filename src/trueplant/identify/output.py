@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.identify.blocks import in_blocks
 from trueplant.identify.dependence import order_dependence
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit
@@ -16,8 +17,7 @@ from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.runs import Runs, combine_runs, compare_runs
 from trueplant.identify.sandwich import asks_for_sandwich, sandwich
 from trueplant.identify.search import lag_of
-from trueplant.identify.small import inflation, of_starts, without_unseen_dead_times
-from trueplant.identify.stretch import in_blocks
+from trueplant.identify.small import inflation, widening_by_starts, without_unseen_dead_times
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
 
@@ -41,9 +41,11 @@ class OutputEstimate:
     output: int
     fit: RowFit
     theta: Array
+    """(size,)"""
     covariance: Array
+    """(size, size)"""
     intervals: Array
-    """(n, 2); infinite where nothing is known."""
+    """(size, 2); infinite where nothing is known."""
     runs: Runs | None
     order_dependence: dict[int, str]
     """Parameters whose estimate moves beyond its interval with the order of the noise model."""
@@ -103,9 +105,10 @@ def identify_output(
     tests = residual_tests(fit, confidence)
     runs = compare_runs(fit)
     apart = runs is not None and not runs.agree
-    more = fit.covariance * (of_starts(fit) if any(segment.closed for segment in segments) else 0.0)
-    uneven = not apart and asks_for_sandwich(tests)
-    if uneven:
+    sandwiched = not apart and asks_for_sandwich(tests)
+    # What the curvature of the likelihood does not know, and profiles of it neither.
+    more = fit.covariance * (widening_by_starts(fit) if any(segment.closed for segment in segments) else 0.0)
+    if sandwiched:
         more = more + sandwich(fit) - fit.covariance
     if runs is not None and apart:
         factor = 1.0
@@ -117,21 +120,18 @@ def identify_output(
     # What the choice of the noise model moves is not known better than that, unless the runs have shown their spread.
     shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
     covariance = covariance + np.diag(np.where(shown, 0.0, shifts**2))
-    dead = np.array([name.startswith("dead") for spec in row.specs for name in spec.structure.names])
-    known_to = (ROUNDING * np.abs(theta)) ** 2 + np.where(dead, timing**2, 0.0)
     # Neither is what a dead time that was left at 0 would have moved.
     covariance = covariance + np.diag(np.where(fit.free, (full.theta - fit.theta) ** 2, 0.0))
-    covariance = covariance + np.diag(known_to)
-    intervals = normal_intervals(theta, covariance, confidence)
-    low, high = fit.row.bounds()
-    intervals = np.clip(intervals, np.where(np.isfinite(low), low, -np.inf)[:, None], high[:, None])
+    least = least_variance(row, theta, timing)
+    covariance = covariance + np.diag(least)
+    intervals = normal_intervals(row, theta, covariance, confidence)
     unprofiled = covariance - (factor - 1) * fit.covariance
     if not np.any(shifts) and not apart:
         for index in _profiled(fit):
             # A dead time that is held at 0 may still be as large as the data allow.
             profiled = fit if fit.free[index] else full
             ends = profile_interval(profiled, index, confidence)
-            ends = widened(ends, float(theta[index]), known_to[index] + more[index, index], confidence)
+            ends = widened(ends, float(theta[index]), least[index] + more[index, index], confidence)
             covariance = as_wide_as(covariance, index, float(theta[index]), ends, confidence)
             intervals[index] = ends
     return OutputEstimate(
@@ -145,16 +145,20 @@ def identify_output(
         tests,
         validate(fit),
         unprofiled=unprofiled,
-        sandwiched=uneven,
+        sandwiched=sandwiched,
     )
+
+
+def least_variance(row: Row, theta: Array, timing: float) -> Array:
+    """(size,) variance below which no parameter is known: numbers are rounded, and so are instants (`timing`)."""
+    return np.asarray((ROUNDING * np.abs(theta)) ** 2 + np.where(row.dead, timing**2, 0.0))
 
 
 def _profiled(fit: RowFit) -> list[int]:
     """Dead times, and parameters that are known poorly but not hopelessly."""
     chosen = []
     sigma = np.sqrt(np.diag(fit.covariance))
-    names = [name for spec in fit.row.specs for name in spec.structure.names]
-    for index, name in enumerate(names):
+    for index, name in enumerate(fit.row.names):
         relative = sigma[index] / max(abs(fit.theta[index]), 1e-300) if fit.free[index] else WEAK
         if (name.startswith("dead") or relative > WEAK) and relative < 1e3 and not name.startswith(("gain", "slope")):
             chosen.append(index)

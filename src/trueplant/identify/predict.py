@@ -24,7 +24,6 @@ from trueplant.record.types import Segment
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-
 FASTEST_LAG = 0.05
 """In samples."""
 MOST_JOINED = 60
@@ -215,17 +214,26 @@ class Row:
         return tuple(slice(int(e) - len(s.structure.names), int(e)) for s, e in zip(self.specs, ends, strict=True))
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Of all parameters, in the order of theta."""
+        return tuple(name for spec in self.specs for name in spec.structure.names)
+
+    @property
     def size(self) -> int:
-        return sum(len(s.structure.names) for s in self.specs)
+        return len(self.names)
+
+    @property
+    def dead(self) -> BoolArray:
+        """(size,) which parameters are dead times."""
+        return np.array([name.startswith("dead") for name in self.names], dtype=bool)
 
     def bounds(self) -> tuple[Array, Array]:
         """Bounds of theta; lags far shorter than a sample cannot be told from none and end at a twentieth of one."""
         pairs = [(np.zeros(0), np.zeros(0)), *(s.structure.bounds() for s in self.specs)]
         low, high = np.concatenate([low for low, _ in pairs]), np.concatenate([high for _, high in pairs])
         h = self.pieces[0].h
-        names = [name for spec in self.specs for name in spec.structure.names]
-        low[[name.startswith("tau") for name in names]] = FASTEST_LAG * h
-        high[[name.startswith("omega0") for name in names]] = 1 / (FASTEST_LAG * h)
+        low[[name.startswith("tau") for name in self.names]] = FASTEST_LAG * h
+        high[[name.startswith("omega0") for name in self.names]] = 1 / (FASTEST_LAG * h)
         return low, high
 
     def measured(self, k: int) -> tuple[Array, BoolArray]:
@@ -237,8 +245,7 @@ class Row:
 
         What OP did in the last dead time before the record is not in it, and no free response makes up for it.
         """
-        names = [name for spec in self.specs for name in spec.structure.names]
-        dead = max((v for name, v in zip(names, theta, strict=True) if name.startswith("dead")), default=0.0)
+        dead = float(np.max(theta[self.dead], initial=0.0))
         pieces = []
         for piece in self.pieces:
             unseen = int(np.ceil(dead / piece.h)) + 1  # the dead time may turn out a little longer

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm, t
 
+from trueplant.identify.estimate import noise_signals
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.noise import fit_ar
 from trueplant.identify.search import felt_lag
@@ -107,8 +108,6 @@ def combine_runs(pooled: RowFit, runs: Runs, confidence: float = 0.95) -> tuple[
 
 def refit_noise(fit: RowFit, order: int) -> RowFit:
     """The same row with a noise model of another order, started from the present estimate."""
-    from trueplant.identify.estimate import noise_signals
-
     signals, valid = noise_signals(fit)
     ar = fit_ar(signals, valid, order)[0]
     return fit_row(fit.row, fit.theta, ar, weights=fit.weights, free=fit.free, iterations=40)

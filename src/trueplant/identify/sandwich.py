@@ -23,7 +23,7 @@ SIGNIFICANT = 0.01
 """Of the residual tests that choose this covariance."""
 
 
-def uneven_p(e: Array, lags: int = LAGS) -> float:
+def evenness_p(e: Array, lags: int = LAGS) -> float:
     """p-value that prediction errors e (n,), NaN where there are none, keep their size (McLeod and Li 1983).
 
     Squares of errors whose size changes are correlated over time.
@@ -43,11 +43,11 @@ def uneven_p(e: Array, lags: int = LAGS) -> float:
 
 def asks_for_sandwich(tests: ResidualTests) -> bool:
     """Do the prediction errors change their size, or is colour left in them?"""
-    return min(uneven_p(tests.e), tests.whiteness_p) < SIGNIFICANT
+    return min(evenness_p(tests.e), tests.whiteness_p) < SIGNIFICANT
 
 
 def sandwich(fit: RowFit) -> Array:
-    """Covariance (size, size) of theta, no standard error below that of the likelihood."""
+    """Covariance (size, size) of theta, no standard error below that of the likelihood (Newey and West's weights)."""
     size = fit.theta.size + fit.ar.size
     meat = np.zeros((size, size))
     for _, jacobian, e in linearised(fit.row, fit.theta, fit.ar, fit.weights):
@@ -60,6 +60,5 @@ def sandwich(fit: RowFit) -> Array:
     bread = inverse(fit.information)
     n = fit.theta.size
     covariance = (bread @ meat @ bread)[:n, :n] * fit.count / fit.left
-    least = np.diag(fit.covariance)
-    scale = np.sqrt(np.maximum(least / np.maximum(np.diag(covariance), 1e-300), 1.0))
-    return np.asarray(covariance * np.outer(scale, scale))
+    # Never less than the likelihood's: with few errors that are large the meat is itself poorly known.
+    return np.asarray(covariance + np.diag(np.maximum(np.diag(fit.covariance) - np.diag(covariance), 0.0)))

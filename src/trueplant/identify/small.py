@@ -17,8 +17,6 @@ UNSEEN = 0.05
 """Significance from which a dead time that the model does not have is believed."""
 FEWEST_LEFT = 8.0
 """Degrees of freedom: with fewer the noise is not known at all, and the t quantile says nothing sensible."""
-
-
 STARTS = 0.5
 """Bias in standard errors for each operating point and initial state, over the root of the number of samples.
 
@@ -69,17 +67,17 @@ def inflation(fit: RowFit, confidence: float) -> float:
     return float(n / left * quantile**2) if n > 0 else float(2 * quantile**2)
 
 
-def of_starts(fit: RowFit) -> float:
-    """Share of the covariance that is added in closed loop for operating points and initial states.
-
-    They are estimated from errors that come later, to which the controller has answered: with them taken along, the
-    errors are no longer free of what OP did before (Nickell 1981). One start is nothing; many gaps are not.
-    """
-    return float((STARTS * fit.row.nuisance_count(fit.theta)) ** 2 / max(fit.count, 1))
-
-
 def _level_variance(fit: RowFit) -> float:
     """Variance of A(1), the sum of the noise model's coefficients."""
     block = fit.information[fit.theta.size :, fit.theta.size :]
     ones = np.ones(len(block))
     return float(fit.variance * ones @ np.linalg.lstsq(block, ones, rcond=1e-12)[0]) if ones.size else 0.0
+
+
+def widening_by_starts(fit: RowFit) -> float:
+    """Share of the covariance that is added to it in closed loop for operating points and initial states.
+
+    They are estimated from errors that come later, to which the controller has answered: with them taken along, the
+    errors are no longer free of what OP did before (Nickell 1981). One start is nothing; many gaps are not.
+    """
+    return float((STARTS * fit.row.nuisance_count(fit.theta)) ** 2 / max(fit.count, 1))

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from trueplant.identify.blocks import block_length
 from trueplant.identify.predict import Spec
 from trueplant.identify.search import lag_of
-from trueplant.identify.stretch import block_length
 from trueplant.record.types import Segment
 
 SAMPLES_PER_LAG = 80
@@ -31,6 +31,12 @@ def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_int
 def choose_block(segments: Sequence[Segment], specs: Sequence[Spec]) -> int:
     """Samples of the blocks into which long records are cut: many times the longest lag of the matrix."""
     return block_length(max(_answers(specs), default=0.0), segments[0].h)
+
+
+def typical_lag(specs: Sequence[Spec]) -> float | None:
+    """Median lag of the elements that the model has; None where it has none with a lag."""
+    lags = [lag_of(s.structure.names, np.array(s.start)) for s in specs if s.start is not None]
+    return float(np.median([lag for lag in lags if lag > 0])) if any(lag > 0 for lag in lags) else None
 
 
 def samples_per_update(update_interval: float, h: float) -> int:

@@ -51,7 +51,10 @@ class Unknown:
 
 
 def lag_mode(tau: float, index: int, clock: Array, began: BoolArray, largest: float) -> Mode:
-    """Free response of a lag, of which theta[index] is the time constant."""
+    """Free response of a lag, of which theta[index] is the time constant tau.
+
+    `clock` (n,) is the time since the start, 0 before it; `began` (n,) is where it has begun.
+    """
     decay, derivative = np.zeros(clock.size), np.zeros(clock.size)
     live = slice(int(np.argmax(began)), int(np.searchsorted(clock, GONE * tau, side="right")))
     decay[live] = np.where(began[live], np.exp(-clock[live] / tau), 0.0)
@@ -59,12 +62,12 @@ def lag_mode(tau: float, index: int, clock: Array, began: BoolArray, largest: fl
     return Mode(decay, {index: derivative}, largest)
 
 
-def pair_modes(omega0: float, zeta: float, index: int, t: Array, began: BoolArray, largest: float) -> list[Mode]:
-    """The two free responses of a complex pair, with derivatives by differences."""
+def pair_modes(omega0: float, zeta: float, index: int, clock: Array, began: BoolArray, largest: float) -> list[Mode]:
+    """The two free responses of a complex pair, theta[index] and the next; derivatives by differences."""
 
     def both(w: float, z: float) -> Array:
-        damping = np.where(began, np.exp(-min(z, 1.0) * w * t), 0.0)
-        angle = w * np.sqrt(max(1 - z**2, 0.0)) * t
+        damping = np.where(began, np.exp(-min(z, 1.0) * w * clock), 0.0)
+        angle = w * np.sqrt(max(1 - z**2, 0.0)) * clock
         return np.array([damping * np.cos(angle), damping * np.sin(angle)])
 
     base, step = both(omega0, zeta), 1e-6

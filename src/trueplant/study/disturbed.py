@@ -13,7 +13,7 @@ from scipy.stats import norm
 from trueplant.disturbance import DisturbedFit, Part, Recovered, fit_with_disturbance, likelihood_p, recover
 from trueplant.identify import OutputEstimate
 from trueplant.identify.intervals import normal_intervals
-from trueplant.identify.output import ROUNDING
+from trueplant.identify.output import least_variance
 from trueplant.loop import Controller
 from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
 from trueplant.record import Segment
@@ -134,10 +134,8 @@ def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float
         return estimate
     if not _same_elements(fit, estimate):
         return estimate
-    dead = np.array([name.startswith("dead") for spec in fit.row.specs for name in spec.structure.names])
-    covariance = fit.covariance + np.diag((ROUNDING * fit.theta) ** 2 + np.where(dead, timing**2, 0.0))
-    low, high = (bound[:, None] for bound in fit.row.bounds())
-    intervals = np.clip(normal_intervals(fit.theta, covariance, confidence), low, high)
+    covariance = fit.covariance + np.diag(least_variance(fit.row, fit.theta, timing))
+    intervals = normal_intervals(fit.row, fit.theta, covariance, confidence)
     return replace(estimate, theta=fit.theta, covariance=covariance, intervals=intervals, order_dependence={})
 
 

@@ -50,8 +50,7 @@ def without_hidden_dynamics(study: Study, i: int, found: OutputEstimate) -> Outp
     """The estimate of output i without the dynamics that the record cannot tell."""
     if i not in study.hidden:
         return found
-    names = [n for spec in found.row.specs for n in spec.structure.names]
-    moved = {k: study.hidden[i] for k, n in enumerate(names) if not n.startswith(("gain", "slope"))}
+    moved = {k: study.hidden[i] for k, n in enumerate(found.row.names) if not n.startswith(("gain", "slope"))}
     return replace(found, order_dependence=moved | found.order_dependence)
 
 

@@ -256,7 +256,7 @@ def _pilots(
 
 
 def _gain_open(estimate: OutputEstimate) -> bool:
-    names = [name for spec in estimate.row.specs for name in spec.structure.names]
+    names = estimate.row.names
     return any(names[k].startswith(("gain", "slope")) for k in unanswered(estimate))
 
 

@@ -106,7 +106,7 @@ def standard_errors(information: Array) -> Array:
 
 def demand_of(fit: RowFit, answered: Sequence[int], columns: Sequence[str], precision: float) -> Demand:
     """Gains, slopes, first time constants and dead times of the elements that the pilot has found."""
-    names = [name for spec in fit.row.specs for name in spec.structure.names]
+    names = fit.row.names
     inputs = [columns[spec.column] for spec in fit.row.specs for _ in spec.structure.names]
     size = np.abs(fit.theta) + felt_lag(fit)
     limits = np.full(fit.theta.size, np.inf)

@@ -23,15 +23,15 @@ def block_length(longest: float, h: float) -> int:
     return max(BLOCK, int(LAGS_A_BLOCK * longest / h))
 
 
-def in_blocks(pieces: Sequence[Piece], length: int, multiple: int) -> tuple[Piece, ...]:
-    """Pieces longer than two blocks cut into equal blocks of whole multiples of samples."""
+def in_blocks(pieces: Sequence[Piece], length: int, stride: int) -> tuple[Piece, ...]:
+    """Pieces of two blocks (of `length` samples) or more, cut into equal ones of whole strides."""
     found: list[Piece] = []
     for piece in pieces:
         count = piece.y.size // length
         if count < 2:
             found.append(piece)
             continue
-        size = -(-piece.y.size // (count * multiple)) * multiple
+        size = -(-piece.y.size // (count * stride)) * stride
         edges = [*range(0, piece.y.size, size), piece.y.size]
         found += [piece.from_sample(a, b) for a, b in pairwise(edges)]
     return tuple(found)
