@@ -145,7 +145,8 @@ def rows_response(
 ) -> Array:
     """Responses (m, N) of m numerators (m, n + 1) over one monic denominator (n + 1,) to u (N,), from rest.
 
-    Of the N samples only each `every`-th is returned, the first among them. Before its first sample u is zero: pass deviations from the operating point.
+    Of the N samples only each `every`-th is returned, the first among them. Before its first sample u is zero: pass
+    deviations from the operating point.
     """
     a, b, c, d = realise(np.ascontiguousarray(num), np.ascontiguousarray(den))
     q, phi = split_dead_time(dead_time, h)
