@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from trueplant.identify.noise import lagged, whiten, whitened_valid
 from trueplant.identify.normal import eliminated, inverse, seen
 from trueplant.identify.predict import Row
+from trueplant.identify.unknown import Unknown
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -109,16 +110,25 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tu
         response, gradient = row.response_and_gradient(theta, k)
         unknown = row.unknown(theta, k)
         v = np.where(valid, y - response, 0.0)
-        columns, errors = whiten(ar, unknown.columns)[use], whiten(ar, v)[use]
-        told = seen(columns, errors, unknown.largest)
-        coefficients = np.zeros(told.size)
-        coefficients[told], basis = eliminated(columns[:, told], errors)
+        coefficients, basis = _told(unknown, v, ar, use)
         v = np.where(valid, v - unknown.columns @ coefficients, 0.0)
         e = weights[k] * whiten(ar, v)[use]
         moved = whiten(ar, gradient + unknown.gradient(coefficients))
         jacobian = weights[k] * np.vstack([-moved.T, lagged(v, order).T])[:, use]
         jacobian -= (jacobian @ basis) @ basis.T
         yield k, jacobian, e
+
+
+def _told(unknown: Unknown, v: Array, ar: Array, use: slice | BoolArray) -> tuple[Array, Array]:
+    """Weights (n_z,) of the unknowns in the output errors v (n,), 0 where these do not tell them, and what is spanned.
+
+    The basis (n_used, rank) is that of the unknowns in the prediction errors that `use` picks.
+    """
+    columns, errors = whiten(ar, unknown.columns)[use], whiten(ar, v)[use]
+    told = seen(columns, errors, unknown.largest)
+    weights = np.zeros(told.size)
+    weights[told], basis = eliminated(columns[:, told], errors)
+    return weights, basis
 
 
 def fit_row(
@@ -243,16 +253,10 @@ def residuals(fit: RowFit) -> list[tuple[Array, Array, BoolArray]]:
         y, valid = row.measured(k)
         response = row.response(fit.theta, k)
         v = np.where(valid, y - response, 0.0)
-        unknown = row.unknown(fit.theta, k)
-        z = unknown.columns
-        if y.size > order + 1 and whitened_valid(order, valid).any():
-            use = whitened_valid(order, valid)
-            columns, errors = whiten(fit.ar, z)[use], whiten(fit.ar, v)[use]
-            told = seen(columns, errors, unknown.largest)
-            v = v - z[:, told] @ eliminated(columns[:, told], errors)[0]
-            e = np.full(y.size, np.nan)
+        e = np.full(y.size, np.nan)
+        if y.size > order + 1 and (use := whitened_valid(order, valid)).any():
+            unknown = row.unknown(fit.theta, k)
+            v = v - unknown.columns @ _told(unknown, v, fit.ar, use)[0]
             e[order:][use] = whiten(fit.ar, np.where(valid, v, 0.0))[use]
-        else:
-            use, e = np.zeros(max(y.size - order, 0), bool), np.full(y.size, np.nan)
         out.append((np.where(valid, v, np.nan), e, np.isfinite(e)))
     return out

@@ -16,7 +16,7 @@ from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_i
 from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.runs import Runs, combine_runs, compare_runs
 from trueplant.identify.sandwich import asks_for_sandwich, sandwich
-from trueplant.identify.search import lag_of
+from trueplant.identify.search import dead_time_of, lag_of
 from trueplant.identify.small import inflation, widening_by_starts, without_unseen_dead_times
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
@@ -175,7 +175,7 @@ def unanswered(estimate: OutputEstimate) -> dict[int, str]:
         names = spec.structure.names
         p, s = theta[part], sigma[part]
         lag = lag_of(names, p)
-        dead = max((v for name, v in zip(names, p, strict=True) if name.startswith("dead")), default=0.0)
+        dead = dead_time_of(names, p)
         gains = [k for k, name in enumerate(names) if name.startswith(("gain", "slope"))]
         silent = all(not np.any(piece.inputs[spec.column]) for piece in fit.row.pieces)
         no_gain = all(abs(p[k]) < 2 * s[k] for k in gains)

@@ -50,6 +50,11 @@ def lag_of(names: tuple[str, ...], p: Array) -> float:
     return total
 
 
+def dead_time_of(names: tuple[str, ...], p: Array) -> float:
+    """Longest dead time of an element; 0 without one."""
+    return max((float(value) for name, value in zip(names, p, strict=True) if name.startswith("dead")), default=0.0)
+
+
 def felt_lag(fit: RowFit) -> Array:
     """(n,) for each dead time the lag of its element, against which an error in it is felt; 0 for the rest."""
     out = np.zeros(fit.theta.size)
@@ -101,8 +106,7 @@ def _columns(row: Row, theta: Array, skip: int | None = None) -> list[Array]:
 def dead_time_grid(row: Row, m: int, p: Array, h: float, finest: int = 48) -> Array:
     """Dead times to try for element m, in whole samples of the record."""
     names = row.specs[m].structure.names
-    dead = [v for name, v in zip(names, p, strict=True) if name.startswith("dead")]
-    longest = min(max(3 * max(dead, default=0.0), lag_of(names, p), 10 * h), max(q.span for q in row.pieces) / 4)
+    longest = min(max(3 * dead_time_of(names, p), lag_of(names, p), 10 * h), max(q.span for q in row.pieces) / 4)
     count = max(int(longest / h), 1)
     return np.unique(np.round(np.linspace(0, count, min(count + 1, finest))).astype(int))
 

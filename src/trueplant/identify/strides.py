@@ -8,7 +8,7 @@ import numpy as np
 
 from trueplant.identify.blocks import block_length
 from trueplant.identify.predict import Spec
-from trueplant.identify.search import lag_of
+from trueplant.identify.search import dead_time_of, lag_of
 from trueplant.record.types import Segment
 
 SAMPLES_PER_LAG = 80
@@ -46,10 +46,5 @@ def samples_per_update(update_interval: float, h: float) -> int:
 
 def _answers(specs: Sequence[Spec]) -> list[float]:
     """How long each element of the model takes to answer, dead time included."""
-    answers = []
-    for spec in specs:
-        if spec.start is not None:
-            names = spec.structure.names
-            dead = [v for name, v in zip(names, spec.start, strict=True) if name.startswith("dead")]
-            answers.append(lag_of(names, np.array(spec.start)) + max(dead, default=0.0))
-    return answers
+    known = [(spec.structure.names, np.array(spec.start)) for spec in specs if spec.start is not None]
+    return [lag_of(names, p) + dead_time_of(names, p) for names, p in known]

@@ -18,7 +18,7 @@ from scipy.stats import norm
 from trueplant.errors import LoopError
 from trueplant.identify import OutputEstimate, unanswered
 from trueplant.identify.estimate import UNDERMODELLED
-from trueplant.identify.search import lag_of
+from trueplant.identify.search import dead_time_of, lag_of
 from trueplant.lti import TransferMatrix
 from trueplant.study.planned_moves import GOLDEN, Bench, Plan, combined, fit_at, information, noise_of, pattern
 from trueplant.study.planned_words import plan_sentence
@@ -153,9 +153,8 @@ def _slowest(study: Study, estimates: Mapping[int, OutputEstimate]) -> float:
         theta = fit_at(estimate, reasons).theta
         for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
             names, p = spec.structure.names, theta[part]
-            dead = max((v for name, v in zip(names, p, strict=True) if name.startswith("dead")), default=0.0)
             if spec.start is not None or not all(k in reasons for k in range(part.start, part.stop)):
-                times.append(lag_of(names, p) + dead)
+                times.append(lag_of(names, p) + dead_time_of(names, p))
     return float(max(times))
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from trueplant.identify import Row, RowFit
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.normal import inverse
-from trueplant.identify.search import felt_lag, lag_of
+from trueplant.identify.search import dead_time_of, felt_lag, lag_of
 from trueplant.record import Segment
 
 Array = NDArray[np.float64]
@@ -122,8 +122,7 @@ def settling(fit: RowFit) -> float:
     times = [fit.row.pieces[0].h]
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
         p, names = fit.theta[part], spec.structure.names
-        dead = max((v for name, v in zip(names, p, strict=True) if name.startswith("dead")), default=0.0)
-        times.append(SETTLED * lag_of(names, p) + dead)
+        times.append(SETTLED * lag_of(names, p) + dead_time_of(names, p))
     return float(max(times))
 
 
