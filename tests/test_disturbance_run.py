@@ -134,7 +134,9 @@ def test_the_step_is_found_and_said(stepped):
 
 def test_what_the_step_takes_from_the_parameters_is_said(stepped):
     """A level that is not known takes from the gains, which are levels too, and next to nothing from the dead times."""
-    for row in stepped.methods["disturbance"]:
+    rows = stepped.methods["disturbance"]
+    assert rows
+    for row in rows:
         shares = {name: [x["share"] for x in row["lost"] if x["name"] == name] for name in ("gain", "dead_time")}
         assert min(shares["gain"]) > 0.5
         assert max(shares["dead_time"]) < 0.2

@@ -58,11 +58,11 @@ def anchors(page: Path) -> set[str]:
     return slugs | set(re.findall(r"^\(([\w-]+)\)=$", text, flags=re.M))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(DOCS).as_posix())
-def test_links_lead_somewhere(page: Path) -> None:
-    for target in re.findall(r"\]\(([^)\s]+)\)", outside_code(page)):
-        if "://" in target:
-            continue
+def test_links_lead_somewhere() -> None:
+    links = [(page, target) for page in PAGES for target in re.findall(r"\]\(([^)\s]+)\)", outside_code(page))]
+    inside = [(page, target) for page, target in links if "://" not in target]
+    assert len(inside) > len(PAGES)
+    for page, target in inside:
         name, _, anchor = target.partition("#")
         goal = (page.parent / name).resolve() if name else page
         assert goal.is_file(), f"{page.name} links to {target}"
@@ -172,9 +172,12 @@ def test_no_table_is_described_that_does_not_exist() -> None:
     assert described().keys() <= TABLES.keys()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(DOCS).as_posix())
-def test_toml_shown_is_toml(page: Path) -> None:
-    for block in re.findall(r"^```toml\n(.*?)^```", page.read_text("utf-8"), flags=re.S | re.M):
+def test_toml_shown_is_toml() -> None:
+    shown = [
+        b for page in PAGES for b in re.findall(r"^```toml\n(.*?)^```", page.read_text("utf-8"), flags=re.S | re.M)
+    ]
+    assert shown
+    for block in shown:
         assert tomllib.loads(block)
 
 

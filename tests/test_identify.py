@@ -13,6 +13,7 @@ from trueplant.identify.noise import choose_order, fit_ar, whiten, whitened_vali
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix, tf
 from trueplant.lti.structure import Structure, structure_of
+from trueplant.record.types import Segment
 
 FOPDT = Structure.parse("fopdt")
 
@@ -246,3 +247,20 @@ def test_a_free_response_that_the_noise_model_cancels_does_not_run_away():
         fit = identify_output([segment_of(record)], 1, specs).fit
         error = residuals(fit)[0][0]
         assert np.nanstd(error) < 2 * np.std(v[:, 1])
+
+
+def test_gains_that_nearly_cancel_have_dynamics_although_neither_is_known():
+    """Together they differ from zero beyond doubt: a pulse after each move, whose lag is known."""
+    structure, p = Structure.parse("fopdt+delayed"), np.array([5.0, -4.9, 12.0, 2.3, 2.7])
+    rng = np.random.default_rng(12)
+    u = random_switching(rng, 1500, 1, 40.0)
+    y = structure.response(p, u[:, 0] - u[0, 0], 1.0) + 0.03 * rng.standard_normal(1500)
+    none = np.zeros((1500, 0))
+    t, free = np.arange(1500.0), np.ones((1500, 1), dtype=bool)
+    segment = Segment(0, 1.0, t, none, u, y[:, None], none, free, ("zoh",), closed=False)
+    estimate = identify_output([segment], 0, [Spec(0, structure, tuple(p))])
+    assert estimate is not None
+    reasons = unanswered(estimate)
+    assert {0, 1} <= set(reasons) and 2 not in reasons
+    assert not any("told from zero" in reason for reason in reasons.values())
+    assert abs(estimate.theta[2] - 12) < 4 * np.sqrt(estimate.covariance[2, 2])

@@ -67,6 +67,7 @@ def test_what_is_open_is_listed_and_nothing_else(short: dict[str, Any]) -> None:
         > 0.1 * (abs(p["plant"]) + (e["parameters"][1]["plant"] if p["name"] == "dead_time" else 0.0))
     }
     assert len(wide) > 3
+    assert short["more_data"]
     for entry in short["more_data"]:
         assert {(s["output"], s["input"], s["parameter"]) for s in entry["settles"]} == wide
         assert all(s["then"] <= s["wanted"] < s["now"] for s in entry["settles"])

@@ -135,7 +135,7 @@ def test_empty_cells_are_missing_without_a_word(write) -> None:
     text = HEADER + "".join(f"{i},1,{'' if i % 4 == 0 else i},{i % 2}\n" for i in range(20))
     record = read_record(write(text), ONE)
     assert int(np.isnan(record.y).sum()) == 5
-    assert all(n.kind == "constant" for n in record.notes)
+    assert {n.kind for n in record.notes} == {"constant"}
 
 
 def test_a_constant_column_is_noted(write) -> None:

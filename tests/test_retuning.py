@@ -80,6 +80,7 @@ def test_the_recommended_settings_are_better_on_the_true_plant(name, request):
 @pytest.mark.parametrize("name", ["splitter", "mill"])
 def test_the_share_is_that_of_plants_drawn_independently(name, request):
     result, _ = request.getfixturevalue(name)
+    assert len(result.controllers) == 2
     for loop in result.controllers:
         drawn = proposal(loop, "certain-share")["drawn"]
         assert drawn["count"] == 1000
@@ -123,6 +124,7 @@ def test_the_recovered_disturbance_reproduces_the_record(splitter):
 
 def test_bands_hold_the_curve_of_the_plant_and_end_at_rest(splitter):
     result, _ = splitter
+    assert len(result.curves.retuning) == 2
     for curves in result.curves.retuning:
         for label in ("before", "after"):
             low, value, high = curves.setpoint[label].T
@@ -133,6 +135,7 @@ def test_bands_hold_the_curve_of_the_plant_and_end_at_rest(splitter):
 
 def test_mu_is_reported_with_weights(mill):
     result, _ = mill
+    assert len(result.controllers) == 2
     for loop in result.controllers:
         now = loop["current"]["metrics"]
         assert now["model"]["mu"]["upper"] >= now["model"]["mu"]["lower"] > 0.3

@@ -55,6 +55,7 @@ def test_tracking_leaves_the_dynamics_alone_as_well(tmp_path):
     for window in windows:
         gain, *dynamics = window.elements[0].parameters
         assert gain.plant == pytest.approx(-2.6, rel=0.1)
+        assert len(dynamics) == 2
         assert all(p.plant is None and "scans faster than the record" in p.reason for p in dynamics)
 
 

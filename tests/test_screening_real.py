@@ -26,6 +26,12 @@ def screened(file: Path, layout: Layout, closed: bool = True) -> Screened:
     return screen(read_record(file, layout, closed=closed), layout)
 
 
+def records(folder: Path) -> list[Path]:
+    files = sorted(folder.glob("*.csv"))
+    assert files, f"{folder} holds no records"
+    return files
+
+
 def found(result: Screened, kind: str) -> dict[str, float]:
     return {f.signal: f.value or 0.0 for f in result.findings if f.kind == kind}
 
@@ -96,7 +102,7 @@ def test_open_loop_switching_is_not_saturated(real_data: Path) -> None:
 
 
 def test_oven_runs(real_data: Path) -> None:
-    for file in sorted((real_data / "pid_oven").glob("*.csv")):
+    for file in records(real_data / "pid_oven"):
         result = screened(file, ONE)
         assert result.refusal is None, file.name
         assert result.usable_y.all(), file.name
@@ -106,7 +112,7 @@ def test_oven_runs(real_data: Path) -> None:
 
 @pytest.mark.parametrize("time", ["t", "time", None])
 def test_refinery_history(real_data: Path, time: str | None) -> None:
-    for file in sorted((real_data / "refinery").glob("*.csv")):
+    for file in records(real_data / "refinery"):
         layout = Layout(ONE.outputs, (Channel("OP", "op", mode="mode"),), time=time, project_time_unit="min")
         result = screened(file, layout)
         record = result.record
