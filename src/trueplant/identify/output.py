@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.dependence import order_dependence
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval, widened
+from trueplant.identify.normal import inverse
 from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.runs import Runs, combine_runs, compare_runs
 from trueplant.identify.sandwich import asks_for_sandwich, sandwich
@@ -29,6 +31,8 @@ ROUNDING = 1e-6
 """Relative standard error below which no estimate from recorded numbers is believed."""
 UNKNOWN = 1e30
 """A standard error beyond this says that there was no information at all."""
+NOTHING = 0.05
+"""Significance to which the gains of an element, taken together, have to differ from zero to have dynamics."""
 WEAKLY_KNOWN = "its standard error is more than half of its size: the data say too little about it"
 WEAK = 0.2
 """Relative standard error from which an interval is taken from the profile likelihood."""
@@ -178,7 +182,8 @@ def unanswered(estimate: OutputEstimate) -> dict[int, str]:
         dead = dead_time_of(names, p)
         gains = [k for k, name in enumerate(names) if name.startswith(("gain", "slope"))]
         silent = all(not np.any(piece.inputs[spec.column]) for piece in fit.row.pieces)
-        no_gain = all(abs(p[k]) < 2 * s[k] for k in gains)
+        within = estimate.covariance[part, part][np.ix_(gains, gains)]
+        no_gain = chi2.sf(p[gains] @ inverse(within) @ p[gains], len(gains)) > NOTHING
         fast = not spec.structure.integrators and lag + dead < FEWEST_SAMPLES * h
         for k, name in enumerate(names):
             index = part.start + k
