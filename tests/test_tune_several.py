@@ -15,6 +15,7 @@ from trueplant.tune.several import blt, sequential
 def test_blt_gives_luybens_settings_of_the_wood_berry_column():
     found = blt(wood_berry().model)
     assert found.detuning == pytest.approx(2.545, abs=1e-3)
+    assert found.log_modulus == pytest.approx(4.0, abs=1e-3)
     for entry, (kc, ti) in zip(found.controller.entries.values(), [(0.375, 8.29), (-0.0754, 23.6)], strict=True):
         assert entry.Kc == pytest.approx(kc, rel=1e-3)
         assert entry.Ti == pytest.approx(ti, rel=1e-3)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from trueplant.errors import FormulaError, Refused, TrueplantError
 from trueplant.identify import Held, Row, Spec, estimate_row, pieces_of
@@ -41,21 +39,6 @@ class EstimatorComparison:
     black_box: Mapping[str, Array]
     """By method: p-values (n_y, n_u) of its plant against the black-box response (`identify.varx`), if there is one."""
 
-    def elements(self, outputs: Sequence[str], inputs: Sequence[str], confidence: float = 0.95) -> dict[str, Any]:
-        """{method: elements} as result.json lists methods."""
-        z = float(norm.ppf(0.5 + confidence / 2))
-        listed: dict[str, Any] = {}
-        for method, found in self.found.items():
-            rows = []
-            for (i, j), (p, covariance) in sorted(found.items()):
-                parameters = [
-                    _listed(name, float(value), float(error), z)
-                    for name, value, error in zip(self.structures[i, j].names, p, _errors(covariance), strict=True)
-                ]
-                rows.append({"output": outputs[i], "input": inputs[j], "parameters": parameters})
-            listed[method] = rows
-        return listed
-
     def __str__(self) -> str:
         lines = []
         for (i, j), structure in sorted(self.structures.items()):
@@ -77,12 +60,6 @@ def _errors(covariance: Array) -> Array:
 
 def _plus_minus(error: float) -> str:
     return f" ± {error:.2g}" if np.isfinite(error) else " (error unknown)"
-
-
-def _listed(name: str, value: float, error: float, z: float) -> dict[str, Any]:
-    known = np.isfinite(error)
-    interval = (value - z * error, value + z * error) if known else None
-    return {"name": name, "plant": value, "std_error": error if known else None, "ci": interval}
 
 
 @dataclass(frozen=True, eq=False)
