@@ -16,6 +16,7 @@ from trueplant.identify import OutputEstimate, samples_per_update
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.record import Segment
 from trueplant.study.estimators import ESTIMATORS, Answer, Task, estimate_by, plant_of
+from trueplant.study.instants import timing_error, update_interval
 from trueplant.study.second_opinion import Opinion, second_opinion
 
 if TYPE_CHECKING:
@@ -96,8 +97,6 @@ def ask(
 def _why_nothing(study: Study, segments: Sequence[Segment]) -> str:
     if not segments:
         return "every usable stretch of these records is too long for it: cut a record in several files"
-    from trueplant.study.pipeline import update_interval
-
     if samples_per_update(update_interval(study), segments[0].h) > 1:
         return (
             "PV is recorded more often than it is updated, and a value that only stood still would count as measured: "
@@ -123,9 +122,7 @@ def _law(study: Study, segments: Sequence[Segment]) -> Any:
 
 def _as_late(study: Study, task: Task, answer: Answer) -> Answer:
     """The answer, its dead times as uncertain as the instants at which OP acts and PV is read."""
-    from trueplant.study.pipeline import timing_error, update_interval
-
-    timing = timing_error(study, update_interval(study))
+    timing = timing_error(study)
     found = {
         place: (p, covariance + np.diag([timing**2 * n.startswith("dead") for n in task.structures[place].names]))
         for place, (p, covariance) in answer.found.items()

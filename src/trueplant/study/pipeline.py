@@ -18,8 +18,9 @@ from trueplant.lti.structure import Structure, structure_of
 from trueplant.record import Record, Screened, Segment, read_record, screen
 from trueplant.record.times import unit_seconds
 from trueplant.study.believed import plant_matrix
+from trueplant.study.instants import timing_error, update_interval
 from trueplant.study.result import Reason, Result
-from trueplant.study.scans import faster_scan, hidden_dynamics, without_hidden_dynamics
+from trueplant.study.scans import hidden_dynamics, without_hidden_dynamics
 
 if TYPE_CHECKING:
     from trueplant.disturbance import DisturbedFit
@@ -210,14 +211,13 @@ def translated(own: Structure, values: Array, wanted: Structure) -> tuple[float,
 
 def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
     """The estimate of each output that has elements to estimate and data to do it from."""
-    interval = update_interval(study)
     found = identify_matrix(
         study.segments,
         study.model,
         study.specs,
         confidence=study.project.analysis.confidence,
-        update_interval=interval,
-        timing=timing_error(study, interval),
+        update_interval=update_interval(study),
+        timing=timing_error(study),
         tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
     )
     return {i: without_hidden_dynamics(study, i, one) for i, one in found.items()}
@@ -250,21 +250,7 @@ def _with_disturbances(
     told = with_jumps(replace(study, disturbed=fits), plant)
     if any(segment.jumps for segment in told.segments):
         estimates = estimate(told, say)
-    timing = timing_error(study, update_interval(study))
+    timing = timing_error(study)
     confidence = study.project.analysis.confidence
     resting = {i: resting_on(found, fits.get(i), timing, confidence) for i, found in estimates.items()}
     return told, {i: without_hidden_dynamics(told, i, found) for i, found in resting.items()}
-
-
-def update_interval(study: Study) -> float:
-    """Longest time between real updates of a PV."""
-    usable = [s for s in study.screened if s.refusal is None]
-    return max((float(np.max(s.update_interval)) for s in usable if s.update_interval.size), default=0.0)
-
-
-def timing_error(study: Study, update_interval: float) -> float:
-    """Standard error of the instants at which OP acts and PV is read, as far as the data show that it is there."""
-    h = study.segments[0].h
-    samples = update_interval / h
-    stale = update_interval / 2 if samples > 1.05 and abs(samples - round(samples)) > 0.05 else 0.0
-    return max(stale, h / 2 if faster_scan(study) else 0.0)

@@ -25,6 +25,7 @@ from trueplant.identify import (
 from trueplant.identify.crossed import less_sure
 from trueplant.identify.predict import Piece
 from trueplant.study.informative import excited
+from trueplant.study.instants import timing_error, update_interval
 from trueplant.study.scans import without_hidden_dynamics
 from trueplant.study.track_windows import (
     FEWEST_ERRORS,
@@ -208,11 +209,9 @@ class FollowedRow:
 
 def follow_rows(study: Study, offsets: Mapping[int, float], precision: float, say: Progress) -> list[FollowedRow]:
     """The outputs that can be followed, each with its pilot estimate and the information in all of its record."""
-    from trueplant.study.pipeline import timing_error, update_interval
-
     usable = [k for k, s in enumerate(study.screened) if s.refusal is None and s.segments]
     interval = update_interval(study)
-    timing = timing_error(study, interval)
+    timing = timing_error(study)
     update = samples_per_update(interval, study.segments[0].h)
     moves = {k: moves_of(study.screened[k].segments) for k in usable}
     say("a first estimate")
