@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simulated import random_switching
+from simulated import coloured, random_switching
 from test_study_one_loop import declared
 from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix, tf
@@ -22,11 +22,13 @@ MODEL = "-2.6 exp(-6 s)/(40 s + 1)"
 LAW = {"Kc": -1.0, "Ti": 40.0, "Td": 4.0, "alpha": 0.1, "derivative_on": "pv"}
 
 
-def recorded(scans: int, samples: int = 1500, seed: int = 3, noise: float = 0.05, **law: object) -> Simulation:
-    """The loop with so many scans of the controller in each sample of the record."""
+def recorded(
+    scans: int, samples: int = 1500, seed: int = 3, noise: float = 0.05, pole: float = 0.0, **law: object
+) -> Simulation:
+    """The loop with so many scans of the controller in each sample of the record; `pole` is that of the noise."""
     rng = np.random.default_rng(seed)
     r = np.repeat(random_switching(rng, samples, 1, 60.0), scans, axis=0)
-    v = noise * rng.standard_normal((samples * scans, 1))
+    v = coloured(rng, samples * scans, 1, [1, -pole], [1], noise)
     h = 1 / scans
     entry = PID(**LAW | {"sample_time": h} | law)
     plant = TransferMatrix.of([[MODEL]], "s")
@@ -105,3 +107,25 @@ def test_a_scan_that_is_the_records_is_confirmed_without_being_declared(tmp_path
     assert confirmed[0]["message"] == "the declared controller reproduces OP to rounding"
     other = run(declared(tmp_path, recorded(1, Kc=-0.6), MODEL, LAW)).methods["controller_consistency"]
     assert [entry["confirmed"] for entry in other] == [False]
+
+
+PI = {"Td": 0.0, "Kc": -3.0}
+
+
+@pytest.mark.parametrize("law", [None, LAW | PI])
+def test_a_pi_law_that_scans_faster_is_noticed_by_the_op_it_wrote(tmp_path, law):
+    """Between the samples OP moves on, and the dead time comes out half a sample short: its interval says so."""
+    result = run(declared(tmp_path, recorded(5, noise=0.2, pole=0.9, Td=0.0, Kc=-3.0), MODEL, law))
+    dead_time = result.elements[0].parameters[2]
+    assert not dead_time.changed
+    assert dead_time.ci[0] < 6 < dead_time.ci[1] and dead_time.std_error > 0.5
+    assert [note.code for note in result.notes if note.code == "scan"] == ["scan"]
+
+
+@pytest.mark.parametrize("law", [None, LAW | PI])
+@pytest.mark.parametrize("digits", [6, 1])
+def test_an_op_that_was_rounded_is_no_sign_of_a_faster_scan(tmp_path, law, digits):
+    made = recorded(1, Td=0.0, Kc=-3.0)
+    rounded = dataclasses.replace(made, u=np.round(made.u, digits))
+    result = run(declared(tmp_path, rounded, MODEL, law))
+    assert not any(note.code == "scan" for note in result.notes)

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trueplant.study.scans import faster_scan
-
 if TYPE_CHECKING:
     from trueplant.study.pipeline import Study
 
@@ -23,4 +21,4 @@ def timing_error(study: Study) -> float:
     h, interval = study.segments[0].h, update_interval(study)
     samples = interval / h
     stale = interval / 2 if samples > 1.05 and abs(samples - round(samples)) > 0.05 else 0.0
-    return max(stale, h / 2 if faster_scan(study) else 0.0)
+    return max(stale, h / 2 if study.between else 0.0)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from trueplant.identify import OutputEstimate
 from trueplant.identify.crossed import TIMES
+from trueplant.identify.estimate import UNDERMODELLED
 from trueplant.study.informative import compression_notes, setpoint_rank_note
 from trueplant.study.result import Reason
 from trueplant.study.scans import faster_scan
@@ -30,13 +31,18 @@ def notes_of(
 ) -> list[Reason]:
     """What the reader should know although an answer was possible."""
     notes = [*setpoint_rank_note(study), *compression_notes(study), *controller_notes(consistency)]
-    if faster_scan(study):
+    if study.between:
+        why = (
+            "the declared controller writes OP more often than it was recorded"
+            if faster_scan(study)
+            else "OP does not follow from the recorded samples by any linear law: the controller writes it more often "
+            "than it was recorded, or acts on what was not recorded"
+        )
         notes.append(
             Reason(
                 "scan",
-                "the declared controller writes OP more often than it was recorded: what it did between two samples is "
-                "not in the data, and every dead time is uncertain by half a sample, which its interval includes. "
-                "Export the record at the controller's scan",
+                f"{why}. What OP did between two samples is not in the data, and every dead time is uncertain by half "
+                "a sample, which its interval includes. Export the record at the controller's scan",
             )
         )
     names = study.project.output_names
@@ -91,6 +97,18 @@ def notes_of(
                     "undermodelled",
                     f"the prediction errors still follow the input: {advice}",
                     f"{', '.join(follows)} -> {names[i]}",
+                )
+            )
+        slow = [study.columns[j] for j, p in enumerate(estimate.slow_p) if p < UNDERMODELLED]
+        if slow:
+            notes.append(
+                Reason(
+                    "undermodelled",
+                    "the prediction errors still follow slow moves of the input: the plant goes on moving after what "
+                    "the structure describes, and its gain at rest may differ from the one given. Ask for +lag+lead, "
+                    "or read the gain as that of moves that last a few of the time constants given; the intervals "
+                    "include what a slow lag would change",
+                    f"{', '.join(slow)} -> {names[i]}",
                 )
             )
     if len(experiments) == 1:

@@ -24,7 +24,7 @@ def parameters_of(found: Found, verdict: Verdict, units: Sequence[str]) -> tuple
                 model=model,
                 plant=value if told else None,
                 std_error=float(np.sqrt(found.covariance[k, k])) if told else None,
-                ci=(low, high) if np.isfinite([low, high]).any() else None,
+                ci=(low, high) if told and np.isfinite([low, high]).any() else None,
                 change_percent=100 * (value - model) / model if told and model else None,
                 p_value=judged.p_value,
                 p_adjusted=judged.p_adjusted,

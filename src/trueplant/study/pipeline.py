@@ -20,7 +20,7 @@ from trueplant.record.times import unit_seconds
 from trueplant.study.believed import plant_matrix
 from trueplant.study.instants import timing_error, update_interval
 from trueplant.study.result import Reason, Result
-from trueplant.study.scans import hidden_dynamics, without_hidden_dynamics
+from trueplant.study.scans import hidden_dynamics, without_hidden_dynamics, written_between
 
 if TYPE_CHECKING:
     from trueplant.disturbance import DisturbedFit
@@ -49,6 +49,8 @@ class Study:
     """The outputs with a declared unmeasured disturbance, estimated along with it."""
     hidden: Mapping[int, str] = field(default_factory=dict)
     """The outputs of which the record cannot tell dynamics, and why (`scans`)."""
+    between: bool = False
+    """Is OP written between the recorded samples (`scans`)?"""
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -126,7 +128,7 @@ def prepare(project: Project, say: Progress = _quiet) -> Study:
         raise ProjectError(f"{project.source}: no [[model]] element is to be estimated: declare at least one")
     notes = _check_loop(project, model, screened)
     study = Study(project, tuple(screened), model, specs, notes)
-    return replace(study, hidden=hidden_dynamics(study))
+    return replace(study, hidden=hidden_dynamics(study), between=written_between(study))
 
 
 def _check_loop(project: Project, model: TransferMatrix, screened: Sequence[Screened]) -> tuple[Reason, ...]:

@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from trueplant.study.pipeline import Study
     from trueplant.study.project_parts import Controller
 
+EXACT = 5e-4
+"""Share of OP's movement that rounding apart is left where OP was written from the recorded samples: a law that also
+acts in between leaves little more, as most of what it answers to shows in the next sample."""
 FASTER = (
     "the controller scans faster than the record, and its derivative action answers noise between the samples: "
     "export the record at the controller's scan"
@@ -26,6 +29,20 @@ UNDECLARED = (
 def faster_scan(study: Study) -> bool:
     """Does a declared controller write OP more often than it was recorded?"""
     return any(_faster(study, law) for _, law in _closed_laws(study))
+
+
+def written_between(study: Study) -> bool:
+    """Is OP written more often than it was recorded: declared so, or shown by an OP that no law at the record's own
+    samples can have written?"""
+    if faster_scan(study):
+        return True
+    for k, plan in enumerate(study.project.experiments if study.segments else ()):
+        if plan.closed:
+            declared = {study.project.input_names.index(law.input): law.sample_time for law in plan.controllers}
+            for j in range(len(study.project.inputs)):
+                if declared.get(j) is None and not written_from_samples(study, k, j, EXACT):
+                    return True
+    return False
 
 
 def hidden_dynamics(study: Study) -> dict[int, str]:
