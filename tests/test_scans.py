@@ -129,3 +129,12 @@ def test_an_op_that_was_rounded_is_no_sign_of_a_faster_scan(tmp_path, law, digit
     rounded = dataclasses.replace(made, u=np.round(made.u, digits))
     result = run(declared(tmp_path, rounded, MODEL, law))
     assert not any(note.code == "scan" for note in result.notes)
+
+
+def test_the_rounding_of_op_is_no_other_tuning(tmp_path):
+    made = recorded(1, Td=0.0, Kc=-3.0, noise=0.02)
+    rounded = dataclasses.replace(made, u=np.round(made.u))
+    step = 1 / np.sqrt(12) / float(np.std(made.u))
+    assert step > 0.05
+    checked = run(declared(tmp_path, rounded, MODEL, LAW | PI | {"sample_time": 1.0})).methods["controller_consistency"]
+    assert [entry["confirmed"] for entry in checked] == [True]

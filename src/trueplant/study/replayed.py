@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trueplant.errors import LoopError
 from trueplant.loop import Controller, replay
 from trueplant.record import Segment
+from trueplant.record.sensor import quantum
 
 if TYPE_CHECKING:
     from trueplant.study.pipeline import Study
@@ -21,6 +22,8 @@ START = 20
 """Samples from which the start of the integral is read."""
 CLOSE = 0.02
 """A controller is confirmed if the OP it writes differs by less than this share of OP's own movement (rms)."""
+ROUNDED = 1.5
+"""Times the rounding error of OP that a replay may miss it by."""
 ROUNDING = 1e-6
 """A difference below this share of OP's own movement (rms) is called rounding."""
 
@@ -56,10 +59,11 @@ def _entry(
     u = np.concatenate([segment.u[:, i] for segment, _ in replayed])
     rms = float(np.sqrt(np.mean(e**2)))
     scale = float(np.std(u)) or 1.0
-    confirmed = rms <= CLOSE * scale
+    rounding = quantum(u) / np.sqrt(12)
+    confirmed = rms <= max(CLOSE * scale, ROUNDED * rounding)
     entry |= {"confirmed": confirmed, "rms": rms, "relative": rms / scale, "from": None}
     if confirmed:
-        to = "rounding" if rms < ROUNDING * scale else f"{rms:.3g} {unit}".rstrip() + " rms"
+        to = "rounding" if rms < max(ROUNDING * scale, ROUNDED * rounding) else f"{rms:.3g} {unit}".rstrip() + " rms"
         return entry | {"message": f"the declared controller reproduces OP to {to}"}
     since = _since(e, t, CLOSE * scale)
     entry["from"] = since
