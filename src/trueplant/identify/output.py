@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.dependence import order_dependence
-from trueplant.identify.estimate import Options, estimate_row
+from trueplant.identify.estimate import UNDERMODELLED, Options, estimate_row
 from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval, widened
 from trueplant.identify.normal import inverse
@@ -19,6 +19,7 @@ from trueplant.identify.predict import Held, Row, Spec, pieces_of
 from trueplant.identify.runs import Runs, combine_runs, compare_runs
 from trueplant.identify.sandwich import asks_for_sandwich, sandwich
 from trueplant.identify.search import dead_time_of, lag_of
+from trueplant.identify.slow import slow_errors, slow_p
 from trueplant.identify.small import inflation, widening_by_starts, without_unseen_dead_times
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
@@ -65,6 +66,14 @@ class OutputEstimate:
     """Did the residuals ask for a covariance that does not rest on noise of one size and colour (`sandwich`)?"""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
+
+    slow_p: Array = field(default_factory=lambda: np.ones(0))
+    """(n_columns,) that no element goes on moving slowly after what its structure describes; empty: not tested."""
+
+    @property
+    def undermodelled(self) -> bool:
+        """Is the structure simpler than what the prediction errors show of the plant?"""
+        return bool(min(np.min(self.tests.cross_p), np.min(self.slow_p, initial=1.0)) < UNDERMODELLED)
 
     @property
     def row(self) -> Row:
@@ -126,11 +135,15 @@ def identify_output(
     covariance = covariance + np.diag(np.where(shown, 0.0, shifts**2))
     # Neither is what a dead time that was left at 0 would have moved.
     covariance = covariance + np.diag(np.where(fit.free, (full.theta - fit.theta) ** 2, 0.0))
+    # Slow moves that the structure lacks are the same in every run.
+    slow = slow_p(fit)
+    lacking = slow_errors(fit, slow, confidence)
+    covariance = covariance + np.diag(lacking**2)
     least = least_variance(row, theta, timing)
     covariance = covariance + np.diag(least)
     intervals = normal_intervals(row, theta, covariance, confidence)
     unprofiled = covariance - (factor - 1) * fit.covariance
-    if not np.any(shifts) and not apart:
+    if not np.any(shifts) and not np.any(lacking) and not apart:
         for index in _profiled(fit):
             # A dead time that is held at 0 may still be as large as the data allow.
             profiled = fit if fit.free[index] else full
@@ -150,6 +163,7 @@ def identify_output(
         validate(fit),
         unprofiled=unprofiled,
         sandwiched=sandwiched,
+        slow_p=slow,
     )
 
 

@@ -223,7 +223,7 @@ def _element(
     answered = [p.plant is not None for p in parameters]
     peak, basis = importance
     mismatch = simplified(system - study.model[i, j])
-    sound = bool(estimate.tests.whiteness_p > 1e-3 and np.min(estimate.tests.cross_p) > 1e-3)
+    sound = estimate.tests.whiteness_p > 1e-3 and not estimate.undermodelled
     return Element(
         output=study.project.output_names[i],
         input=study.columns[j],

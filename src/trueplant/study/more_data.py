@@ -17,7 +17,6 @@ from scipy.stats import norm
 
 from trueplant.errors import LoopError
 from trueplant.identify import OutputEstimate, unanswered
-from trueplant.identify.estimate import UNDERMODELLED
 from trueplant.identify.search import dead_time_of, lag_of
 from trueplant.lti import TransferMatrix
 from trueplant.study.planned_moves import GOLDEN, Bench, Plan, combined, fit_at, information, noise_of, pattern
@@ -121,8 +120,7 @@ def _open_parameters(study: Study, estimates: Mapping[int, OutputEstimate], conf
 
 def _data_can_help(estimate: OutputEstimate) -> bool:
     """Not where runs of the plant differ, or the structure is too simple: there more of the same narrows nothing."""
-    agree = not estimate.disputed
-    return agree and bool(np.min(estimate.tests.cross_p) >= UNDERMODELLED)
+    return not estimate.disputed and not estimate.undermodelled
 
 
 def _bench(study: Study, estimates: Mapping[int, OutputEstimate], plant: TransferMatrix) -> Bench:
