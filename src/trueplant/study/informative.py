@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,12 +11,14 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from trueplant.record import Segment
+from trueplant.study.computed import computed_setpoints
 from trueplant.study.result import Reason
 
 if TYPE_CHECKING:
     from trueplant.study.pipeline import Study
 
 Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 SIGNIFICANT = 1e-3
 """Of the answer of PV to set-points, for a record to count as excited at all."""
@@ -31,7 +34,8 @@ def why_not_informative(study: Study) -> list[Reason]:
     segments = study.segments
     if not segments:
         return []
-    if any(excited(segment) for segment in segments):
+    computed = computed_setpoints(segments)
+    if any(excited(segment, computed | computed_setpoints([segment])) for segment in segments):
         return []
     closed = [segment for segment in segments if segment.closed]
     if not closed:
@@ -44,7 +48,18 @@ def why_not_informative(study: Study) -> list[Reason]:
                 "well a model fits: add the set-point columns (sp = ...), or an experiment in open loop",
             )
         ]
-    if any(setpoint_moves(segment).size for segment in closed):
+    moved = np.any([_moving(segment) for segment in closed], axis=0)
+    computed = _computed_somewhere(segments)
+    if moved.any() and not (moved & ~computed).any():
+        return [
+            Reason(
+                "no-excitation",
+                f"{_follow(study, computed)}, so that nothing moves the loop from outside. What PV then does shows the "
+                "controllers as much as the plant: use a record in which someone moved the set-points, the master's in "
+                "a cascade",
+            )
+        ]
+    if moved.any():
         return [
             Reason(
                 "no-excitation",
@@ -62,9 +77,12 @@ def why_not_informative(study: Study) -> list[Reason]:
     ]
 
 
-def excited(segment: Segment) -> bool:
-    """Does something moved from outside (set-points, in open loop OP) show in some PV beyond chance?"""
-    sources = segment.r[:, np.isfinite(segment.r).all(axis=0)] if segment.closed else segment.u
+def excited(segment: Segment, computed: BoolArray) -> bool:
+    """Does something moved from outside (set-points, in open loop OP) show in some PV beyond chance?
+
+    `computed` (n_y,) is True for a set-point that does not move from outside.
+    """
+    sources = segment.r[:, np.isfinite(segment.r).all(axis=0) & ~computed] if segment.closed else segment.u
     sources = sources[:, np.ptp(sources, axis=0) > 0]
     if sources.shape[1] == 0:
         return False
@@ -99,6 +117,28 @@ def _answer_p(y: Array, sources: Array) -> float:
     return float(chi2.sf(max(ratio, 0.0), bank.shape[1]))
 
 
+def _moving(segment: Segment) -> BoolArray:
+    """(n_y,) True for a set-point that was recorded throughout and changes."""
+    moving: BoolArray = np.isfinite(segment.r).all(axis=0) & (np.ptp(segment.r, axis=0) > 0)
+    return moving
+
+
+def _computed_somewhere(segments: Sequence[Segment]) -> BoolArray:
+    """(n_y,) True for a set-point that is computed from PV in all segments together or in one of them."""
+    found: BoolArray = np.any([computed_setpoints(segments), *(computed_setpoints([s]) for s in segments)], axis=0)
+    return found
+
+
+def _follow(study: Study, computed: BoolArray) -> str:
+    """Says which set-points are computed from PV."""
+    names = [name for name, one in zip(study.project.output_names, computed, strict=True) if one]
+    one = len(names) == 1
+    return (
+        f"the set-point{'' if one else 's'} of {', '.join(names)} follow{'s' if one else ''} PV: "
+        f"{'it is' if one else 'they are'} computed from it (by a master controller, or SP tracks PV)"
+    )
+
+
 def setpoint_moves(segment: Segment) -> Array:
     """(m, n_y) changes of the set-points from one sample to the next, where any changes."""
     r = segment.r[:, np.isfinite(segment.r).all(axis=0)]
@@ -110,7 +150,16 @@ def setpoint_moves(segment: Segment) -> Array:
 
 
 def setpoint_rank_note(study: Study) -> list[Reason]:
-    """Said where the set-points cannot be told from each other."""
+    """Said where a set-point does not move from outside, or the set-points cannot be told from each other."""
+    computed = _computed_somewhere(study.segments)
+    if computed.any():
+        return [
+            Reason(
+                "setpoint-computed",
+                f"{_follow(study, computed)}, at least in a part of the data. That moves nothing from outside: the "
+                "answer rests on what else does",
+            )
+        ]
     closed = [segment for segment in study.segments if segment.closed]
     if not closed or len(closed) < len(study.segments):
         return []

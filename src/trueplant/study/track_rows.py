@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,7 @@ from trueplant.identify import (
 )
 from trueplant.identify.crossed import less_sure
 from trueplant.identify.predict import Piece
+from trueplant.study.computed import computed_setpoints
 from trueplant.study.informative import excited
 from trueplant.study.instants import timing_error, update_interval
 from trueplant.study.scans import without_hidden_dynamics
@@ -94,6 +96,11 @@ class FollowedRow:
     fits: dict[Stretch, Fitted | Stretch] = field(default_factory=dict)
     """Those that were tried: fitted, or refused after all."""
 
+    @cached_property
+    def computed(self) -> NDArray[np.bool_]:
+        """(n_y,) True for a set-point that the whole of the data shows to be computed from PV."""
+        return computed_setpoints(self.study.segments)
+
     @property
     def specs(self) -> tuple[Spec, ...]:
         return self.pilot.row.specs
@@ -160,8 +167,9 @@ class FollowedRow:
 
     def _fitted(self, window: Stretch) -> Fitted | Stretch:
         segments = self.stretch_segments(window)
+        computed = self.computed | computed_setpoints(segments)
         own = [replace(s, y=s.y[:, [self.output]]) for s in segments]
-        if not any(excited(s) for s in own):
+        if not any(excited(s, computed) for s in own):
             return replace(window, refusal=UNMOVED)
         confidence = self.study.project.analysis.confidence
         estimate = identify_output(

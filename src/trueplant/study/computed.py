@@ -1,0 +1,115 @@
+"""Set-points that are computed from the PVs: by a master controller, or by tracking. They come from inside the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.record import Segment
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+UNEXPLAINED = 1e-3
+"""Share of a set-point's moves (squared) that the PVs may leave unexplained if it is computed from them: rounding."""
+SURPRISE = 0.25
+"""The largest unexplained move, in root mean squares of all: beyond it someone else moved the set-point, if rarely."""
+FORETOLD = 1e-12
+"""Share of its moves, unexplained by its own past, below which a set-point is a sine or the like: no PV is needed."""
+LAGS, LEVELS, LARGEST = 10, 4, 20_000
+"""Past samples of every PV, past levels of the set-point, moves looked at."""
+COINCIDENT = 4.0
+"""Ratio of PV's changes (squared) at the moves to those elsewhere, beyond which PV answers within the sample."""
+ALONG = 0.5
+"""Correlation of PV's changes with those of its set-point, beyond which it does where the set-point always moves."""
+
+
+def computed_setpoints(segments: Sequence[Segment]) -> BoolArray:
+    """(n_y,) True where all moves of a set-point are a linear function of its own past and of the PVs.
+
+    The moves of a set-point from one level to the next are regressed on its past levels, with and without present and
+    past PVs of all outputs: at the moves, so that a computer that writes the set-point now and then is seen too. A
+    copy of PV leaves rounding, an operator's steps are left as they are. What is periodic is foretold by its own past
+    just as well as by the PVs that it moves, and does not count. Where too few moves tell, the answer is False.
+    """
+    closed = [s for s in segments if s.closed]
+    n_y = segments[0].r.shape[1] if segments else 0
+    return np.array([any(_follows(closed, i, few) for few in (True, False)) for i in range(n_y)], dtype=bool)
+
+
+def _follows(segments: Sequence[Segment], i: int, few: bool) -> bool:
+    """Is set-point i a function of the PVs, sought among few regressors (for few moves) or many?"""
+    parts = [_rows(s, i, few) for s in segments if np.isfinite(s.r[:, i]).all()]
+    parts = [p for p in parts if p is not None]
+    if not parts:
+        return False
+    move, own, past, pvs = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    moves, columns = len(move), own.shape[1] + pvs.shape[1]
+    if moves < 2 * columns + 4:
+        return False
+    energy = float(np.mean(move**2))
+    foretold = float(np.mean(_left(move, past) ** 2))
+    if foretold <= FORETOLD * energy:
+        return False
+    left = _left(move, np.hstack([own, pvs]))
+    largest = float(np.max(np.abs(left)))
+    share = float(np.sum(left**2)) / (moves - columns) / foretold
+    return share < UNEXPLAINED and largest < SURPRISE * float(np.sqrt(energy))
+
+
+def _rows(segment: Segment, i: int, few: bool) -> tuple[Array, Array, Array, Array] | None:
+    """At each move of set-point i: its size, its last levels, a longer past of it, and the PVs."""
+    r, y = segment.r[:, i], segment.y
+    lags, levels, before = (1, 1, 0) if few else (LAGS, LEVELS, 2)
+    scale = 1e-9 * (1 + np.max(np.abs(r)))
+    at = np.flatnonzero(np.abs(np.diff(r)) > scale) + 1
+    width = 2 + levels + y.shape[1] * (lags + 2 + 2 * before)
+    first = max(levels, before, 1)
+    if len(at) <= first:
+        return None
+    held = np.concatenate([r[at[:1] - 1], r[at]])  # level before and after each move
+    k = np.arange(first, len(at))
+    k = k[at[k - before] > lags][-LARGEST:]
+    if k.size == 0:
+        return None
+    t, one = at[k], np.ones((k.size, 1))
+    own = np.hstack([one, *[held[k - j, None] for j in range(levels)]])
+    longer = np.hstack([own, *[r[np.maximum(t - 1 - j, 0), None] for j in range(width)]])
+    pvs = []
+    since = at[k - 1]
+    for j, column in enumerate(np.where(np.isfinite(y).any(axis=0), y, 0.0).T):
+        total = np.concatenate([[0.0], np.cumsum(np.nan_to_num(column))])
+        missing = np.concatenate([[0], np.cumsum(~np.isfinite(column))])
+        newest = 0 if _in_time(column, r if j == i else None, at) else 1
+        pvs += [column[t - max(lag, newest)] for lag in range(lags + 1)]
+        pvs += [np.where(missing[t] == missing[since], (total[t] - total[since]) / (t - since), np.nan)]
+        pvs += [column[at[k - b] - lag] for b in range(1, before + 1) for lag in (0, 1)]
+    seen = np.stack(pvs, axis=1)
+    whole = np.isfinite(seen).all(axis=1)
+    return (r[t] - r[t - 1])[whole], own[whole], longer[whole], seen[whole]
+
+
+def _in_time(column: Array, r: Array | None, at: NDArray[np.intp]) -> bool:
+    """Can PV at the instant of a move have been read before it? Not where it goes along, as that of a fast loop does.
+
+    Where the set-point moves all the time, only its own PV (r given) can go along.
+    """
+    change = np.diff(column, prepend=column[0])
+    moved = np.zeros(len(column), dtype=bool)
+    moved[at] = True
+    if moved.mean() <= 0.5:
+        return bool(np.nanmean(change[moved] ** 2) <= COINCIDENT * np.nanmean(change[~moved] ** 2))
+    if r is None:
+        return True
+    both = moved & np.isfinite(change)
+    step, asked = change[both], np.diff(r, prepend=r[0])[both]
+    return float(step @ asked) < ALONG * float(np.linalg.norm(step) * np.linalg.norm(asked))
+
+
+def _left(now: Array, columns: Array) -> Array:
+    """What least squares on the columns leave of `now`."""
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left: Array = now - scaled @ np.linalg.lstsq(scaled, now, rcond=1e-12)[0]
+    return left
