@@ -190,3 +190,26 @@ def test_samples_of_pv_that_are_missing_do_not_hide_it():
     columns["pv"][200:210] = np.nan
     columns["pv"][700] = np.nan
     assert is_computed(columns)
+
+
+def test_one_of_two_is_said_and_the_other_answers(tmp_path):
+    """Loops that do not touch each other: one moved by an operator, one by a function of its PV."""
+    operator = random_switching(np.random.default_rng(8), SAMPLES, 1, 60.0)[:, 0] - 1
+    moved, computed = inside("none", 8, operator), inside("filtered", 9)
+    columns = moved | {f"{name}2": computed[name] for name in ("sp", "op", "pv")}
+    pl.DataFrame(columns).write_csv(tmp_path / "record.csv")
+    names = ["", "2"]
+    made = Project(
+        time_unit="min",
+        data={"files": ["record.csv"], "time": "t"},
+        output=[{"name": f"flow{k}", "pv": f"pv{k}", "sp": f"sp{k}"} for k in names],
+        input=[{"name": f"valve{k}", "op": f"op{k}"} for k in names],
+        model=[{"output": f"flow{k}", "input": f"valve{k}", "tf": "2 exp(-3 s)/(10 s + 1)"} for k in names],
+    )
+    result = run(Project.from_toml(made.to_toml(), tmp_path))
+    assert result.status == "ok"
+    (said,) = (note.message for note in result.notes if note.code == "setpoint-computed")
+    assert said.startswith("the set-point of flow2 follows PV: it is computed from it")
+    verdicts = {(e.output, e.input): e.verdict for e in result.elements}
+    assert verdicts == {("flow", "valve"): "unchanged", ("flow2", "valve2"): "not identifiable"}
+    assert "nothing moves it from outside" in result.elements[-1].reason

@@ -177,7 +177,9 @@ def _elements(
 def _held_element(study: Study, i: int, j: int) -> Element:
     formula = to_formula(study.model[i, j])
     if (i, j) in study.specs:
-        why = f"the PV of {study.project.output_names[i]} cannot be used in these data"
+        why = (
+            f"the PV of {study.project.output_names[i]} cannot be used in these data, or nothing moves it from outside"
+        )
         return Element(
             study.project.output_names[i],
             study.columns[j],

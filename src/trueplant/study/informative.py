@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,6 +76,16 @@ def why_not_informative(study: Study) -> list[Reason]:
             "controller (-1/Q) instead of the plant: use a record in which the set-points were moved",
         )
     ]
+
+
+def unmoved_outputs(study: Study) -> list[int]:
+    """Outputs that show nothing of what moves from outside, where some set-points are computed from the PVs."""
+    segments = study.segments
+    computed = _computed_somewhere(segments)
+    if not computed.any():
+        return []
+    every = range(segments[0].y.shape[1])
+    return [i for i in every if not any(excited(replace(s, y=s.y[:, [i]]), computed) for s in segments)]
 
 
 def excited(segment: Segment, computed: BoolArray) -> bool:

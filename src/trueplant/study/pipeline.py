@@ -213,6 +213,8 @@ def translated(own: Structure, values: Array, wanted: Structure) -> tuple[float,
 
 def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
     """The estimate of each output that has elements to estimate and data to do it from."""
+    from trueplant.study.informative import unmoved_outputs
+
     found = identify_matrix(
         study.segments,
         study.model,
@@ -222,7 +224,8 @@ def estimate(study: Study, say: Progress = _quiet) -> dict[int, OutputEstimate]:
         timing=timing_error(study),
         tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
     )
-    return {i: without_hidden_dynamics(study, i, one) for i, one in found.items()}
+    unmoved = unmoved_outputs(study)
+    return {i: without_hidden_dynamics(study, i, one) for i, one in found.items() if i not in unmoved}
 
 
 def _with_elements_of(study: Study, estimates: Mapping[int, OutputEstimate]) -> Study:
