@@ -86,16 +86,26 @@ def _with_slow(fit: RowFit, m: int, lags: list[float], leads: list[float]) -> tu
 def slow_errors(fit: RowFit, p: Array, confidence: float) -> Array:
     """(size,) standard errors for what a slow lag and lead would change where the row lacks them; 0 elsewhere.
 
-    Intervals that they are added to reach as far as those of the fit that has both. `p` is that of `slow_p`.
+    Intervals that they are added to reach as far as those of the fit that has both. `p` is that of `slow_p`. Where that
+    fit finds no slow lag, the plant is of higher order than its structure, and nothing is said of its gain.
     """
     errors = np.zeros(fit.theta.size)
     for m, spec in enumerate(fit.row.specs):
         if p[spec.column] < UNDERMODELLED:
             wider, own = _refitted(fit, m)
+            if _slowest(wider, m) < slow_lags(fit, m)[0]:
+                continue
             shift = np.abs(wider.theta[own] - fit.theta)
             sigma = np.sqrt(np.diag(wider.covariance)[own])
             errors = np.maximum(errors, shift / norm.ppf(0.5 + confidence / 2) + sigma)
     return np.where(fit.free, errors, 0.0)
+
+
+def _slowest(fit: RowFit, m: int) -> float:
+    """The largest lag of element m."""
+    part = fit.row.slices[m]
+    named = zip(fit.row.names[part], fit.theta[part], strict=True)
+    return max(float(value) for name, value in named if name.startswith("tau"))
 
 
 def _refitted(fit: RowFit, m: int) -> tuple[RowFit, Indices]:
