@@ -196,11 +196,3 @@ def _unknown_starts(orders: Sequence[Order], samples: Samples) -> list[tuple[int
     starts = ([] if samples.at_rest else [0]) + list(samples.restarts)
     parts = slices(orders)
     return [(start, order, part) for start in starts for order, part in zip(orders, parts, strict=True)]
-
-
-def orthonormal(columns: Array) -> Array:
-    """Basis of the column space, directions lost in rounding dropped."""
-    norms = np.linalg.norm(columns, axis=0)
-    kept = columns[:, norms > 0] / norms[norms > 0]
-    left, values, _ = np.linalg.svd(kept, full_matrices=False)
-    return np.asarray(left[:, values > 1e-7 * values[0]] if values.size else left, dtype=float)

@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.identify.instrumental.noise import ArmaNoise
-from trueplant.identify.instrumental.order import Order, nuisance, nuisance_gradient, orthonormal, slices
+from trueplant.identify.instrumental.order import Order, nuisance, nuisance_gradient, slices
 from trueplant.identify.instrumental.samples import Samples
+from trueplant.identify.normal import orthonormal
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

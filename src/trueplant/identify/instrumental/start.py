@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.errors import Refused
-from trueplant.identify.instrumental.order import Order, nuisance, orthonormal, slices
+from trueplant.identify.instrumental.order import Order, nuisance, slices
 from trueplant.identify.instrumental.refine import LONGEST_DEAD_TIME, refine
 from trueplant.identify.instrumental.samples import Samples
 from trueplant.identify.instrumental.several import step_records
+from trueplant.identify.normal import orthonormal
 
 Array = NDArray[np.float64]
 
