@@ -50,10 +50,10 @@ def _follows(segments: Sequence[Segment], i: int, few: bool) -> bool:
     if moves < 2 * columns + 4:
         return False
     energy = float(np.mean(move**2))
-    foretold = float(np.mean(_left(move, past) ** 2))
+    foretold = float(np.mean(unexplained(move, past) ** 2))
     if foretold <= FORETOLD * energy:
         return False
-    left = _left(move, np.hstack([own, pvs]))
+    left = unexplained(move, np.hstack([own, pvs]))
     largest = float(np.max(np.abs(left)))
     share = float(np.sum(left**2)) / (moves - columns) / foretold
     return share < UNEXPLAINED and largest < SURPRISE * float(np.sqrt(energy))
@@ -108,8 +108,8 @@ def _in_time(column: Array, r: Array | None, at: NDArray[np.intp]) -> bool:
     return float(step @ asked) < ALONG * float(np.linalg.norm(step) * np.linalg.norm(asked))
 
 
-def _left(now: Array, columns: Array) -> Array:
-    """What least squares on the columns leave of `now`."""
+def unexplained(now: Array, columns: Array, rcond: float = 1e-12) -> Array:
+    """What least squares on the columns (n, m) leave of `now` (n,)."""
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    left: Array = now - scaled @ np.linalg.lstsq(scaled, now, rcond=1e-12)[0]
+    left: Array = now - scaled @ np.linalg.lstsq(scaled, now, rcond=rcond)[0]
     return left

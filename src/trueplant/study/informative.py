@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from trueplant.record import Segment
-from trueplant.study.computed import computed_setpoints
+from trueplant.study.computed import unexplained
 from trueplant.study.result import Reason
 
 if TYPE_CHECKING:
@@ -35,8 +34,8 @@ def why_not_informative(study: Study) -> list[Reason]:
     segments = study.segments
     if not segments:
         return []
-    computed = computed_setpoints(segments)
-    if any(excited(segment, computed | computed_setpoints([segment])) for segment in segments):
+    each = zip(segments, study.computed_alone, strict=True)
+    if any(excited(segment, study.computed | alone) for segment, alone in each):
         return []
     closed = [segment for segment in segments if segment.closed]
     if not closed:
@@ -50,7 +49,7 @@ def why_not_informative(study: Study) -> list[Reason]:
             )
         ]
     moved = np.any([_moving(segment) for segment in closed], axis=0)
-    computed = _computed_somewhere(segments)
+    computed = _computed_somewhere(study)
     if moved.any() and not (moved & ~computed).any():
         return [
             Reason(
@@ -81,7 +80,7 @@ def why_not_informative(study: Study) -> list[Reason]:
 def unmoved_outputs(study: Study) -> list[int]:
     """Outputs that show nothing of what moves from outside, where some set-points are computed from the PVs."""
     segments = study.segments
-    computed = _computed_somewhere(segments)
+    computed = _computed_somewhere(study)
     if not computed.any():
         return []
     every = range(segments[0].y.shape[1])
@@ -116,8 +115,7 @@ def _answer_p(y: Array, sources: Array) -> float:
     now = filled[order:]
 
     def power(columns: Array) -> float:
-        scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        return float(np.sum((now - scaled @ np.linalg.lstsq(scaled, now, rcond=1e-10)[0]) ** 2))
+        return float(np.sum(unexplained(now, columns, rcond=1e-10) ** 2))
 
     full = np.hstack([past, bank])
     left = max(n - order - full.shape[1], 1)
@@ -134,9 +132,9 @@ def _moving(segment: Segment) -> BoolArray:
     return moving
 
 
-def _computed_somewhere(segments: Sequence[Segment]) -> BoolArray:
+def _computed_somewhere(study: Study) -> BoolArray:
     """(n_y,) True for a set-point that is computed from PV in all segments together or in one of them."""
-    found: BoolArray = np.any([computed_setpoints(segments), *(computed_setpoints([s]) for s in segments)], axis=0)
+    found: BoolArray = np.any([study.computed, *study.computed_alone], axis=0)
     return found
 
 
@@ -162,7 +160,7 @@ def setpoint_moves(segment: Segment) -> Array:
 
 def setpoint_rank_note(study: Study) -> list[Reason]:
     """Said where a set-point does not move from outside, or the set-points cannot be told from each other."""
-    computed = _computed_somewhere(study.segments)
+    computed = _computed_somewhere(study)
     if computed.any():
         return [
             Reason(

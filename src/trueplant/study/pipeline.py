@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ from trueplant.lti.structure import Structure, structure_of
 from trueplant.record import Record, Screened, Segment, read_record, screen
 from trueplant.record.times import unit_seconds
 from trueplant.study.believed import plant_matrix
+from trueplant.study.computed import computed_setpoints
 from trueplant.study.instants import timing_error, update_interval
 from trueplant.study.result import Reason, Result
 from trueplant.study.scans import hidden_dynamics, without_hidden_dynamics, written_between
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from trueplant.study.project import Project
 
 Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 Progress = Callable[[str], None]
 
 
@@ -55,6 +58,16 @@ class Study:
     @property
     def segments(self) -> tuple[Segment, ...]:
         return tuple(segment for s in self.screened if s.refusal is None for segment in s.segments)
+
+    @cached_property
+    def computed(self) -> BoolArray:
+        """(n_y,) True for a set-point that the whole of the data shows to be computed from PV."""
+        return computed_setpoints(self.segments)
+
+    @cached_property
+    def computed_alone(self) -> tuple[BoolArray, ...]:
+        """The same by each segment alone."""
+        return tuple(computed_setpoints([segment]) for segment in self.segments)
 
     @property
     def loop_experiment(self) -> int | None:

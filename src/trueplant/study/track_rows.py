@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -96,11 +95,6 @@ class FollowedRow:
     fits: dict[Stretch, Fitted | Stretch] = field(default_factory=dict)
     """Those that were tried: fitted, or refused after all."""
 
-    @cached_property
-    def computed(self) -> NDArray[np.bool_]:
-        """(n_y,) True for a set-point that the whole of the data shows to be computed from PV."""
-        return computed_setpoints(self.study.segments)
-
     @property
     def specs(self) -> tuple[Spec, ...]:
         return self.pilot.row.specs
@@ -167,7 +161,7 @@ class FollowedRow:
 
     def _fitted(self, window: Stretch) -> Fitted | Stretch:
         segments = self.stretch_segments(window)
-        computed = self.computed | computed_setpoints(segments)
+        computed = self.study.computed | computed_setpoints(segments)
         own = [replace(s, y=s.y[:, [self.output]]) for s in segments]
         if not any(excited(s, computed) for s in own):
             return replace(window, refusal=UNMOVED)
