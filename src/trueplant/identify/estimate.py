@@ -11,7 +11,7 @@ from trueplant.identify.blocks import most_moved
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.noise import choose_order, fit_ar
 from trueplant.identify.predict import Row
-from trueplant.identify.search import felt_lag, grid_start, initial_theta, rival_dead_times
+from trueplant.identify.search import grid_start, initial_theta, rival_dead_times
 from trueplant.identify.validate import residual_tests
 
 Array = NDArray[np.float64]
@@ -99,8 +99,7 @@ def _searched(row: Row, time_scale: float, options: Options) -> RowFit:
 def _on_the_whole(row: Row, part: RowFit, options: Options) -> RowFit:
     """The fit of a long record, started from that of a part of it: only dead times within reach are tried again."""
     limit = largest_order(row, options.largest_order)
-    dead = felt_lag(part) > 0
-    sigma = np.sqrt(np.diag(part.covariance)[dead])
+    sigma = np.sqrt(np.diag(part.covariance)[row.dead])
     reach = min(REACH, 1 + int(np.ceil(4 * float(np.max(sigma, initial=0.0)) / row.pieces[0].h)))
     fit = fit_row(row.without_unseen(part.theta), part.theta, part.ar)
     return _best_dead_times(_with_noise(fit, options.order, limit, iterations=60), reach)
