@@ -35,14 +35,14 @@ from scipy.signal import cont2discrete, lfilter
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from simulated import WOOD_BERRY, segment_of, wood_berry
+from trueplant import Project
 from trueplant.errors import SourceError
 from trueplant.identify import Row, Spec, choose_stride, estimate_row, fit_percent, fit_row, pieces_of
 from trueplant.identify.noise import whitened_valid
 from trueplant.lti import sampled_response
 from trueplant.lti.structure import Structure, structure_of
 from trueplant.record import Segment
-from trueplant.study import Project
-from trueplant.study.pipeline import prepare
+from trueplant.study.data.prepare import prepare
 
 Array = NDArray[np.float64]
 Response = Callable[[Array], Array]

@@ -19,9 +19,9 @@ import polars as pl
 import trueplant as tp
 from trueplant.loop import PID, Controller, alternating_steps, ar1, simulate
 from trueplant.robust import margins
-from trueplant.study.believed import plant_matrix
-from trueplant.study.drawn import uncertain_plant
-from trueplant.study.pipeline import estimate, prepare
+from trueplant.study.data.prepare import prepare
+from trueplant.study.plant.identified import identify
+from trueplant.study.plant.updated import updated_plant
 from trueplant.tune import LoopTask, propose
 
 H = 0.5
@@ -59,8 +59,8 @@ def main() -> None:
             columns = {"t": sim.t, "sp": sim.r[:, 0], "op": sim.u[:, 0], "pv": sim.y[:, 0]}
             pl.DataFrame(columns).write_csv(folder / "record.csv")
             study = prepare(tp.Project.from_toml(PROJECT, folder))
-            estimates = estimate(study)
-            known = uncertain_plant(plant_matrix(study, estimates), estimates, [(0, 0)])
+            estimates = identify(study).estimates
+            known = updated_plant(study.model, estimates).keeping_signs([(0, 0)])
             late = max(float(estimates[0].intervals[2, 1] - estimates[0].theta[2]), 0.0)
             like = PID(Kc=1.0, sample_time=H)
             careful, plain = (LoopTask(0, 0, 5.0, like, dead_time_error=x) for x in (late, 0.0))

@@ -20,8 +20,8 @@ from unittest import mock
 
 import numpy as np
 
+from trueplant import Project
 from trueplant.errors import SourceError
-from trueplant.study import Project
 
 PROJECT = Path(__file__).parent.parent / "examples" / "tclab_pid_short.toml"
 LIBRARIES = "import numpy, scipy.optimize, scipy.signal, scipy.stats, numba, polars, pydantic, plotly.graph_objects"
@@ -72,12 +72,13 @@ STAGES = {
 
 def stages(path: Path, folder: Path) -> dict[str, float]:
     """Time in s of each stage of one analysis in this process."""
+    from trueplant.output import write_results
     from trueplant.report import render
     from trueplant.study import pipeline
-    from trueplant.study.output import write_results
+    from trueplant.study.data import prepare
 
     clock = Clock()
-    read_record = pipeline.read_record
+    read_record = prepare.read_record
 
     def reading(*args: Any, **kwargs: Any) -> Any:
         clock("reading")
@@ -85,8 +86,8 @@ def stages(path: Path, folder: Path) -> dict[str, float]:
 
     clock("project file")
     project = Project.load(path)
-    with mock.patch.object(pipeline, "read_record", reading):
-        result = pipeline.analyse(project, progress=clock)
+    with mock.patch.object(prepare, "read_record", reading):
+        result = pipeline.analyse(project, clock)
     clock("report")
     page = render(result)
     clock("writing")

@@ -21,9 +21,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from changing import changing_wood_berry, write_project
 from simulated import Simulation
-from trueplant.study import Project
-from trueplant.study.track import track
-from trueplant.study.track_result import Track
+from trueplant import Project
+from trueplant.result import Track
+from trueplant.tracking.track import track
 
 SAMPLES = 6000
 X = np.arange(SAMPLES)

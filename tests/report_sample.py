@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from scipy.signal import csd
 from scipy.stats import norm
 
-from trueplant.study.result import Curves, Element, Importance, Parameter, Reason, Residuals, Result, Trend
+from trueplant.result import Curves, Element, Importance, Parameter, Reason, Residuals, Result, Trend
 
 Array = NDArray[np.float64]
 NAMES, H, N = ("gain", "tau1", "dead_time"), 0.5, 480
@@ -362,9 +362,9 @@ setpoints = [
 
 def with_loop(folder: Path) -> Result:
     """One simulated loop whose plant has a gain half as large again, with weights and tuning declared."""
-    from trueplant.study import Project
+    from trueplant import Project
+    from trueplant.project.simulation import as_file, simulate_record
     from trueplant.study.pipeline import analyse
-    from trueplant.study.project_simulate import as_file, simulate_record
 
     project = Project.from_toml(LOOP, folder)
     (folder / "record.csv").write_bytes(as_file(simulate_record(project), "record.csv"))

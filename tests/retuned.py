@@ -9,10 +9,10 @@ from typing import Any
 import polars as pl
 
 import trueplant as tp
+from trueplant import Project, Result
 from trueplant.loop import PID, Controller, alternating_steps, simulate
 from trueplant.lti import TransferMatrix
-from trueplant.study import Project, Result
-from trueplant.study.project_simulate import simulate_record
+from trueplant.project.simulation import simulate_record
 
 
 def demo(name: str, folder: Path, tuning: str) -> tuple[Result, TransferMatrix]:

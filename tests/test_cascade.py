@@ -10,9 +10,9 @@ import polars as pl
 import pytest
 
 from simulated import random_switching
+from trueplant import Project, Result, run
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix, sampled_response
-from trueplant.study import Project, Result, run
 
 OUTER = TransferMatrix.of([["2 exp(-4 s)/(30 s + 1)"]])
 """From the slave's measurement to the master's PV."""

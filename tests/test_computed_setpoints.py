@@ -13,10 +13,10 @@ import pytest
 from numpy.typing import NDArray
 
 from simulated import coloured, random_switching, segment_of, wood_berry
+from trueplant import Project, Result, run
 from trueplant.record import Segment
-from trueplant.study import Project, Result, run
-from trueplant.study.computed import computed_setpoints
-from trueplant.study.track import track
+from trueplant.study.data.setpoints import computed_setpoints
+from trueplant.tracking.track import track
 
 Array = NDArray[np.float64]
 SAMPLES = 1500

@@ -11,11 +11,11 @@ import pytest
 from simulated import BLT, WOOD_BERRY, coloured, random_switching, wood_berry
 from test_study import CONTROLLERS, scaled
 from test_study import project as full_project
+from trueplant import Project, run
 from trueplant.detect import common_factors, noise_change, stuck
 from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix, sampled_response
-from trueplant.study import Project, run
-from trueplant.study.causes import _saturated
+from trueplant.study.plant.causes import _saturated
 
 SAMPLES = 1800
 

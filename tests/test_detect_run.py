@@ -11,8 +11,8 @@ from test_study import CONTROLLERS, project, scaled
 from trueplant import detect
 from trueplant.errors import ProjectError
 from trueplant.loop import simulate
-from trueplant.study import run
-from trueplant.study.project_parts import Detector
+from trueplant.project.tables import Detector
+from trueplant import run
 
 
 def written(folder, simulation):

@@ -13,10 +13,10 @@ import polars as pl
 import pytest
 
 from simulated import BLT, WOOD_BERRY, coloured, random_switching
+from trueplant import Project, Result, run
 from trueplant.loop import simulate, step_disturbance
 from trueplant.lti import TransferMatrix, sampled_response, to_formula
 from trueplant.lti.structure import structure_of
-from trueplant.study import Project, Result, run
 
 FEED = TransferMatrix.of([["3.8 exp(-8.1 s)/(14.9 s + 1)"], ["4.9 exp(-3.4 s)/(13.2 s + 1)"]])
 """Wood and Berry (1973): feed flow to both compositions."""

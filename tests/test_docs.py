@@ -14,12 +14,11 @@ from pydantic import TypeAdapter
 from pydantic.fields import FieldInfo
 
 import trueplant as tp
-from trueplant import detect, errors
+from trueplant import Project, detect, errors
 from trueplant.cli.app import INTERNAL_ERROR, INTERRUPTED
 from trueplant.loop import PID, Controller, alternating_steps, simulate
-from trueplant.study import Project
-from trueplant.study.project_parts import Table
-from trueplant.study.result import Reason
+from trueplant.project.tables import Table
+from trueplant.result import Reason
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = sorted(p for p in DOCS.rglob("*.md") if not {"_build", "jupyter_execute"} & set(p.parts))

@@ -14,7 +14,7 @@ from trueplant.identify import Row, Spec, estimate_row, pieces_of
 from trueplant.identify.instrumental import choose_orders, started
 from trueplant.lti import Structure
 from trueplant.lti.structure import structure_of
-from trueplant.study.estimators import ESTIMATORS, compare_estimators
+from trueplant.study.methods.estimators import ESTIMATORS, compare_estimators
 
 FOPDT = Structure.parse("fopdt")
 ALL = {(i, j): FOPDT for i in range(2) for j in range(2)}

@@ -9,13 +9,13 @@ import polars as pl
 import pytest
 
 from simulated import BLT, WOOD_BERRY, coloured, random_switching, wood_berry
+from trueplant import Project, Result, run
 from trueplant.errors import ProjectError
 from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix, sampled_response, to_formula
 from trueplant.lti.structure import structure_of
 from trueplant.report import render
-from trueplant.study import Project, Result, run
-from trueplant.study.words import text_summary
+from trueplant.result.summary import text_summary
 
 NAMES = (("top", "bottom"), ("reflux", "steam"))
 LAWS = [

@@ -14,11 +14,11 @@ from scipy.stats import norm
 
 from changing import PARAMETERS, PROJECT, changing_wood_berry, write_project
 from simulated import BLT, WOOD_BERRY, coloured, segment_of
+from trueplant import Project, run
 from trueplant.identify import Row, RowFit, Spec, fit_row, pieces_of
 from trueplant.loop import PID, Controller, alternating_steps, simulate
 from trueplant.lti import Structure, TransferMatrix
-from trueplant.study import Project, run
-from trueplant.study.planned_moves import Bench, combined, information, pattern
+from trueplant.study.experiment.moves import Bench, combined, information, pattern
 
 Array = NDArray[np.float64]
 FOPDT = Structure.parse("fopdt")

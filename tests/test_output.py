@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 import trueplant as tp
-from trueplant.study import output
-from trueplant.study.result import Result
+from trueplant import output
+from trueplant.result import Result
 
 PLANT = """\
 time_unit = "s"

@@ -12,10 +12,10 @@ import pytest
 
 from simulated import BLT, WOOD_BERRY, coloured
 from test_study_one_loop import LAG, declared, one_loop, single
+from trueplant import Project, Result, run
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.report import render
-from trueplant.study import Project, Result, run
 
 CHANGED = TransferMatrix.of([["14.5 exp(-1.4 s)/(16.7 s + 1)"]])[0, 0]
 PLANT = TransferMatrix(((CHANGED, WOOD_BERRY[0, 1]), WOOD_BERRY.elements[1]), "min")

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import trueplant as tp
-from trueplant.study.project_errors import line_numbers
-from trueplant.study.project_toml import to_toml
+from trueplant.project.messages import line_numbers
+from trueplant.project.toml import to_toml
 
 BASE = """\
 time_unit = "min"

@@ -12,7 +12,7 @@ import pytest
 import trueplant as tp
 from trueplant import datasets, loop
 from trueplant.cli.analyse import demo_text
-from trueplant.study.project_simulate import simulate_record
+from trueplant.project.simulation import simulate_record
 
 EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.toml"))
 DEMOS = ("mill", "splitter", "wood-berry")

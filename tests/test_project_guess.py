@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import trueplant as tp
-from trueplant.study.project_guess import guess_loops, guess_project, guess_time
+from trueplant.project.guess import guess_loops, guess_project, guess_time
 
 NAMINGS = {
     "numbered": (["t", "sp1", "sp2", "op1", "op2", "pv1", "pv2"], [("pv1", "op1", "sp1"), ("pv2", "op2", "sp2")]),

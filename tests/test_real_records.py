@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trueplant.study import Project, Result, run
-from trueplant.study.result import Element, Parameter
+from trueplant import Project, Result, run
+from trueplant.result import Element, Parameter
 
 pytestmark = pytest.mark.real
 EXAMPLES = Path(__file__).parent.parent / "examples"

@@ -16,10 +16,9 @@ from historian import swinging_door
 from simulated import BLT, WOOD_BERRY, coloured, random_switching
 from test_study import changed, written
 from test_study import project as two_loops
-from trueplant import run
+from trueplant import Project, Result, run
 from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix
-from trueplant.study import Project, Result
 
 LAG = TransferMatrix.of([["2 exp(-13.4 s)/(60 s + 1)"]], "s")
 PI = PID(Kc=1.0, Ti=60.0, sample_time=1.0)

@@ -19,7 +19,7 @@ from report_sample import refused, sample
 from trueplant.report import render
 from trueplant.report.numbers import number, to_precision
 from trueplant.report.style import DARK, LIGHT
-from trueplant.study.result import Reason, Result, Trend
+from trueplant.result import Reason, Result, Trend
 
 VOID = {"meta", "br", "hr", "img", "input", "link", "path", "circle", "rect"}
 
@@ -350,7 +350,7 @@ def test_report_explains_itself():
 
 def test_model_has_as_many_digits_as_the_plant_is_known_to():
     from trueplant.report.tables import parameter_row
-    from trueplant.study.result import Parameter
+    from trueplant.result import Parameter
 
     def shown(model, error):
         return parameter_row(Parameter("gain", "", model, 13.0, error, (12.8, 13.2), 1.0, 0.5, 0.5, False), 50.0).model

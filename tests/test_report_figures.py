@@ -12,7 +12,7 @@ from trueplant.report import captions, figures
 from trueplant.report.decimate import compact, merged, min_max
 from trueplant.report.numbers import number, percentage, probability, to_precision
 from trueplant.report.tables import comparison, parameter_row, percent_scale
-from trueplant.study.result import Curves, Parameter
+from trueplant.result import Curves, Parameter
 
 
 @pytest.fixture(scope="module")

@@ -13,12 +13,12 @@ import pytest
 
 from report_sample import sample, with_loop
 from test_report import Page, book, without_plotly
+from trueplant.project.tables import Controller
 from trueplant.report import loopfigures, loops, render, retuned
 from trueplant.report.numbers import number
 from trueplant.report.style import DARK, LIGHT
-from trueplant.study.project_parts import Controller
-from trueplant.study.result import MuCurves, Result, RetuningCurves
-from trueplant.study.words import loop_line, settings_lines, text_summary
+from trueplant.result import MuCurves, Result, RetuningCurves
+from trueplant.result.summary import loop_line, settings_lines, text_summary
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,10 @@ import pytest
 
 import trueplant as tp
 from retuned import demo, proposal
+from trueplant import Project, Result
 from trueplant.loop import PID, Controller
 from trueplant.lti import TransferMatrix
-from trueplant.study import Project, Result
-from trueplant.study.project_parts import Tuning
+from trueplant.project.tables import Tuning
 from trueplant.tune import loop_metrics
 
 

@@ -10,12 +10,11 @@ import pytest
 
 import trueplant as tp
 from retuned import DECLARED, PI_LAW, proposal, small
+from trueplant import Project
 from trueplant.errors import LoopError, ProjectError
 from trueplant.loop import PID, Controller, Linear, unstable_poles
-from trueplant.lti import TransferMatrix, tf
+from trueplant.lti import TransferMatrix, UncertainPlant, tf
 from trueplant.robust import margins
-from trueplant.study import Project
-from trueplant.tune import UncertainPlant
 
 
 def test_vendor_notation(tmp_path):

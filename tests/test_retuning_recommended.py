@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from trueplant.loop import PID, Controller
-from trueplant.study.retuning_words import reason_of
+from trueplant.study.loops.recommendation import reason_of
 from trueplant.tune import Proposal
 
 BARE = Controller.diagonal([PID(Kc=1.0, Ti=10.0)])

@@ -6,18 +6,17 @@ import numpy as np
 import pytest
 
 from report_sample import LOOP
+from trueplant import Project, Result
 from trueplant.cli.analyse import demo_text
 from trueplant.loop import PID, Controller, unstable_poles
-from trueplant.lti import TransferMatrix, tf
+from trueplant.lti import KnownRow, TransferMatrix, UncertainPlant, tf
 from trueplant.lti.structure import Structure
 from trueplant.plants import mill, splitter, wood_berry
+from trueplant.project.simulation import as_file, simulate_record
 from trueplant.robust import margins, robust_performance
-from trueplant.study import Project, Result
-from trueplant.study.drawn import element_errors, varying
+from trueplant.study.loops.robustness import pairing_of
 from trueplant.study.pipeline import analyse
-from trueplant.study.project_simulate import as_file, simulate_record
-from trueplant.study.robustness import pairing_of
-from trueplant.tune.drawn import KnownRow, UncertainPlant
+from trueplant.study.plant.uncertainty import element_errors
 
 FOPDT = Structure.parse("fopdt")
 W = np.geomspace(1e-3, 30, 120)
@@ -53,7 +52,7 @@ def test_errors_of_elements_bound_every_plant_of_the_confidence_region(size, lea
 
 def test_error_of_a_dead_time_is_never_counted_as_more_than_turning_round():
     known = one_row(np.diag([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))
-    assert varying(known) == 1
+    assert known.varying == 1
     bound = element_errors(known, W, 0.9)
     nominal = np.abs(known.nominal(1j * W))
     reach = 2.0 * 1.6448536269514722  # 90 % of a normal variable

@@ -12,11 +12,11 @@ import pytest
 
 from simulated import coloured, random_switching
 from test_study_one_loop import declared
+from trueplant import Project, run
 from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix, tf
-from trueplant.study import Project, run
-from trueplant.study.project_parts import Unmeasured
-from trueplant.study.track import track
+from trueplant.project.tables import Unmeasured
+from trueplant.tracking.track import track
 
 MODEL = "-2.6 exp(-6 s)/(40 s + 1)"
 LAW = {"Kc": -1.0, "Ti": 40.0, "Td": 4.0, "alpha": 0.1, "derivative_on": "pv"}

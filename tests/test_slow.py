@@ -8,7 +8,7 @@ from scipy.stats import binom, kstest
 
 from simulated import coloured, random_switching, segment_of
 from trueplant.identify import Spec, identify_output
-from trueplant.identify.slow import slow_p
+from trueplant.identify.slow_tail import slow_p
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.lti.structure import Structure

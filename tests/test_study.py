@@ -10,9 +10,9 @@ import polars as pl
 import pytest
 
 from simulated import BLT, WOOD_BERRY, coloured, random_switching, wood_berry
+from trueplant import Project, Result, run
 from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix, sampled_response, to_formula
-from trueplant.study import Project, Result, run
 
 FEED = TransferMatrix.of([["3.8 exp(-8.1 s)/(14.9 s + 1)"], ["4.9 exp(-3.4 s)/(13.2 s + 1)"]])
 CONTROLLERS = [

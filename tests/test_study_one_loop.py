@@ -12,9 +12,9 @@ import polars as pl
 import pytest
 
 from simulated import coloured, random_switching
+from trueplant import Project, Result, run
 from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix
-from trueplant.study import Project, Result, run
 
 LAG = TransferMatrix.of([["2 exp(-13.4 s)/(60 s + 1)"]])
 

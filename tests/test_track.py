@@ -15,17 +15,18 @@ import pytest
 
 from changing import PARAMETERS, PROJECT, changing_wood_berry, write_project
 from simulated import segment_of
+from trueplant import Project
 from trueplant.cli.app import main
 from trueplant.errors import DataError, UsageError
 from trueplant.identify import Row, Spec, fit_row, pieces_of
 from trueplant.identify.noise import whiten
 from trueplant.lti import Structure
 from trueplant.report.track import render
-from trueplant.study import Project, track_windows
-from trueplant.study.track import track
-from trueplant.study.track_result import Change, Moved, Track, TrackedElement, TrackedExperiment, Window, WindowElement
-from trueplant.study.track_windows import blocks_of, moves_of
-from trueplant.study.track_words import refused_stretches
+from trueplant.result import Change, Moved, Track, TrackedElement, TrackedExperiment, Window, WindowElement
+from trueplant.result.track_words import refused_stretches
+from trueplant.tracking import windows as track_windows
+from trueplant.tracking.track import track
+from trueplant.tracking.windows import blocks_of, moves_of
 
 N = 2600
 X = np.arange(N)
@@ -151,8 +152,8 @@ def two_files(folder: Path, second_time: list[float]) -> Project:
 
 @pytest.mark.parametrize(("first", "offset"), [(400.0, 0.0), (0.0, 300.0)], ids=["follows", "own clock"])
 def test_records_are_laid_one_after_the_other(tmp_path: Path, first: float, offset: float) -> None:
-    from trueplant.study.pipeline import prepare
-    from trueplant.study.track import lay_out
+    from trueplant.study.data.prepare import prepare
+    from trueplant.tracking.track import lay_out
 
     laid = lay_out(prepare(two_files(tmp_path, [first + k for k in range(300)])))
     assert [e.offset for e in laid] == [0.0, offset]
@@ -162,8 +163,8 @@ def test_records_are_laid_one_after_the_other(tmp_path: Path, first: float, offs
 def test_records_that_overlap_are_an_error(tmp_path: Path) -> None:
     from datetime import datetime, timedelta
 
-    from trueplant.study.pipeline import prepare
-    from trueplant.study.track import lay_out
+    from trueplant.study.data.prepare import prepare
+    from trueplant.tracking.track import lay_out
 
     sim = changing_wood_berry(5, 300)
     columns = {"sp1": sim.r[:, 0], "sp2": sim.r[:, 1], "op1": sim.u[:, 0], "op2": sim.u[:, 1]}

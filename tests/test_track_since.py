@@ -9,8 +9,8 @@ from scipy.stats import binom, chi2
 
 from changing import PARAMETERS, changing_wood_berry, varying_lag
 from simulated import WOOD_BERRY, segment_of
+from trueplant.detect.change_point import critical, switch_time
 from trueplant.detect.since import Series, Shift, history, slope
-from trueplant.detect.switch import critical, switch_time
 from trueplant.identify import Row, Spec, estimate_row, pieces_of
 from trueplant.lti import Structure
 from trueplant.lti.sampled import sampled_response

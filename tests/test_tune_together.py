@@ -5,12 +5,10 @@ import pytest
 
 from trueplant.errors import LoopError, UnstableLoop
 from trueplant.loop import PID, Controller, unstable_poles
-from trueplant.lti import Structure, TransferMatrix, structure_of, tf
+from trueplant.lti import KnownRow, Structure, TransferMatrix, UncertainPlant, structure_of, tf
 from trueplant.robust import margins
 from trueplant.tune import (
-    KnownRow,
     LoopTask,
-    UncertainPlant,
     common_grid,
     draw_parameters,
     peaks,

@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 
 from trueplant.cli.show import show
-from trueplant.study.agreement import in_sentences
-from trueplant.study.detectors_words import detector_lines
-from trueplant.study.notes import grouped
-from trueplant.study.output import to_json
-from trueplant.study.result import Element, Importance, Parameter, Reason, Result
-from trueplant.study.words import html_summary, number, parameter_line, plain, text_summary, value_with_interval
+from trueplant.output import to_json
+from trueplant.result import Element, Importance, Parameter, Reason, Result
+from trueplant.result.detectors_words import detector_lines
+from trueplant.result.document import plain
+from trueplant.result.numbers import number, value_with_interval
+from trueplant.result.summary import html_summary, parameter_line, text_summary
+from trueplant.study.methods.agreement import in_sentences
+from trueplant.study.plant.notes import grouped
 
 
 def _parameter(name="tau1", unit="s", model=390.0, plant=183.0, half=4.0, changed=True, **rest) -> Parameter:

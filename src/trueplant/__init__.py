@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from trueplant.record.types import Record, Screened, Segment
     from trueplant.study import Project, Result, run
 
-__version__ = "0.1.0"
+from trueplant.version import __version__
 
 _HOME = {
     "datasets": "trueplant.datasets",

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trueplant.errors import UsageError
-from trueplant.study.output import prepare_output, to_json, write_files, write_results
-from trueplant.study.project import Project
+from trueplant.output import prepare_output, to_json, write_files, write_results
+from trueplant.project.project import Project
 
 if TYPE_CHECKING:
-    from trueplant.study.result import Result
+    from trueplant.result import Result
 
 REFUSED, MISMATCH = 3, 1
 Say = Callable[[str], None]
@@ -34,7 +34,7 @@ def demo(name: str, out: Path | None, json: bool) -> int:
     """Simulate a built-in case, then run the same analysis on it as on any record."""
     text = demo_text(name)
     folder = prepare_output(out or Path(f"demo-{name}"))
-    from trueplant.study.project_simulate import as_file, simulate_record
+    from trueplant.project.simulation import as_file, simulate_record
 
     project = Project.from_toml(text, folder)
     record = project.data.files[0]
@@ -56,7 +56,7 @@ def _analyse(project: Project, folder: Path, json: bool) -> Result:
     from trueplant.study.pipeline import analyse
 
     with saying() as say:
-        result = analyse(project, progress=say)
+        result = analyse(project, say)
         say("writing the report")
         written = write_results(result, folder, render(result), project.folder)
     if json:

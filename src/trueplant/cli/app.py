@@ -12,8 +12,8 @@ from typing import Annotated
 
 import typer
 
-from trueplant import __version__
 from trueplant.errors import TrueplantError
+from trueplant.version import __version__
 
 INTERNAL_ERROR, INTERRUPTED = 70, 130
 

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from trueplant.errors import OutputError, UsageError
-from trueplant.study.output import write_files
+from trueplant.output import write_files
 
 REFUSED = 3
 
@@ -14,9 +14,9 @@ REFUSED = 3
 def check(path: Path) -> int:
     """Say of each record what can be used and what cannot, and whether it moves enough to learn from."""
     from trueplant.cli.analyse import saying
-    from trueplant.study.informative import why_not_informative
-    from trueplant.study.pipeline import prepare
-    from trueplant.study.project import Project
+    from trueplant.project.project import Project
+    from trueplant.study.data.excitation import why_not_informative
+    from trueplant.study.data.prepare import prepare
 
     with saying() as say:
         study = prepare(Project.load(path), say)
@@ -41,8 +41,8 @@ def check(path: Path) -> int:
 
 def init(data: Path, out: Path | None, force: bool) -> int:
     """Write a project file for ``data`` next to it, or where ``out`` says."""
+    from trueplant.project.guess import guess_project
     from trueplant.record.table import read_table
-    from trueplant.study.project_guess import guess_project
 
     if data.suffix.lower() == ".toml":
         raise UsageError(
@@ -61,8 +61,8 @@ def init(data: Path, out: Path | None, force: bool) -> int:
 
 def simulate(path: Path, out: Path | None) -> int:
     """Write the record that the table [simulate] of a project asks for."""
-    from trueplant.study.project import Project
-    from trueplant.study.project_simulate import as_file, checked_format, simulate_record
+    from trueplant.project.project import Project
+    from trueplant.project.simulation import as_file, checked_format, simulate_record
 
     project = Project.load(path)
     place = out or Path(f"{path.stem}-simulated.csv")

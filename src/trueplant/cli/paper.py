@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from trueplant.cli.analyse import saying
-from trueplant.study.output import prepare_output, write_files
+from trueplant.output import prepare_output, write_files
 
 JSON, PAGE = "paper.json", "paper.html"
 

@@ -10,10 +10,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from trueplant.study.detectors_words import detector_lines
-from trueplant.study.methods_words import comparison_lines
-from trueplant.study.result import Element, Parameter, Result
-from trueplant.study.words import loop_line, number, settings_lines, value_with_interval
+from trueplant.result import Element, Parameter, Result
+from trueplant.result.detectors_words import detector_lines
+from trueplant.result.methods_words import comparison_lines
+from trueplant.result.numbers import number, value_with_interval
+from trueplant.result.summary import loop_line, settings_lines
 
 _STYLE = {"changed": "bold red", "unchanged": "green", "not identifiable": "yellow"}
 

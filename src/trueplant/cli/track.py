@@ -12,10 +12,10 @@ from rich.text import Text
 
 from trueplant.cli.analyse import REFUSED, saying
 from trueplant.cli.show import console
-from trueplant.study.output import prepare_output, write_files
-from trueplant.study.project import Project
-from trueplant.study.track_result import Change, Track
-from trueplant.study.track_words import moved_words, refused_stretches, time_text
+from trueplant.output import prepare_output, write_files
+from trueplant.project.project import Project
+from trueplant.result import Change, Track
+from trueplant.result.track_words import moved_words, refused_stretches, time_text
 
 JSON, PAGE = "track.json", "track.html"
 
@@ -25,7 +25,7 @@ def track(path: Path, out: Path | None, json: bool, precision: float) -> int:
     project = Project.load(path)
     folder = prepare_output(out or Path(f"{path.stem}-track"))
     from trueplant.report.track import render
-    from trueplant.study.track import track
+    from trueplant.tracking.track import track
 
     with saying() as say:
         found = track(project, precision / 100, progress=say)

@@ -17,7 +17,7 @@ from trueplant.detect.ratio import plant_model_ratio
 from trueplant.detect.sensitivity import nominal_sensitivity
 from trueplant.detect.signals import Detection, Signals, signals_of
 from trueplant.detect.stepwise import stepwise
-from trueplant.detect.sticking import sticking
+from trueplant.detect.stiction import sticking
 from trueplant.detect.verdict import (
     Evidence,
     ParameterVerdict,

@@ -31,7 +31,7 @@ def nominal_sensitivity(
     if not segment.closed or not np.isfinite(segment.r).all():
         raise NotApplicable("the nominal loop needs a closed-loop record with all set-points")
     n_u = signals.u.shape[1]
-    plant = TransferMatrix(tuple(row[:n_u] for row in model.elements), model.time_unit)
+    plant = model.columns(0, n_u)
     error, y = model_error(segment, model)
     law = controller.linearised(np.mean(y, axis=0))
     free = np.tile([-np.inf, np.inf], (n_u, 1))

@@ -23,7 +23,7 @@ from trueplant.disturbance.kalman import whitened
 from trueplant.disturbance.models import Part, ramps
 from trueplant.disturbance.noise import Noise, Signal, criterion, fit_noise_and_jumps, reduced
 from trueplant.identify import Row, RowFit
-from trueplant.identify.normal import inverse
+from trueplant.identify.linear_algebra import inverse
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

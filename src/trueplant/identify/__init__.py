@@ -6,7 +6,7 @@ from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
 from trueplant.identify.matrix import identify_matrix, specs_of
 from trueplant.identify.output import OutputEstimate, identify_output, unanswered
-from trueplant.identify.predict import Held, Row, Spec, pieces_of
+from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.strides import choose_stride, samples_per_update
 from trueplant.identify.validate import fit_percent, simulate_piece
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from trueplant.identify.predict import Piece, Row
+from trueplant.identify.row import Piece, Row
 
 BLOCK = 65_536
 """Samples of a block, at least."""

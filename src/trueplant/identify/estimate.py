@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.noise import choose_order, fit_ar
-from trueplant.identify.predict import Row
+from trueplant.identify.row import Row
 from trueplant.identify.search import grid_start, initial_theta, rival_dead_times
 from trueplant.identify.validate import residual_tests
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.identify.initial_state import Unknown
+from trueplant.identify.linear_algebra import eliminated, inverse, seen
 from trueplant.identify.noise import lagged, whiten, whitened_valid
-from trueplant.identify.normal import eliminated, inverse, seen
-from trueplant.identify.predict import Row
-from trueplant.identify.unknown import Unknown
+from trueplant.identify.row import Row
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

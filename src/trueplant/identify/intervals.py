@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from trueplant.identify.fit import RowFit, fit_row
-from trueplant.identify.predict import Row
+from trueplant.identify.row import Row
 
 Array = NDArray[np.float64]
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from trueplant.identify.fit import RowFit, residuals
+from trueplant.identify.linear_algebra import eliminated, inverse, seen
 from trueplant.identify.noise import lagged, whitened_valid
-from trueplant.identify.normal import eliminated, inverse, seen
-from trueplant.identify.predict import Row
+from trueplant.identify.row import Row
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

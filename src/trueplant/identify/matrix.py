@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from trueplant.identify.crossed import crossed_outputs, less_sure, together
 from trueplant.identify.instrumental import started
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
-from trueplant.identify.predict import Held, Spec
+from trueplant.identify.row import Held, Spec
+from trueplant.identify.shared_disturbance import crossed_outputs, less_sure, together
 from trueplant.identify.strides import choose_block, choose_stride, samples_per_update, typical_lag
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix

@@ -12,7 +12,7 @@ import numpy as np
 
 from trueplant.identify.likelihood import absence_p
 from trueplant.identify.output import OutputEstimate
-from trueplant.identify.predict import Spec
+from trueplant.identify.row import Spec
 from trueplant.lti.structure import Structure
 
 SIGNIFICANT = 1e-3

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.identify.fit import evaluate
-from trueplant.identify.normal import inverse
-from trueplant.identify.predict import Row
+from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.row import Row
 
 Array = NDArray[np.float64]
 

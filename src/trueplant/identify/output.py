@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from trueplant.identify.between_experiments import Runs, combine_runs, compare_runs
 from trueplant.identify.blocks import in_blocks
-from trueplant.identify.dependence import order_dependence
 from trueplant.identify.estimate import UNDERMODELLED, Options, estimate_row
 from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval, widened
-from trueplant.identify.normal import inverse
-from trueplant.identify.predict import Held, Row, Spec, pieces_of
-from trueplant.identify.runs import Runs, combine_runs, compare_runs
+from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.noise_order import order_dependence
+from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.sandwich import asks_for_sandwich, sandwich
 from trueplant.identify.search import dead_time_of, lag_of
-from trueplant.identify.slow import slow_errors, slow_p
+from trueplant.identify.slow_tail import slow_errors, slow_p
 from trueplant.identify.small import inflation, widening_by_starts, without_unseen_dead_times
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment

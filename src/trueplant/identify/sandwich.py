@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from trueplant.identify.fit import RowFit, linearised
-from trueplant.identify.normal import inverse
+from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.validate import LAGS, ResidualTests
 
 Array = NDArray[np.float64]

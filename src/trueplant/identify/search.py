@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.identify.fit import RowFit
+from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
-from trueplant.identify.normal import orthonormal
-from trueplant.identify.predict import Row
+from trueplant.identify.row import Row
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueplant.identify.blocks import block_length
-from trueplant.identify.predict import Spec
+from trueplant.identify.row import Spec
 from trueplant.identify.search import dead_time_of, lag_of
 from trueplant.record.types import Segment
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from trueplant.identify.fit import RowFit, fit_row, residuals
+from trueplant.identify.linear_algebra import eliminated
 from trueplant.identify.noise import fit_ar, whiten
-from trueplant.identify.normal import eliminated
-from trueplant.identify.predict import Piece, Row
+from trueplant.identify.row import Piece, Row
 from trueplant.identify.search import lag_of
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction

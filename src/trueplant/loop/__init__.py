@@ -2,6 +2,7 @@
 
 from trueplant.loop.closed import LoopFunctions, check_loop, complementary, loop_functions, sensitivity
 from trueplant.loop.controller import Controller
+from trueplant.loop.linear import LinearLoop
 from trueplant.loop.pid import PID, Linear
 from trueplant.loop.signals import alternating_steps, ar1, arma, drift, random_steps, step_disturbance
 from trueplant.loop.simulate import Simulation, replay, simulate
@@ -11,6 +12,7 @@ __all__ = [
     "PID",
     "Controller",
     "Linear",
+    "LinearLoop",
     "LoopFunctions",
     "Simulation",
     "alternating_steps",

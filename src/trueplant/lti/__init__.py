@@ -6,13 +6,17 @@ from trueplant.lti.reduce import simplified, simplified_matrix
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.structure import Structure, structure_of
 from trueplant.lti.transfer import Term, TransferFunction, TransferMatrix
+from trueplant.lti.uncertain import DrawnPlants, KnownRow, UncertainPlant
 
 __all__ = [
+    "DrawnPlants",
+    "KnownRow",
     "Structure",
     "Term",
     "TransferFunction",
     "TransferMatrix",
     "Transform",
+    "UncertainPlant",
     "from_control",
     "parse_pv",
     "require_proper",

@@ -210,6 +210,10 @@ class TransferMatrix:
                     value[:, i, j] = element(z)
         return value
 
+    def columns(self, start: int = 0, stop: int | None = None) -> TransferMatrix:
+        """The columns from `start` to before `stop`, such as those of the inputs without the disturbances."""
+        return TransferMatrix(tuple(row[start:stop] for row in self.elements), self.time_unit)
+
     def _combine(self, other: TransferMatrix, sign: float) -> TransferMatrix:
         if self.shape != other.shape:
             raise FormulaError(f"matrices of shape {self.shape} and {other.shape} cannot be added")

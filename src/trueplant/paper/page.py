@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
 
-from trueplant import __version__
 from trueplant.paper import figures
 from trueplant.paper.compute import Paper
 from trueplant.paper.entry import Entry, Value
@@ -15,6 +14,7 @@ from trueplant.paper.records import KINDS, STEP_TIMES
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.numbers import number
 from trueplant.report.page import MOST_ROWS, environment
+from trueplant.version import __version__
 
 Legend = tuple[tuple[str, str], ...]
 MU: Legend = (

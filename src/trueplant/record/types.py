@@ -48,6 +48,12 @@ class Record:
         """Median step of t."""
         return float(np.median(np.diff(self.t)))
 
+    @property
+    def mean_pv(self) -> Array:
+        """(n_y,) over the samples that there are; 0 where there are none."""
+        known = np.isfinite(self.y)
+        return np.asarray(np.where(known, self.y, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
+
 
 @dataclass(frozen=True)
 class Finding:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trueplant.lti.structure import gain_unit
 from trueplant.report.figures import phases
 from trueplant.report.numbers import interval, number
-from trueplant.study.result import CoherenceCurves, Curves, Residuals, Trend
+from trueplant.result import CoherenceCurves, Curves, Residuals, Trend
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from trueplant.report.loops import Cell
 from trueplant.report.numbers import MISSING, number
-from trueplant.study.result import Element
+from trueplant.result import Element
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from trueplant.lti.structure import gain_unit
 from trueplant.report.decimate import compact, merged, min_max
 from trueplant.report.numbers import number
 from trueplant.report.style import BOTTOM, LIGHT, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
-from trueplant.study.result import CoherenceCurves, Curves, Residuals, Trend
+from trueplant.result import CoherenceCurves, Curves, Residuals, Trend
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

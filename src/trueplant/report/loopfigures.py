@@ -13,7 +13,7 @@ from trueplant.report.figures import axis_range, decades, log_ticks, outline
 from trueplant.report.loops import place
 from trueplant.report.numbers import number
 from trueplant.report.style import LIGHT, area, framed, inert, line, shortened, whole_ticks, with_unit
-from trueplant.study.result import MuCurves, RetuningCurves
+from trueplant.result import MuCurves, RetuningCurves
 
 Array = NDArray[np.float64]
 

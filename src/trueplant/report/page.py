@@ -14,7 +14,7 @@ from trueplant.report.detected import detected
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.labels import label
 from trueplant.report.numbers import number, probability
-from trueplant.study.result import Curves, Result, RetuningCurves, Trend
+from trueplant.result import Curves, Result, RetuningCurves, Trend
 
 if TYPE_CHECKING:
     import jinja2
@@ -27,7 +27,8 @@ def render(result: Result) -> str:
 
     The same result gives the same text. Raises nothing for results without curves, elements or data.
     """
-    from trueplant.study.words import loop_line, plain
+    from trueplant.result.document import plain
+    from trueplant.result.summary import loop_line
 
     book = Book()
     scale = tables.percent_scale(result.elements)
@@ -124,7 +125,7 @@ def _grid(result: Result) -> tuple[list[str], list[tuple[str, list[Any]]]]:
 
 def _today(result: Result) -> dict[str, Any]:
     """Today's loops as tables; what is there besides is shown as it stands."""
-    from trueplant.study.words import plain
+    from trueplant.result.document import plain
 
     found, curves = plain(result.robustness), result.curves
     unit = curves.time_unit if curves else str(result.provenance.get("time_unit", ""))
@@ -144,7 +145,7 @@ def _today(result: Result) -> dict[str, Any]:
 
 def _retuned(result: Result, book: Book) -> list[tuple[retuned.Retuned, list[Drawn]]]:
     """New settings, a loop at a time, with the responses before and after."""
-    from trueplant.study.words import plain
+    from trueplant.result.document import plain
 
     curves = result.curves
     outputs = dict(zip(curves.outputs, curves.output_units, strict=True)) if curves else {}

@@ -10,7 +10,7 @@ from typing import Any
 from markupsafe import Markup
 
 from trueplant.report.numbers import MISSING, interval, number, percentage, probability, to_precision
-from trueplant.study.result import Element, Parameter
+from trueplant.result import Element, Parameter
 
 WIDTH, HALF = 132, 60
 MOST_PERCENT = 300.0

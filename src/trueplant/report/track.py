@@ -11,10 +11,9 @@ from trueplant.report.figures import GAP, PANEL, axis_range
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.page import MOST_ROWS, environment
 from trueplant.report.style import BOTTOM, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
-from trueplant.study.result import Parameter
-from trueplant.study.track_result import Change, Track, TrackedElement, Window
-from trueplant.study.track_words import change_sentence, moved_words, refused_stretches, time_text
-from trueplant.study.words import counted
+from trueplant.result import Change, Parameter, Track, TrackedElement, Window
+from trueplant.result.numbers import counted
+from trueplant.result.track_words import change_sentence, moved_words, refused_stretches, time_text
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
 def render(track: Track) -> str:
     """The track as HTML text: no file or address outside of it is needed. The same track gives the same text."""
-    from trueplant.study.words import plain
+    from trueplant.result.document import plain
 
     book = Book()
     figures = [(e, _drawn(track, e, book)) for e in track.elements]

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from trueplant.detect import Found
 from trueplant.identify import OutputEstimate, pieces_of
 from trueplant.identify.validate import LAGS
 from trueplant.lti import TransferMatrix
 from trueplant.lti.sampled import sampled_response
 from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.record import excitation
-from trueplant.study.datatables import simulate_row
-from trueplant.study.nonparametric import label_of
-from trueplant.study.result import Curves, Residuals, Trend
-
-if TYPE_CHECKING:
-    from trueplant.detect import Found
-    from trueplant.study.pipeline import Study
+from trueplant.result import Curves, Residuals, Trend
+from trueplant.study.data.nonparametric import label_of
+from trueplant.study.plant.elements import model_frequencies
+from trueplant.study.plant.fit import simulate_row
+from trueplant.study.plant.identified import Identified
+from trueplant.study.study import Place, Study
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -30,19 +29,10 @@ POINTS = 200
 DRAWS = 200
 
 
-def model_frequencies(study: Study, plant: TransferMatrix) -> Array:
-    """(POINTS,) rad per time unit, from the longest segment's span (or the slowest lag) to half the sampling rate."""
-    segments = study.segments
-    span = max(segment.t[-1] - segment.t[0] for segment in segments)
-    slowest = max((-1 / p.real for row in plant.elements for e in row for p in e.poles if p.real < 0), default=span)
-    low = min(2 * np.pi / span, 0.1 / slowest)
-    return np.geomspace(max(low, 1e-3 / span), np.pi / segments[0].h, POINTS)
-
-
 def curves_of(
     study: Study,
-    estimates: Mapping[int, OutputEstimate],
-    found: Mapping[tuple[int, int], Found],
+    identified: Identified,
+    found: Mapping[Place, Found],
     plant: TransferMatrix,
     response: FrequencyResponse | None,
 ) -> Curves:
@@ -80,8 +70,8 @@ def curves_of(
         np_value=np.zeros((0, n_y, n_u), complex) if response is None else _believable(response),
         np_std=np.zeros((0, n_y, n_u)) if response is None else response.std,
         np_label="" if response is None else label_of(response),
-        trends=tuple(_trend(study, k, plant) for k in range(len(study.screened))),
-        residuals=tuple(_residuals(study, i, e) for i, e in sorted(estimates.items())),
+        trends=tuple(_trend(study, identified, k, plant) for k in range(len(study.screened))),
+        residuals=tuple(_residuals(study, i, e) for i, e in sorted(identified.estimates.items())),
         condition_w=excited.w,
         condition=excited.condition,
     )
@@ -147,13 +137,13 @@ def _drawn_steps(element: Found, t: Array, rng: np.random.Generator) -> Array:
     return np.array([sampled_response(structure.transfer(p), np.ones(t.size), t[1]) for p in draws])
 
 
-def _trend(study: Study, k: int, plant: TransferMatrix) -> Trend:
+def _trend(study: Study, identified: Identified, k: int, plant: TransferMatrix) -> Trend:
     screened = study.screened[k]
     record = screened.record
     simulated = {label: np.full(record.y.shape, np.nan) for label in ("model", "plant")}
     if screened.refusal is None:
         for i in range(record.y.shape[1]):
-            for segment in screened.segments:
+            for segment in identified.of_experiment(k):
                 inside = (record.t >= segment.t[0]) & (record.t <= segment.t[-1])
                 for piece in pieces_of([segment], i):
                     for label, matrix in (("model", study.model), ("plant", plant)):

@@ -9,7 +9,7 @@ from trueplant.tune.compare import (
     step_metrics,
     step_response,
 )
-from trueplant.tune.drawn import DrawnPlants, KnownRow, Peaks, UncertainPlant, common_grid, peaks
+from trueplant.tune.drawn import Peaks, common_grid, peaks
 from trueplant.tune.forms import Notation, Settings, converted, pid_of, settings_of
 from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.optimal import optimal
@@ -44,8 +44,6 @@ __all__ = [
     "Choices",
     "Comparison",
     "Designed",
-    "DrawnPlants",
-    "KnownRow",
     "Limits",
     "LoopMetrics",
     "LoopTask",
@@ -57,7 +55,6 @@ __all__ = [
     "Settings",
     "StepMetrics",
     "TunedTogether",
-    "UncertainPlant",
     "UncertainTuning",
     "amigo",
     "blt",

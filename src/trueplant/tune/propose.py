@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, Linear
 from trueplant.loop.pid import Entry
-from trueplant.lti import TransferFunction, TransferMatrix
+from trueplant.lti import TransferFunction, TransferMatrix, UncertainPlant
 from trueplant.robust import margins
-from trueplant.tune.drawn import UncertainPlant
 from trueplant.tune.forms import converted
 from trueplant.tune.integral import Limits
 from trueplant.tune.response import axis, frequencies

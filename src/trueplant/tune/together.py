@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, unstable_poles
 from trueplant.loop.pid import Entry
-from trueplant.lti import TransferFunction, TransferMatrix
-from trueplant.tune.drawn import UncertainPlant, common_grid, peaks
+from trueplant.lti import TransferFunction, TransferMatrix, UncertainPlant
+from trueplant.tune.drawn import common_grid, peaks
 from trueplant.tune.forms import series_ratio
 from trueplant.tune.integral import Discs, Limits, best_kp, best_td
 from trueplant.tune.reduce import reduced

@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID
 from trueplant.lti import Structure
+from trueplant.lti.uncertain import responses
 from trueplant.tune.forms import series_ratio
 from trueplant.tune.integral import Discs, Limits, best_kp, best_td, max_ki
-from trueplant.tune.response import axis, frequencies, ultimate
+from trueplant.tune.response import frequencies, ultimate
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -82,23 +83,6 @@ def draw_parameters(structure: Structure, mean: ArrayLike, covariance: ArrayLike
 
 def _gain(structure: Structure, p: Array) -> Array:
     return np.asarray(np.sum(p[:, : structure.delayed], axis=1))
-
-
-def responses(structure: Structure, parameters: Array, w: Array) -> ComplexArray:
-    """G(j w) (n_plants, n_w) of plants with the parameters (n_plants, n_p)."""
-    s = axis(w)
-    value = np.ones((len(parameters), w.size), dtype=np.complex128) / s**structure.integrators
-    columns = iter(parameters.T[:, :, None])
-    gains = [next(columns) for _ in range(structure.delayed)]
-    for _ in range(structure.lags):
-        value /= next(columns) * s + 1
-    for _ in range(structure.pairs):
-        omega, zeta = next(columns), next(columns)
-        value /= (s / omega) ** 2 + 2 * zeta * s / omega + 1
-    for _ in range(structure.leads):
-        value *= next(columns) * s + 1
-    delays = [next(columns) if structure.has_dead_time else np.zeros((1, 1)) for _ in range(structure.delayed)]
-    return np.asarray(value * sum(g * np.exp(-d * s) for g, d in zip(gains, delays, strict=True)))
 
 
 def holds(structure: Structure, parameters: ArrayLike, pid: PID, limits: Limits | float) -> NDArray[np.bool_]:

@@ -28,7 +28,7 @@ from trueplant.identify.instrumental.start import (
     solve_instrumental,
     starts,
 )
-from trueplant.identify.predict import Held
+from trueplant.identify.row import Held
 from trueplant.record.types import Segment
 
 Array = NDArray[np.float64]

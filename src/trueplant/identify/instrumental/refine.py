@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from trueplant.identify.instrumental.noise import ArmaNoise
 from trueplant.identify.instrumental.order import Order, nuisance, nuisance_gradient, slices
 from trueplant.identify.instrumental.samples import Samples
-from trueplant.identify.normal import orthonormal
+from trueplant.identify.linear_algebra import orthonormal
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

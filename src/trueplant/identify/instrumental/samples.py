@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from trueplant.errors import Refused, UsageError
-from trueplant.identify.predict import Held, Piece, pieces_of
+from trueplant.identify.row import Held, Piece, pieces_of
 from trueplant.lti.sampled import expm, realise, rows_response
 from trueplant.record.types import Segment
 

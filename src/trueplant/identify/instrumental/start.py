@@ -13,7 +13,7 @@ from trueplant.identify.instrumental.order import Order, nuisance, slices
 from trueplant.identify.instrumental.refine import LONGEST_DEAD_TIME, refine
 from trueplant.identify.instrumental.samples import Samples
 from trueplant.identify.instrumental.several import step_records
-from trueplant.identify.normal import orthonormal
+from trueplant.identify.linear_algebra import orthonormal
 
 Array = NDArray[np.float64]
 

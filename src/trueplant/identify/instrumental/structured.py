@@ -10,7 +10,7 @@ import numpy as np
 from trueplant.errors import FormulaError, LoopError, Refused
 from trueplant.identify.instrumental.open_loop import srivc
 from trueplant.identify.instrumental.order import Order
-from trueplant.identify.predict import Held, Spec
+from trueplant.identify.row import Held, Spec
 from trueplant.record.types import Segment
 
 

@@ -1,0 +1,58 @@
+"""What another noise model would make of the same data."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.identify.between_experiments import refit_noise
+from trueplant.identify.blocks import most_moved
+from trueplant.identify.estimate import UNDERMODELLED
+from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.search import felt_lag
+from trueplant.identify.validate import ResidualTests
+
+Array = NDArray[np.float64]
+
+PLAUSIBLE = 2.0
+"""A noise model whose prediction errors have more than this times the variance is no rival: nobody would choose it."""
+
+
+def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tuple[dict[int, str], Array]:
+    """What other noise models make of the same data.
+
+    Returns the parameters that move by more than chance and by more than a third, with a sentence each,
+    and (n,) how far each parameter moves where the prediction errors still follow the inputs: then the
+    structure is too simple, every noise model weighs its error differently, and no one of them is right.
+    """
+    fit = _of_a_part(fit)
+    used = fit.ar.size
+    undermodelled = bool(np.min(tests.cross_p) < UNDERMODELLED)
+    limit = max(fit.row.measured(k)[0].size for k in range(len(fit.row.pieces))) // 20
+    orders = {used // 2, min(used, 1), 2 * used + 2} | ({0} if undermodelled else set())
+    sigma = np.sqrt(np.diag(covariance))
+    scale = np.maximum(np.abs(fit.theta), felt_lag(fit))
+    moved: dict[int, str] = {}
+    shifts = np.zeros(fit.theta.size)
+    for order in sorted(orders - {used}):
+        if order > limit or (order == 0 and not undermodelled):
+            continue
+        other = refit_noise(fit, order)
+        shift = np.abs(other.theta - fit.theta)
+        beyond = (shift > 3 * np.minimum(sigma, np.sqrt(np.diag(other.covariance)))) & (shift > scale / 3)
+        beyond &= other.variance < PLAUSIBLE * fit.variance
+        for index in np.flatnonzero(beyond):
+            moved.setdefault(
+                int(index),
+                f"it depends on the noise model: {fit.theta[index]:.3g} with order {used}, "
+                f"{other.theta[index]:.3g} with order {order}",
+            )
+        if undermodelled:
+            shifts = np.maximum(shifts, shift)
+    return moved, shifts
+
+
+def _of_a_part(fit: RowFit) -> RowFit:
+    """The fit of that part of a long record in which the inputs move most."""
+    row = most_moved(fit.row)
+    return fit if row is fit.row else fit_row(row, fit.theta, fit.ar, free=fit.free)

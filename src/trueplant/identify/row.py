@@ -1,0 +1,326 @@
+"""The output of one row of the plant, simulated on recorded inputs, with its derivatives.
+
+Signals enter as deviations from their first sample. What happened before the record is summed up by
+nuisance terms that are linear: an offset for each segment and, unless the record starts at rest, the
+free response of every lag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.identify.initial_state import LARGE, Mode, Unknown, lag_mode, pair_modes
+from trueplant.lti.sampled import rows_response, sampled_response
+from trueplant.lti.structure import Structure
+from trueplant.lti.transfer import TransferFunction
+from trueplant.record.types import Segment
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+FASTEST_LAG = 0.05
+"""In samples."""
+MOST_JOINED = 60
+"""Segments in one piece: each costs a free response."""
+QUIET_SAMPLES = 20
+"""A start is at rest only if the inputs stood still for this many samples."""
+
+
+@dataclass(frozen=True)
+class Spec:
+    """One element of the row: which input drives it, and its structure or its fixed transfer function."""
+
+    column: int
+    """Index into the inputs followed by the measured disturbances."""
+    structure: Structure
+    start: tuple[float, ...] | None = None
+    """Parameters to start from (the model's); None where the model has no such element."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """An element kept at its declared value."""
+
+    column: int
+    system: TransferFunction
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One segment as one output sees it. Inputs are deviations from their first sample."""
+
+    experiment: int
+    h: float
+    y: Array
+    """(N,) minus the response of the held elements; 0 where not valid."""
+    valid: BoolArray
+    inputs: Array
+    """(n_columns, N)."""
+    hold: tuple[str, ...]
+    restarts: tuple[int, ...] = ()
+    """Samples at which a gap in the inputs ends: what they did in it, and so the state, is not known."""
+    start: float = 0.0
+    """Time of the first sample."""
+    jumps: tuple[int, ...] = ()
+    """Samples from which on a disturbance holds the output at another level."""
+
+    @property
+    def span(self) -> float:
+        return self.h * (self.y.size - 1)
+
+    @cached_property
+    def spread(self) -> float:
+        """Standard deviation of y where it was measured."""
+        return float(np.std(self.y[self.valid])) if self.valid.any() else 0.0
+
+    @cached_property
+    def input_spread(self) -> Array:
+        """(n_columns,) standard deviation of each input."""
+        return np.asarray(np.std(self.inputs, axis=1))
+
+    def from_sample(self, first: int, end: int | None = None) -> Piece:
+        """The piece from one sample on (to another)."""
+        if first == 0 and end is None:
+            return self
+        part = slice(first, end)
+        inputs = self.inputs[:, part]
+        inputs = np.ascontiguousarray(inputs - inputs[:, :1])
+        last = self.y.size if end is None else end
+        y, valid, start = self.y[part], self.valid[part], self.start + first * self.h
+        restarts, jumps = (tuple(k - first for k in of if first < k < last) for of in (self.restarts, self.jumps))
+        return replace(self, y=y, valid=valid, inputs=inputs, restarts=restarts, start=start, jumps=jumps)
+
+    @cached_property
+    def starts_at_rest(self) -> bool:
+        """True if no input moves during the first samples and the output does not drift meanwhile."""
+        moved = np.flatnonzero(np.any(self.inputs != 0, axis=0))
+        lead = int(moved[0]) if moved.size else self.y.size
+        y = self.y[:lead][self.valid[:lead]]
+        if lead < QUIET_SAMPLES or y.size < QUIET_SAMPLES:
+            return False
+        early, late = np.array_split(y, 2)
+        spread = np.median(np.abs(np.diff(y))) + np.std(late)
+        return bool(abs(np.median(late) - np.median(early)) <= spread + 1e-9 * np.ptp(self.y))
+
+
+def pieces_of(
+    segments: Sequence[Segment], output: int, held: Sequence[Held] = (), update: int = 1
+) -> tuple[Piece, ...]:
+    """The segments in which this output was measured at all.
+
+    Segments of one experiment on one grid become one piece, so that they share an operating point. `update` is the
+    number of samples for which a historian or instrument holds each PV; pieces then begin with a fresh one, so that
+    every `update`-th sample is fresh.
+    """
+    measured = [segment for segment in segments if np.isfinite(segment.y[:, output]).sum() >= 2]
+    pieces = []
+    for group in _groups(measured):
+        whole, restarts = _joined(group)
+        valid = np.isfinite(whole.y[:, output])
+        inputs = np.column_stack([whole.u, whole.d])
+        inputs = np.ascontiguousarray((inputs - inputs[0]).T)
+        hold = whole.hold + ("linear",) * whole.d.shape[1]
+        y = np.where(valid, whole.y[:, output], 0.0)
+        for element in held:
+            y = y - sampled_response(element.system, inputs[element.column], whole.h, hold[element.column])
+        jumps = whole.jumps[output] if whole.jumps else ()
+        y = np.where(valid, y, 0.0)
+        piece = Piece(whole.experiment, whole.h, y, valid, inputs, hold, restarts, whole.t[0], jumps)
+        pieces.append(piece.from_sample(_first_update(whole.y[:, output], update)))
+    return tuple(pieces)
+
+
+def _groups(segments: Sequence[Segment]) -> list[list[Segment]]:
+    """Segments that can be joined: same experiment, gaps of whole samples and no longer than what they separate."""
+    groups: list[list[Segment]] = []
+    for segment in segments:
+        before = groups[-1][-1] if groups else None
+        if before is not None and before.experiment == segment.experiment and len(groups[-1]) < MOST_JOINED:
+            missing = (segment.t[0] - before.t[-1]) / before.h
+            if 0.5 < missing < max(len(segment), len(before)) and abs(missing - round(missing)) < 0.05:
+                groups[-1].append(segment)
+                continue
+        groups.append([segment])
+    return groups
+
+
+def _joined(group: Sequence[Segment]) -> tuple[Segment, tuple[int, ...]]:
+    """One segment, inputs held and outputs missing in its gaps, and the samples at which the gaps end."""
+    first = group[0]
+    if len(group) == 1:
+        return first, ()
+    starts = [round((segment.t[0] - first.t[0]) / first.h) for segment in group]
+    size = starts[-1] + len(group[-1])
+    index = np.full(size, -1)
+    for k, (start, segment) in enumerate(zip(starts, group, strict=True)):
+        index[start : start + len(segment)] = np.arange(len(segment)) + sum(len(s) for s in group[:k])
+    last = np.maximum.accumulate(index)
+    there = index >= 0
+
+    def laid(name: str, missing: bool = False) -> NDArray[Any]:
+        values = np.concatenate([getattr(segment, name) for segment in group])[last]
+        return np.where(there[:, None], values, np.nan) if missing else values
+
+    whole = replace(
+        first,
+        t=first.t[0] + first.h * np.arange(size),
+        r=laid("r"),
+        u=laid("u"),
+        y=laid("y", missing=True),
+        d=laid("d"),
+        free=laid("free"),
+        jumps=tuple(
+            tuple(
+                k + start
+                for start, segment in zip(starts, group, strict=True)
+                if segment.jumps
+                for k in segment.jumps[i]
+            )
+            for i in range(first.y.shape[1])
+        ),
+    )
+    return whole, tuple(starts[1:])
+
+
+def _first_update(y: Array, update: int) -> int:
+    """The sample, below `update`, from which on every `update`-th one is fresh: where most changes fall."""
+    if update <= 1:
+        return 0
+    changed = np.flatnonzero(np.abs(np.diff(y)) > 0) + 1
+    return int(np.argmax(np.bincount(changed % update, minlength=update)))
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A row of elements over pieces of data, seen at every `stride`-th sample."""
+
+    specs: tuple[Spec, ...]
+    pieces: tuple[Piece, ...]
+    stride: int = 1
+
+    def rests(self, k: int) -> bool:
+        """Does piece k start in steady state, so that it needs no free response?"""
+        return self.pieces[k].starts_at_rest
+
+    @property
+    def slices(self) -> tuple[slice, ...]:
+        ends = np.cumsum([len(s.structure.names) for s in self.specs])
+        return tuple(slice(int(e) - len(s.structure.names), int(e)) for s, e in zip(self.specs, ends, strict=True))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all parameters, in the order of theta."""
+        return tuple(name for spec in self.specs for name in spec.structure.names)
+
+    @property
+    def size(self) -> int:
+        return len(self.names)
+
+    @property
+    def dead(self) -> BoolArray:
+        """(size,) which parameters are dead times."""
+        return np.array([name.startswith("dead") for name in self.names], dtype=bool)
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Bounds of theta; lags far shorter than a sample cannot be told from none and end at a twentieth of one."""
+        pairs = [(np.zeros(0), np.zeros(0)), *(s.structure.bounds() for s in self.specs)]
+        low, high = np.concatenate([low for low, _ in pairs]), np.concatenate([high for _, high in pairs])
+        h = self.pieces[0].h
+        low[[name.startswith("tau") for name in self.names]] = FASTEST_LAG * h
+        high[[name.startswith("omega0") for name in self.names]] = 1 / (FASTEST_LAG * h)
+        return low, high
+
+    def measured(self, k: int) -> tuple[Array, BoolArray]:
+        piece = self.pieces[k]
+        return piece.y[:: self.stride], piece.valid[:: self.stride]
+
+    def without_unseen(self, theta: Array) -> Row:
+        """The row without the outputs that still answer to inputs from before a record that starts in motion.
+
+        What OP did in the last dead time before the record is not in it, and no free response makes up for it.
+        """
+        dead = float(np.max(theta[self.dead], initial=0.0))
+        pieces = []
+        for piece in self.pieces:
+            unseen = int(np.ceil(dead / piece.h)) + 1  # the dead time may turn out a little longer
+            valid = piece.valid.copy()
+            if not piece.starts_at_rest:
+                valid[: min(unseen, piece.y.size // 5)] = False
+            for start in piece.restarts:
+                valid[start : start + min(unseen, piece.y.size // 5)] = False
+            pieces.append(replace(piece, valid=valid, y=np.where(valid, piece.y, 0.0)))
+        return replace(self, pieces=tuple(pieces))
+
+    def response(self, theta: Array, k: int) -> Array:
+        """Simulated output of piece k at the strided samples, from rest."""
+        piece = self.pieces[k]
+        total = np.zeros(-(-piece.y.size // self.stride))
+        for spec, part in zip(self.specs, self.slices, strict=True):
+            u, hold = piece.inputs[spec.column], piece.hold[spec.column]
+            total += spec.structure.response(theta[part], u, piece.h, hold, self.stride)
+        return total
+
+    def response_and_gradient(self, theta: Array, k: int) -> tuple[Array, Array]:
+        """Simulated output (n,) of piece k and its derivative by theta (n, size)."""
+        piece = self.pieces[k]
+        n = len(range(0, piece.y.size, self.stride))
+        total, gradient = np.zeros(n), np.zeros((self.size, n))
+        for spec, part in zip(self.specs, self.slices, strict=True):
+            u, hold = piece.inputs[spec.column], piece.hold[spec.column]
+            for block in spec.structure.gradient_blocks(theta[part]):
+                rows = rows_response(block.num, block.den, block.dead_time, u, piece.h, hold, self.stride)
+                total += rows[0]
+                for index, row in zip(block.index, rows[1:], strict=True):
+                    gradient[part.start + index] += row
+        return total, gradient.T
+
+    def unknown(self, theta: Array, k: int) -> Unknown:
+        """What is linear and not known of piece k: offset, free responses of all modes of an unknown past, jumps."""
+        piece, t = self.pieces[k], self._times(k)
+        starts = ([] if self.rests(k) else [0]) + list(piece.restarts)
+        modes = [mode for start in starts for mode in self._free_responses(theta, piece, t - start * piece.h)]
+        at = np.arange(0, piece.y.size, self.stride)
+        jumps = [(at >= jump).astype(float) for jump in piece.jumps]
+        columns = np.array([np.ones(t.size), *(mode.response for mode in modes), *jumps]).T
+        largest = np.array([piece.spread, *(mode.largest for mode in modes), *(piece.spread for _ in jumps)])
+        return Unknown(columns, largest, tuple(mode.derivatives for mode in modes), self.size)
+
+    def nuisance(self, theta: Array, k: int) -> Array:
+        """Columns (n, n_z) of `unknown`."""
+        return self.unknown(theta, k).columns
+
+    def nuisance_count(self, theta: Array) -> int:
+        """Offsets and free responses over all pieces, which are estimated along."""
+        return sum(self.nuisance(theta, k).shape[1] for k in range(len(self.pieces)))
+
+    def _times(self, k: int) -> Array:
+        piece = self.pieces[k]
+        return np.asarray(piece.h * np.arange(0, piece.y.size, self.stride))
+
+    def _free_responses(self, theta: Array, piece: Piece, since: Array) -> list[Mode]:
+        """Each mode's free response at times since its start; 0 before it."""
+        began = since >= -1e-9 * piece.h
+        clock = np.where(began, since, 0.0)
+        found: list[Mode] = []
+        for spec, part in zip(self.specs, self.slices, strict=True):
+            driven = float(np.sum(np.abs(theta[part][: spec.structure.delayed]))) * piece.input_spread[spec.column]
+            for m, name in enumerate(spec.structure.names):
+                index = part.start + m
+                does = driven * theta[index] if spec.structure.integrators and name.startswith("tau") else driven
+                largest = max(LARGE * does, piece.spread)
+                if name.startswith("tau"):
+                    found.append(lag_mode(theta[index], index, clock, began, largest))
+                elif name.startswith("omega0"):
+                    found += pair_modes(theta[index], theta[index + 1], index, clock, began, largest)
+            if spec.structure.integrators:
+                # At the start OP's operating point is not known; after a gap the level.
+                after_gap = not began.all()
+                level = began.astype(float) if after_gap else clock / max(piece.span, piece.h)
+                found.append(Mode(level, {}, max(driven * piece.span, piece.spread)))
+        return found

@@ -1,0 +1,159 @@
+"""What the tables of a project must say together: every name refers to something, and nothing is said twice."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+from trueplant.errors import FormulaError
+from trueplant.lti import tf
+from trueplant.lti.structure import structure_of
+from trueplant.project.declaration import Declaration
+from trueplant.project.tables import Controller, ModelElement, problem
+
+
+def check_project(project: Declaration) -> None:
+    """Raise the first contradiction found, with the path of its key."""
+    _check_names(project)
+    _check_references(project)
+    _check_experiments(project)
+    check_controllers(project, project.controllers, ())
+    _check_simulation(project)
+    _check_tuning(project)
+
+
+def _check_tuning(project: Declaration) -> None:
+    """Spans and notations that the answer is asked in must exist for every loop."""
+    tuning = project.tuning
+    if tuning is None:
+        return
+    weights = project.robustness
+    if tuning.limits.mu is not None and (weights is None or weights.wI is None or weights.wP is None):
+        raise problem(
+            "needs the weights that it is a limit for: declare wI and wP in [robustness], or leave it out",
+            "tuning",
+            "limits",
+            "mu",
+        )
+    for law in project.controllers:
+        unit = tuning.gain_unit or law.gain_unit
+        i, j = project.input_names.index(law.input), project.output_names.index(law.output)
+        ranges = (project.inputs[i].limits, project.outputs[j].limits)
+        if unit == "percent of span" and None in ranges:
+            text = f"percent of span needs limits of {law.input} and of {law.output}: give them, they are the spans"
+            raise problem(text, "tuning", "gain_unit")
+        if tuning.gain == "proportional band" and unit != "percent of span":
+            raise problem(
+                'a proportional band is in percent of span: add gain_unit = "percent of span"', "tuning", "gain"
+            )
+
+
+def _check_names(project: Declaration) -> None:
+    seen: set[str] = set()
+    for table, names in (
+        ("output", project.output_names),
+        ("input", project.input_names),
+        ("disturbance", project.disturbance_names),
+    ):
+        for k, name in enumerate(names):
+            if name in seen:
+                raise problem(f'"{name}" is there twice: every signal has a name of its own', table, k, "name")
+            seen.add(name)
+    columns = [("output", k, "pv", entry.pv) for k, entry in enumerate(project.outputs)]
+    columns += [("input", k, "op", entry.op) for k, entry in enumerate(project.inputs)]
+    used: set[str] = set()
+    for table, k, key, column in columns:
+        if column in used:
+            raise problem(f'column "{column}" is the PV or OP of another signal already', table, k, key)
+        used.add(column)
+
+
+def _check_references(project: Declaration) -> None:
+    outputs, sources = project.output_names, (*project.input_names, *project.disturbance_names)
+    seen: dict[tuple[str, str], int] = {}
+    for k, element in enumerate(project.model):
+        _known(element.output, outputs, "[[output]]", "model", k, "output")
+        _known(element.input, sources, "[[input]] or [[disturbance]]", "model", k, "input")
+        pair = (element.output, element.input)
+        if pair in seen:
+            text = f"{pair[1]} -> {pair[0]} is declared already as model[{seen[pair] + 1}]: keep one of them"
+            raise problem(text, "model", k)
+        seen[pair] = k
+        _check_element(project, element, ("model", k))
+    for k, entry in enumerate(project.unmeasured):
+        _known(entry.output, outputs, "[[output]]", "unmeasured", k, "output")
+
+
+def _check_element(project: Declaration, element: ModelElement, where: tuple[str | int, ...]) -> None:
+    """An element that is to be estimated has a structure with parameters."""
+    system = tf(element.tf)
+    if not element.estimate or element.structure is not None or system.is_zero:
+        return
+    try:
+        structure_of(system)
+    except FormulaError as error:
+        text = f"{error}; name the structure of the plant's element (structure = ...) or set estimate = false"
+        raise problem(text, *where, "tf") from error
+
+
+def _check_experiments(project: Declaration) -> None:
+    if project.data.files and project.declared_experiments:
+        raise problem("files and [[experiment]] say the same in two ways: keep one of them", "data", "files")
+    files = project.data.files or [entry.file for entry in project.declared_experiments]
+    for k, exclude in enumerate(project.data.exclude):
+        if exclude.file is not None:
+            _known(exclude.file, files, "data.files or [[experiment]]", "data", "exclude", k, "file")
+    for k, experiment in enumerate(project.declared_experiments):
+        for name in experiment.limits:
+            _known(name, project.input_names, "[[input]]", "experiment", k, "limits", name)
+        where = ("experiment", k, "controllers")
+        check_controllers(project, project.overridden(experiment.controllers, where), where)
+
+
+def check_controllers(project: Declaration, controllers: Iterable[Controller], where: tuple[str | int, ...]) -> None:
+    outputs = {entry.name: entry for entry in project.outputs}
+    inputs = {entry.name: entry for entry in project.inputs}
+    seen: set[tuple[str, str]] = set()
+    for k, law in enumerate(controllers):
+        place = where or ("controller", k)
+        _known(law.input, inputs, "[[input]]", *place, "input")
+        _known(law.output, outputs, "[[output]]", *place, "output")
+        if (law.input, law.output) in seen:
+            raise problem(f"a controller from {law.output} to {law.input} is declared already", *place)
+        seen.add((law.input, law.output))
+        if "anti_windup" in law.model_fields_set and law.anti_windup != "none" and inputs[law.input].limits is None:
+            text = f'needs the limits of OP: add limits to the input "{law.input}"'
+            raise problem(text, *place, "anti_windup")
+        if law.gain_unit == "percent of span":
+            for entry, table in ((outputs[law.output], "output"), (inputs[law.input], "input")):
+                if entry.limits is None:
+                    text = f'"percent of span" needs the span: add limits to the {table} "{entry.name}"'
+                    raise problem(text, *place, "gain_unit")
+
+
+def _check_simulation(project: Declaration) -> None:
+    if project.simulate is None:
+        return
+    outputs = project.output_names
+    for k, move in enumerate(project.simulate.setpoints):
+        _known(move.output, outputs, "[[output]]", "simulate", "setpoints", k, "output")
+        if move.time > project.simulate.duration:
+            raise problem("comes after the end (simulate.duration)", "simulate", "setpoints", k, "time")
+    for name in project.simulate.start:
+        _known(name, (*outputs, *project.input_names), "[[output]] or [[input]]", "simulate", "start", name)
+    for key in ("noise", "quantisation"):
+        table = getattr(project.simulate, key)
+        for name in table if isinstance(table, dict) else ():
+            _known(name, outputs, "[[output]]", "simulate", key, name)
+    if isinstance(project.simulate.plant, list):
+        for k, element in enumerate(project.simulate.plant):
+            _known(element.output, outputs, "[[output]]", "simulate", "plant", k, "output")
+            _known(element.input, project.input_names, "[[input]]", "simulate", "plant", k, "input")
+
+
+def _known(name: str, names: Iterable[str], table: str, *where: str | int) -> None:
+    if name not in (known := list(names)):
+        listed = ", ".join(known) if known else "none"
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f'; did you mean "{near[0]}"?' if near else ""
+        raise problem(f'"{name}" is not declared in {table}, which has: {listed}{hint}', *where)

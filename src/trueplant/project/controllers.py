@@ -1,0 +1,113 @@
+"""The declared controllers and columns as the rooms `loop` and `record` take them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from trueplant import loop
+from trueplant.errors import LoopError, ProjectError, SignConflict
+from trueplant.lti import TransferMatrix, parse_pv, tf, to_formula
+from trueplant.project.declaration import Declaration
+from trueplant.project.tables import Controller, Limits
+from trueplant.record.layout import Channel, Layout
+
+_GAINS = ("Kc", "Ti", "Td", "alpha", "Kp", "Ki", "Kd", "Tf")
+
+
+def controller_of(
+    project: Declaration, laws: Sequence[Controller], limits: Sequence[Limits | None]
+) -> loop.Controller | None:
+    """The laws as one controller, (n_u, n_y); ``limits`` are those of OP, one for each input."""
+    if not laws:
+        return None
+    entries = {}
+    for law in laws:
+        j, i = project.output_names.index(law.output), project.input_names.index(law.input)
+        try:
+            entries[i, j] = _entry(project, law, j, i, limits[i])
+        except LoopError as error:
+            raise ProjectError(f"{project.source}: controller from {law.output} to {law.input}: {error}") from error
+    return loop.Controller(entries, len(project.inputs), len(project.outputs))
+
+
+def check_signs(
+    project: Declaration, laws: Sequence[Controller], plant: TransferMatrix, controller: loop.Controller
+) -> None:
+    """`check_loop`, whose SignConflict names the signals, their columns and the keys to change."""
+    try:
+        loop.check_loop(plant, controller)
+    except SignConflict as error:
+        i, j = error.place
+        output, input_ = project.outputs[j], project.inputs[i]
+        law = next(law for law in laws if (law.input, law.output) == (input_.name, output.name))
+        own, its = ("positive", "negative") if controller.entries[i, j].sign > 0 else ("negative", "positive")
+        key = next(key for key in ("tf", "Kc", "Kp", "Ki", "Kd") if getattr(law, key))
+        change = 'remove its action = "direct"' if law.action == "direct" else 'set its action = "direct"'
+        raise SignConflict(
+            f"{project.source}: the loop of output {output.name} (PV {output.pv}) and input {input_.name} "
+            f"(OP {input_.op}) feeds back positively: its [[controller]] has a {own} gain "
+            f'({key} = {getattr(law, key)}, action = "{law.action or "reverse"}"), its [[model]] a {its} one '
+            f"({to_formula(plant[j, i])}), and in u = Q (r - y) both need the same sign. If the model is right, "
+            f"{change}, or change the sign of {key}; if it is not, change the sign in its tf",
+            error.place,
+        ) from None
+
+
+def _entry(project: Declaration, law: Controller, j: int, i: int, limits: Limits | None) -> loop.PID | loop.Linear:
+    ranges = (project.inputs[i].limits, project.outputs[j].limits)
+    spans = [None if limit is None else limit[1] - limit[0] for limit in ranges]
+    if law.tf is not None:
+        factor = -1.0 if law.action == "direct" else 1.0
+        if law.gain_unit == "percent of span":
+            factor *= (spans[0] or 0.0) / (spans[1] or 1.0)
+        return loop.Linear(tf(law.tf) * factor, sample_time=law.sample_time, limits=limits)
+    gains = {key: getattr(law, key) for key in _GAINS if getattr(law, key) is not None}
+    if law.kind == "parallel":
+        gains.setdefault("Kp", 0.0)
+    return loop.PID(
+        form=law.kind,
+        **gains,
+        action=law.action,
+        gain_unit=law.gain_unit,
+        op_span=spans[0],
+        pv_span=spans[1],
+        setpoint_weight=law.setpoint_weight,
+        setpoint_filter=None if law.setpoint_filter is None else tf(law.setpoint_filter),
+        derivative_on=law.derivative_on,
+        sample_time=law.sample_time,
+        anti_windup="none" if limits is None else law.anti_windup,
+        limits=limits,
+        pv_transform=None if law.pv_transform is None else parse_pv(law.pv_transform),
+    )
+
+
+def layout_of(project: Declaration) -> Layout:
+    """Which column is what, and how time is written."""
+    data = project.data
+    return Layout(
+        outputs=tuple(Channel(e.name, e.pv, sp=e.sp, unit=e.unit, limits=e.limits) for e in project.outputs),
+        inputs=tuple(
+            Channel(
+                e.name,
+                e.op,
+                unit=e.unit,
+                limits=e.limits,
+                mode=e.mode,
+                hold=e.hold,
+                slave_sp=e.slave_sp,
+                slave_pv=e.slave_pv,
+                automatic_values=tuple(e.automatic_values) or Channel.automatic_values,
+            )
+            for e in project.inputs
+        ),
+        disturbances=tuple(Channel(e.name, e.column, unit=e.unit) for e in project.disturbances),
+        time=data.time,
+        time_unit=data.time_unit or project.time_unit,
+        project_time_unit=project.time_unit,
+        time_zone=data.time_zone,
+        separator=data.separator,
+        sheet=data.sheet,
+        tag=data.tag,
+        value=data.value,
+        quality=data.quality,
+    )

@@ -1,0 +1,149 @@
+"""What a project declares: its tables, the names in them, and what each experiment changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, PrivateAttr, ValidationError
+
+from trueplant.lti import tf
+from trueplant.project.messages import message
+from trueplant.project.tables import (
+    Analysis,
+    Controller,
+    Data,
+    Disturbance,
+    Exclude,
+    Experiment,
+    Input,
+    Limits,
+    ModelElement,
+    Output,
+    Robustness,
+    Simulate,
+    Table,
+    TimeUnit,
+    Tuning,
+    Unmeasured,
+    problem,
+)
+
+
+@dataclass(frozen=True)
+class ExperimentPlan:
+    """One experiment with everything that the project says about it put together."""
+
+    name: str
+    """The file as the project names it."""
+    closed: bool
+    exclude: tuple[Exclude, ...]
+    limits: tuple[Limits | None, ...]
+    """Of OP, one for each input."""
+    controllers: tuple[Controller, ...]
+    folder: Path
+
+    @property
+    def path(self) -> Path:
+        """Where the file is; an example record is fetched if it is not at hand (SourceError where it cannot be)."""
+        if self.name.startswith("dataset:"):
+            from trueplant import datasets
+
+            return datasets.path(self.name.removeprefix("dataset:"))
+        return self.folder / self.name
+
+
+class Declaration(Table):
+    """The tables of a project file, and what can be said of them alone."""
+
+    time_unit: TimeUnit
+    data: Data = Data()
+    declared_experiments: list[Experiment] = Field(default_factory=list, alias="experiment")
+    outputs: list[Output] = Field(min_length=1, alias="output")
+    inputs: list[Input] = Field(min_length=1, alias="input")
+    disturbances: list[Disturbance] = Field(default_factory=list, alias="disturbance")
+    unmeasured: list[Unmeasured] = Field(default_factory=list)
+    model: list[ModelElement] = Field(default_factory=list)
+    controllers: list[Controller] = Field(default_factory=list, alias="controller")
+    analysis: Analysis = Analysis()
+    robustness: Robustness | None = None
+    tuning: Tuning | None = None
+    simulate: Simulate | None = None
+
+    _folder: Path = PrivateAttr(default=Path())
+    _source: str = PrivateAttr(default="project")
+    _sha256: str = PrivateAttr(default="")
+
+    @property
+    def source(self) -> str:
+        """The file that the project was read from."""
+        return self._source
+
+    @property
+    def folder(self) -> Path:
+        """Relative paths start here."""
+        return self._folder
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        return tuple(entry.name for entry in self.outputs)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        return tuple(entry.name for entry in self.inputs)
+
+    @property
+    def disturbance_names(self) -> tuple[str, ...]:
+        return tuple(entry.name for entry in self.disturbances)
+
+    @property
+    def experiments(self) -> tuple[ExperimentPlan, ...]:
+        """One plan a file, in order."""
+        entries = self.declared_experiments or [Experiment(file=name) for name in self.data.files]
+        return tuple(
+            ExperimentPlan(
+                name=entry.file,
+                closed=entry.loop == "closed",
+                exclude=tuple(e for e in self.data.exclude if e.file in (None, entry.file)),
+                limits=tuple(entry.limits.get(i.name, i.limits) for i in self.inputs),
+                controllers=self.overridden(entry.controllers, ()) if entry.controllers else tuple(self.controllers),
+                folder=self._folder,
+            )
+            for entry in entries
+        )
+
+    def element(self, i: int, j: int) -> ModelElement | None:
+        """The declared element from input j to output i; j counts the inputs, then the measured disturbances."""
+        pair = (self.output_names[i], (*self.input_names, *self.disturbance_names)[j])
+        return next((e for e in self.model if (e.output, e.input) == pair), None)
+
+    def estimate(self, i: int, j: int) -> bool:
+        """Whether element i, j is to be estimated: not if it is kept, and not if it is zero without a structure."""
+        element = self.element(i, j)
+        if element is None or not element.estimate:
+            return False
+        return element.structure is not None or not tf(element.tf).is_zero
+
+    def structure(self, i: int, j: int) -> str | None:
+        """The declared structure of element i, j; None where it is the model's own."""
+        element = self.element(i, j)
+        return None if element is None else element.structure
+
+    def overridden(self, changes: list[dict[str, Any]], where: tuple[str | int, ...]) -> tuple[Controller, ...]:
+        """The controllers with the changes of one experiment put in."""
+        laws = [law.model_dump(by_alias=True, exclude_unset=True) for law in self.controllers]
+        for k, change in enumerate(changes):
+            keys = [key for key in ("input", "output") if key in change]
+            matching = [law for law in laws if keys and all(law[key] == change[key] for key in keys)]
+            if len(matching) != 1:
+                found = "no [[controller]]" if not matching else "more than one [[controller]]"
+                text = f"fits {found}: say input (and output) of the one that differs"
+                raise problem(text, *where, k)
+            matching[0].update(change)
+        try:
+            merged = tuple(Controller.model_validate(law) for law in laws)
+        except ValidationError as error:
+            # the declared controllers are sound, so the mistake is in what this experiment changes
+            raise problem(message(error, Controller, "the controller with this change"), *where) from None
+        return merged

@@ -1,0 +1,94 @@
+"""The parts of what tracking returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from trueplant.result.element import Interval, Parameter
+
+
+@dataclass(frozen=True)
+class WindowElement:
+    """One element in one window, judged against the declared model."""
+
+    input: str
+    verdict: str
+    """ "changed", "unchanged" or "not identifiable"; familywise over the elements of this output in this window."""
+    p_adjusted: float | None
+    parameters: tuple[Parameter, ...]
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of the record of one output: fitted, or refused with the reason. Times on the common axis."""
+
+    output: str
+    experiment: str
+    start: float
+    end: float
+    status: str
+    """ "ok" or "refused"."""
+    reason: str = ""
+    elements: tuple[WindowElement, ...] = ()
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A parameter before and after a change (at the two ends of a drift)."""
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    std_error: float
+    """Of after - before."""
+    ci: Interval
+    """Of after - before."""
+    change_percent: float | None
+    """Of the value before."""
+    p_adjusted: float
+    changed: bool
+
+
+@dataclass(frozen=True)
+class Change:
+    """One element that changed, and since when."""
+
+    output: str
+    input: str
+    kind: str
+    """ "step", "drift", or "undecided" between the two."""
+    time: float | None
+    """Of a step: when PV began to follow the new parameters."""
+    interval: Interval
+    """In which a step lies at the confidence asked for; of a drift the whole stretch."""
+    p_adjusted: float
+    parameters: tuple[Moved, ...]
+
+
+@dataclass(frozen=True)
+class TrackedElement:
+    """The history of one element in a word."""
+
+    output: str
+    input: str
+    history: str
+    """ "constant", "step", "drift", "undecided", or "not identifiable"."""
+    p_adjusted: float | None
+    windows: int
+    """Windows that its history rests on."""
+    scatter: float
+    """Factor on the standard errors that the scatter of the windows asked for; 1 if none."""
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class TrackedExperiment:
+    """Where a record lies on the common time axis."""
+
+    name: str
+    offset: float
+    """Added to the record's own time."""
+    start: str | None
+    """Time stamp of the record's time 0."""
+    span: Interval

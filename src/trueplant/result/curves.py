@@ -1,0 +1,136 @@
+"""What is drawn of an analysis, as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.result.element import Interval
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """One experiment for the report; arrays time first."""
+
+    name: str
+    t: Array
+    r: Array
+    y: Array
+    u: Array
+    model: Array
+    """(N, n_y) simulated output of the model, driven by the recorded OP, with its offset fitted."""
+    plant: Array
+    """(N, n_y) the same for the estimated plant."""
+    excluded: tuple[tuple[float, float, str, str], ...]
+    """(from, to, signal, reason)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Prediction errors of one output, and the tests on them."""
+
+    output: str
+    t: Array
+    e: Array
+    lags: NDArray[np.integer[Any]]
+    acf: Array
+    acf_bound: float
+    ccf: Mapping[str, Array]
+    """Cross-correlation with each input at `ccf_lags`."""
+    ccf_lags: NDArray[np.integer[Any]]
+    ccf_bound: float
+
+
+@dataclass(frozen=True, eq=False)
+class MuCurves:
+    """Nominal performance, robust stability and robust performance of today's loop over frequency."""
+
+    system: str
+    """"model" and "plant" under the declared uncertainty, "estimate" for the plant under that of its parameters."""
+    w: Array
+    """(n_w,) rad per time unit; the first stands for the limit towards 0."""
+    bounds: Mapping[str, Array]
+    """By test, "NP", "RS", "RP": (n_w, 2) lower and upper bound."""
+    peaks: Mapping[str, Interval]
+    """By test: frequency (0 for the limit towards 0) and upper bound."""
+
+
+@dataclass(frozen=True, eq=False)
+class CoherenceCurves:
+    """What of each output the set-points (or OP) explain over frequency."""
+
+    w: Array
+    multiple: Array
+    """(n_w, n_y) between 0 and 1."""
+    level: float
+    """What noise alone exceeds at a share `significance` of the frequencies."""
+    significance: float
+    setpoints: bool
+
+
+@dataclass(frozen=True, eq=False)
+class RetuningCurves:
+    """One loop before and after retuning, on the plant as estimated, the other loops closed likewise.
+
+    All tables are by "before" and "after"; (n_t, 3): low, value, high over plants drawn from the estimate.
+    """
+
+    input: str
+    output: str
+    method: str
+    t: Array
+    setpoint: Mapping[str, Array]
+    """PV after a unit step of the set-point."""
+    load: Mapping[str, Array]
+    """PV after a unit step at the plant's input."""
+    op_setpoint: Mapping[str, Array]
+    op_load: Mapping[str, Array]
+    replay_t: Array
+    replay: Mapping[str, Array]
+    """Control error r - y (n,) under the disturbance recovered from the record; also "record", as it was. Empty where
+    no stretch of the record allows it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """What is drawn. Everything here can be recomputed from the data and result.json."""
+
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    output_units: tuple[str, ...]
+    input_units: tuple[str, ...]
+    time_unit: str
+    step_t: Array
+    step_model: Array
+    """(n_t, n_y, n_u)."""
+    step_plant: Array
+    step_low: Array
+    step_high: Array
+    w: Array
+    bode_model: ComplexArray
+    """(n_w, n_y, n_u); w in rad per time unit."""
+    bode_plant: ComplexArray
+    bode_std: Array
+    """(n_w, n_y, n_u) standard error of |G| relative to |G| (also of the phase, in rad)."""
+    band: tuple[tuple[Interval | None, ...], ...]
+    """[n_y][n_u]: the frequencies in which the data speak, or None."""
+    np_w: Array
+    np_value: ComplexArray
+    """(n_w2, n_y, n_u) non-parametric estimate; NaN where there is none."""
+    np_std: Array
+    np_label: str
+    trends: tuple[Trend, ...]
+    residuals: tuple[Residuals, ...]
+    condition_w: Array
+    condition: Array
+    """Condition number of the set-points' (or inputs') excitation at `condition_w`."""
+    mu: tuple[MuCurves, ...] = ()
+    retuning: tuple[RetuningCurves, ...] = ()
+    coherence: CoherenceCurves | None = None

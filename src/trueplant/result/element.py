@@ -1,0 +1,52 @@
+"""One element of the plant: its parameters beside the model's, its verdict, what its change does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of one element: the model's value, the plant's, and how sure that is."""
+
+    name: str
+    unit: str
+    model: float | None
+    plant: float | None
+    std_error: float | None
+    ci: Interval | None
+    change_percent: float | None
+    """Of the model's value."""
+    p_value: float | None
+    p_adjusted: float | None
+    changed: bool
+    reason: str = ""
+    """Why it is not answered, when `plant` is None."""
+
+
+@dataclass(frozen=True)
+class Importance:
+    """What the change does: peak of sigma_max of Delta_ij in Q Shat ("loop"), or relative change ("open loop")."""
+
+    value: float | None
+    basis: str
+
+
+@dataclass(frozen=True)
+class Element:
+    output: str
+    input: str
+    structure: str
+    tf_model: str
+    tf_plant: str | None
+    tf_mismatch: str | None
+    parameters: tuple[Parameter, ...]
+    verdict: str
+    """"unchanged", "changed" or "not identifiable"."""
+    reason: str
+    p_adjusted: float | None
+    importance: Importance
+    grade: str
+    """A..D, defined in docs/verdicts.md."""

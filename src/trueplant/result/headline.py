@@ -1,0 +1,125 @@
+"""The verdict of an analysis in a sentence or two."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from trueplant.result.element import Element, Parameter
+from trueplant.result.numbers import counted, number, sentence, spoken
+from trueplant.result.outcome import Outcome
+
+_PHRASES = {
+    "gain": "a gain",
+    "slope": "a slope",
+    "tau": "a time constant",
+    "lead": "a lead time",
+    "dead_time": "a dead time",
+    "omega0": "a natural frequency",
+    "zeta": "a damping ratio",
+}
+
+
+def headline(result: Outcome) -> str:
+    """The verdict first, in a sentence or two for the person at the panel."""
+    if result.status == "refused":
+        why = result.reasons[0].message if result.reasons else "the data do not say enough"
+        more = len(result.reasons) - 1
+        rest = f" ({more} more reason{'s' if more > 1 else ''} in the result)" if more > 0 else ""
+        return f"No answer can be given: {sentence(why)}{rest}"
+    changed = sorted((e for e in result.elements if e.verdict == "changed"), key=_weight)
+    open_ones = [e for e in result.elements if e.verdict == "not identifiable"]
+    kept = len(result.elements) - len(changed) - len(open_ones)
+    if changed:
+        text = f"The plant has changed: {_what_changed(changed[0])}."
+        if len(changed) > 1:
+            text += f" {_also(changed[1:])}"
+        if kept:
+            text += f" {counted(kept, 'element')} with no change found."
+    elif kept:
+        whole = "" if open_ones else "all " if kept > 1 else ""
+        where = f"{whole}{counted(kept, 'element')}" if kept > 1 or open_ones else _arrow(result.elements[0])
+        text = f"No change was found in {where}{_hidden([e for e in result.elements if e.verdict == 'unchanged'])}."
+        settings = result.provenance.get("settings", {})
+        tolerance, level = settings.get("tolerance_percent"), 1 - settings.get("confidence", 0.95)
+        p_values = [p.p_adjusted for e in result.elements for p in e.parameters if p.p_adjusted is not None]
+        if tolerance and min(p_values, default=1.0) < level:
+            text += f" Differences beyond chance are there, but none above the tolerance of {tolerance:g} %."
+    else:
+        text = "No verdict is possible: none of the elements can be told from these data."
+    if open_ones and (changed or kept):
+        text += f" {counted(len(open_ones), 'element')} could not be judged ({', '.join(map(_arrow, open_ones[:3]))}"
+        text += f" and {len(open_ones) - 3} more)." if len(open_ones) > 3 else ")."
+    return text
+
+
+def _hidden(elements: Sequence[Element]) -> str:
+    """How large a change of a gain could be without being found."""
+    gains = [p for e in elements for p in e.parameters if p.name.startswith("gain") and p.model and p.ci is not None]
+    reach = [100 * max(abs(end - p.model) for end in p.ci or ()) / abs(p.model) for p in gains if p.model]
+    if not reach or not math.isfinite(max(reach)):
+        return ""
+    return f"; a change of a gain by {max(reach):.2g} % would still fit these data"
+
+
+def _weight(element: Element) -> tuple[float, float]:
+    importance = element.importance.value
+    return -(importance if importance is not None and math.isfinite(importance) else 0.0), element.p_adjusted or 0.0
+
+
+def _arrow(element: Element) -> str:
+    return f"{spoken(element.input)} -> {spoken(element.output)}"
+
+
+def _what_changed(element: Element) -> str:
+    moved = [p for p in element.parameters if p.changed and p.plant is not None]
+    where = _arrow(element)
+    if element.tf_model.strip() in ("0", "0.0", ""):
+        known = [p for p in element.parameters if p.plant is not None]
+        values = ", ".join(f"{_phrase(p, known)} of {_quantity(p.plant, p.unit)}" for p in known)
+        return f"{where} responds with {values}, where the model has no response" if values else f"{where} responds"
+    if not moved:
+        return f"{where} differs from the model as a whole, though no single parameter does for certain"
+    clauses = []
+    for parameter in moved:
+        clause = f"{_phrase(parameter, element.parameters)} of {_quantity(parameter.plant, parameter.unit)}"
+        if parameter.model is not None:
+            clause += f", not {_quantity(parameter.model, parameter.unit)}"
+            if parameter.change_percent is not None and math.isfinite(parameter.change_percent):
+                clause += f" ({parameter.change_percent:+.0f} %)"
+        clauses.append(clause)
+    return f"{where} responds with {_listed(clauses)}"
+
+
+def _listed(clauses: Sequence[str]) -> str:
+    return clauses[0] if len(clauses) == 1 else f"{'; '.join(clauses[:-1])}; and {clauses[-1]}"
+
+
+def _also(elements: Sequence[Element]) -> str:
+    named = [f"{_arrow(e)} ({_short(e)})" for e in elements[:3]]
+    rest = f" and {len(elements) - 3} more" if len(elements) > 3 else ""
+    return f"Changed too: {', '.join(named)}{rest}."
+
+
+def _short(element: Element) -> str:
+    if element.tf_model.strip() in ("0", "0.0", ""):
+        return "not in the model"
+    parts = []
+    for p in element.parameters:
+        if p.changed and p.plant is not None:
+            told = p.change_percent is not None and math.isfinite(p.change_percent)
+            size = f"{p.change_percent:+.0f} %" if told else f"{number(p.plant)} {p.unit}".strip()
+            parts.append(f"{p.name.replace('_', ' ')} {size}")
+    return ", ".join(parts) or "as a whole"
+
+
+def _phrase(parameter: Parameter, parameters: Sequence[Parameter]) -> str:
+    base = parameter.name.rstrip("0123456789") if parameter.name != "omega0" else "omega0"
+    alike = [p for p in parameters if p.name.rstrip("0123456789") == base]
+    phrase = _PHRASES.get(base, f"a {parameter.name}")
+    ordinal = {"1": "first", "2": "second", "3": "third"}.get(parameter.name[-1])
+    return phrase.replace("a ", f"a {ordinal} ", 1) if len(alike) > 1 and ordinal else phrase
+
+
+def _quantity(value: float | None, unit: str) -> str:
+    return f"{number(value)} {unit}".rstrip()

@@ -1,0 +1,48 @@
+"""Numbers, names and sentences as a person reads them."""
+
+from __future__ import annotations
+
+import math
+
+
+def spoken(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def counted(n: int, word: str, plural: str = "s") -> str:
+    return f"{n} {word}{plural if n != 1 else ''}"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Three significant digits, without an exponent where it can be helped."""
+    if value is None or not math.isfinite(value):
+        return "unknown"
+    if value == 0:
+        return "0"
+    if not 1e-4 <= abs(value) < 1e6:
+        return f"{value:.{digits - 1}e}"
+    decimals = digits - 1 - math.floor(math.log10(abs(value)))
+    return f"{value:.{max(decimals, 0)}f}"
+
+
+def value_with_interval(value: float, ci: tuple[float, float]) -> str:
+    """``0.917 ± 0.012`` with half of the interval, or ``0.917, 0.90 to 0.95`` where it is lopsided."""
+    if not all(map(math.isfinite, ci)):
+        if math.isfinite(ci[0]) or math.isfinite(ci[1]):
+            known = f"at least {number(ci[0])}" if math.isfinite(ci[0]) else f"at most {number(ci[1])}"
+        else:
+            known = "no limit known"
+        return f"{number(value)}, {known}"
+    below, above = value - ci[0], ci[1] - value
+    half = (below + above) / 2
+    if not half > 0 or half > 1e6 * max(abs(value), 1e-300):
+        return f"{number(value)}, {number(ci[0])} to {number(ci[1])}"
+    decimals = min(max(1 - math.floor(math.log10(half)), 0), 12)
+    if abs(above - below) > 0.4 * half:
+        return f"{value:.{decimals}f}, {ci[0]:.{decimals}f} to {ci[1]:.{decimals}f}"
+    return f"{value:.{decimals}f} ± {half:.{decimals}f}"
+
+
+def sentence(text: str) -> str:
+    text = text.strip()
+    return text if text.endswith((".", "!", "?")) else f"{text}."

@@ -1,0 +1,48 @@
+"""A plan of moves in words."""
+
+from __future__ import annotations
+
+from trueplant.record.times import unit_seconds
+from trueplant.result.numbers import number, spoken
+from trueplant.result.plans import MoreData
+
+
+def plan_sentence(unit: str, plan: MoreData) -> str:
+    """What to move, for how long, and what the worst known parameter would then be known to; `unit` is that of time."""
+    assert plan.length is not None  # a plan with moves has one
+    closed = plan.moves[0].signal != "OP"
+    parts = [
+        f"{'the set-point' if closed else 'OP'} of {spoken(m.name)} by ±{_plain(m.size)}"
+        f"{' ' + m.unit if m.unit else ''} every {_plain(m.every)} {unit}"
+        for m in plan.moves
+    ]
+    worst = max(plan.settles, key=lambda s: (s.now is None, (s.now or 0.0) / s.wanted))
+    name = "time constant" if worst.parameter.startswith("tau") else spoken(worst.parameter)
+    known = f"±{number(worst.then, 2)}{' ' + worst.unit if worst.unit else ''}"
+    text = f"move {' and '.join(parts)} for {_duration(plan.length, unit)}: "
+    text += f"the {name} of {spoken(worst.input)} -> {spoken(worst.output)} would then be known to {known}"
+    if worst.now is not None:
+        text += f" (now ±{number(worst.now, 2)})"
+    others = len(plan.settles) - 1
+    if plan.suffices and others:
+        text += f", and {others} other open parameter{'s' if others > 1 else ''} well enough too"
+    if not plan.suffices:
+        text += ". That is still not what is asked for, but longer or larger moves were not looked at"
+    if plan.limited_by:
+        text += f" ({plan.limited_by} limits the size)"
+    if not closed:
+        text += ". With the loop in manual; declare the controller to have set-point moves planned instead"
+    return text
+
+
+def _plain(value: float) -> str:
+    return f"{value:.6g}"
+
+
+def _duration(length: float, unit: str) -> str:
+    """In the project's unit, or in hours or days where that reads better."""
+    seconds = length * unit_seconds(unit)
+    for size, name in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2 * size and size > unit_seconds(unit):
+            return f"{number(seconds / size, 2)} {name}"
+    return f"{_plain(length)} {unit}"

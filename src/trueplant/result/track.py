@@ -1,0 +1,40 @@
+"""What tracking returns: frozen data and its JSON form, track.json (schema 1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from trueplant.result.changes import Change, TrackedElement, TrackedExperiment, Window
+from trueplant.result.document import document
+from trueplant.result.reason import Reason
+from trueplant.result.track_words import headline
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The outcome of tracking. `to_dict` is track.json (schema 1)."""
+
+    status: str
+    """ "ok", or "refused" if no window could be fitted."""
+    reasons: tuple[Reason, ...]
+    notes: tuple[Reason, ...]
+    provenance: Mapping[str, Any]
+    time_unit: str
+    experiments: tuple[TrackedExperiment, ...]
+    elements: tuple[TrackedElement, ...] = ()
+    changes: tuple[Change, ...] = ()
+    windows: tuple[Window, ...] = ()
+
+    @property
+    def headline(self) -> str:
+        """What changed and since when, in a sentence or two."""
+        return headline(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """track.json as plain Python; numbers that are not finite become None."""
+        return document(self)
+
+    def __repr__(self) -> str:
+        return f"Track({self.status}: {self.headline})"

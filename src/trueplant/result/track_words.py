@@ -1,0 +1,86 @@
+"""A track in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from trueplant.result.changes import Change, Moved, TrackedElement, Window
+from trueplant.result.numbers import counted, number, spoken
+from trueplant.result.reason import Reason
+
+
+class Tracked(Protocol):
+    """The parts of a `Track` that its words speak of."""
+
+    @property
+    def status(self) -> str: ...
+    @property
+    def reasons(self) -> tuple[Reason, ...]: ...
+    @property
+    def time_unit(self) -> str: ...
+    @property
+    def elements(self) -> tuple[TrackedElement, ...]: ...
+    @property
+    def changes(self) -> tuple[Change, ...]: ...
+    @property
+    def windows(self) -> tuple[Window, ...]: ...
+
+
+def headline(track: Tracked) -> str:
+    """What changed and since when, in a sentence or two for the person at the panel."""
+    if track.status == "refused":
+        why = track.reasons[0].message if track.reasons else "the data do not say enough"
+        return f"Nothing can be followed: {why.rstrip('.')}."
+    text = " ".join(change_sentence(change, track.time_unit) for change in track.changes[:3])
+    if len(track.changes) > 3:
+        text += f" {len(track.changes) - 3} more changes were found."
+    steady = [e for e in track.elements if e.history == "constant"]
+    unknown = [e for e in track.elements if e.history == "not identifiable"]
+    if not track.changes and steady:
+        count = f"all {len(steady)} elements" if len(steady) > 1 and not unknown else counted(len(steady), "element")
+        text = f"No change over time was found in {count}."
+    elif steady:
+        text += f" {counted(len(steady), 'element')} without a change."
+    if unknown:
+        text += f" {counted(len(unknown), 'element')} cannot be followed in this record."
+    return text.strip()
+
+
+def change_sentence(change: Change, unit: str) -> str:
+    """Such as: reflux -> top temperature changed in a step at 412 min (401 to 420): gain 3.2 -> 4.1 (+28 %)."""
+    where = f"{spoken(change.input)} -> {spoken(change.output)}"
+    low, high = map(time_text, change.interval)
+    moved = ", ".join(moved_words(p) for p in change.parameters if p.changed)
+    if change.kind == "step":
+        return f"{where} changed in a step at {time_text(change.time)} {unit} (between {low} and {high}): {moved}."
+    if change.kind == "drift":
+        return f"{where} drifted from {low} to {high} {unit}: {moved}."
+    return f"{where} changed between {low} and {high} {unit}, in a step or little by little (not told apart): {moved}."
+
+
+def time_text(time: float | None) -> str:
+    """A time with six significant digits, whole numbers in full."""
+    return "unknown" if time is None else f"{time:.0f}" if abs(time) >= 1e5 else f"{time:.6g}"
+
+
+def moved_words(p: Moved) -> str:
+    percent = "" if p.change_percent is None else f" ({p.change_percent:+.0f} %)"
+    unit = f" {p.unit}" if p.unit else ""
+    return f"{spoken(p.name)} {number(p.before)} -> {number(p.after)}{unit}{percent}"
+
+
+def refused_stretches(track: Tracked) -> list[tuple[str, str, str, str]]:
+    """(outputs, experiment, from ... to ..., reason) of the refused windows: what was refused alike put together."""
+    outputs: dict[tuple[str, str, float, float], list[str]] = {}
+    for w in sorted((w for w in track.windows if w.status == "refused"), key=lambda w: (w.experiment, w.start, w.end)):
+        outputs.setdefault((w.experiment, w.reason, w.start, w.end), []).append(w.output)
+    spans: dict[tuple[str, str, str], list[str]] = {}
+    for (experiment, reason, start, end), names in outputs.items():
+        place = (_listed(names), experiment, reason)
+        spans.setdefault(place, []).append(f"{time_text(start)} to {time_text(end)}")
+    return [(names, experiment, ", ".join(when), reason) for (names, experiment, reason), when in spans.items()]
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(spoken(name) for name in names)

@@ -1,0 +1,237 @@
+"""Cascades: does the slave loop do what the master asks, in the band in which the master works?
+
+The plant from OP includes the slave. Where its response T from its set-point to its measurement is about 1, OP is what
+reached the plant. Elsewhere the slave's lag is in the plant, and a change of the slave looks like one of the plant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import LoopError, Refused, UnstableLoop
+from trueplant.lti import TransferMatrix
+from trueplant.mismatch import FrequencyResponse, hold_response, local_response
+from trueplant.record import Record, Segment
+from trueplant.result import Reason
+from trueplant.robust import margins
+from trueplant.study.study import Study
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+FOLLOWS = 0.25
+"""Largest |T - 1| that counts as about 1: a slave with a lag of a quarter of the master's 1/w_c."""
+KNOWN = 0.25
+"""Standard error of T beyond which a frequency says nothing of that."""
+PLATEAU = 10
+"""Samples for which a slave has to stay at a level to count as held there."""
+HELD = 0.02
+"""Share of such samples from which it is said."""
+STUCK = 0.05
+"""Share of samples at which a slave stands still while its set-point moves, from which it is said to stick."""
+WORKING = 0.9
+"""Share of the power of the slave's set-point below the band's end, where no controller says how fast the master is."""
+OWN_SETPOINT = 0.1
+"""Share of the slave's set-point that OP may leave unexplained."""
+
+
+def check_cascades(study: Study, plant: TransferMatrix) -> list[dict[str, Any]]:
+    """One entry for each usable experiment and input with slave signals, as in result.json.
+
+    `plant` (n_y, n_u + n_d) gives the master's bandwidth.
+    """
+    entries = []
+    for k, screened in enumerate(study.screened):
+        record = screened.record
+        if screened.refusal is not None or record.slave_sp is None or record.slave_pv is None:
+            continue
+        for j, named in enumerate(study.project.inputs):
+            if named.slave_sp is not None:
+                name = study.project.experiments[k].name
+                segments = _segments(record, screened.segments, j)
+                entry = {"experiment": name, "input": named.name}
+                entries.append(entry | _checked(study, k, j, plant, segments))
+    return entries
+
+
+def cascade_notes(entries: Sequence[Mapping[str, Any]]) -> list[Reason]:
+    """What the reader has to know of the slaves."""
+    return [Reason("cascade", str(e["message"]), f"{e['experiment']}, {e['input']}") for e in entries]
+
+
+def _segments(record: Record, segments: Sequence[Segment], j: int) -> list[Segment]:
+    """The slave's set-point and measurement as input and output of segments of their own; OP goes along as r."""
+    assert record.slave_sp is not None
+    assert record.slave_pv is not None
+    found = []
+    for segment in segments:
+        index = np.searchsorted(record.t, segment.t + 0.25 * segment.h, side="right") - 1
+        sp, pv = record.slave_sp[np.maximum(index, 0), j], record.slave_pv[np.maximum(index, 0), j]
+        known = np.isfinite(sp)
+        if known.mean() < 0.9 or not known[0]:
+            continue
+        sp = sp[np.maximum.accumulate(np.where(known, np.arange(sp.size), 0))]
+        column = np.ones((sp.size, 1), dtype=bool)
+        found.append(
+            replace(
+                segment,
+                r=segment.u[:, j : j + 1],
+                u=sp[:, None],
+                y=pv[:, None],
+                d=np.zeros((sp.size, 0)),
+                free=column,
+                hold=(segment.hold[j],),
+                jumps=(),
+            )
+        )
+    return found
+
+
+def _checked(study: Study, k: int, j: int, plant: TransferMatrix, segments: list[Segment]) -> dict[str, Any]:
+    nothing: dict[str, Any] = {"follows": None, "band": None, "basis": "", "deviation": None, "at": None}
+    nothing |= {"gain": None, "lag": None, "held_share": None, "stuck_share": None}
+    if not segments:
+        return nothing | {"message": "the slave's set-point is missing: whether the slave follows cannot be told"}
+    try:
+        response = local_response(segments, "direct")
+    except Refused as error:
+        return nothing | {"message": f"whether the slave follows its set-point cannot be told: {error}"}
+    top, basis = _bandwidth(study, k, j, plant, segments)
+    unit = study.project.time_unit
+    inside = response.w <= max(top, response.w[response.points - 1])
+    T, std = response.value[:, 0, 0], response.std[:, 0, 0] / np.abs(hold_response(response.w, response.h))
+    known = inside & (std < KNOWN)
+    (high, low), stuck = _held(segments), _stuck(segments)
+    entry = nothing | {"band": [float(response.w[0]), float(top)], "basis": basis}
+    entry |= {"held_share": high + low, "stuck_share": stuck}
+    if known.sum() < max(1, inside.sum() // 2):
+        return entry | {"message": "the slave's set-point moves too little to tell whether the slave follows it"}
+    deviation = _deviation(response, T)
+    clear = np.where(known, deviation - 2 * std, -np.inf)
+    worst = int(np.argmax(np.where(known, deviation, -np.inf)))
+    weight = known * response.w**2 / np.maximum(std, 1e-12) ** 2
+    lag = float(np.sum(weight * -np.angle(T) / response.w) / np.sum(weight))
+    gain = float(np.abs(T[int(np.argmax(known))]))
+    entry |= {"deviation": float(deviation[worst]), "at": float(response.w[worst]), "gain": gain, "lag": lag}
+    follows = bool(np.max(clear) <= FOLLOWS) and high + low < HELD and stuck < STUCK
+    band = f"up to {top:.3g} rad/{unit} ({basis})"
+    text = "" if _asked(segments) else "its set-point is not OP (in other units): was the slave in cascade mode? "
+    if follows:
+        text += f"the slave follows its set-point {band}: T differs from 1 by at most {deviation[worst]:.2g}"
+    else:
+        why = _why(entry, high, low, unit)
+        text += f"the slave does not follow its set-point {band}, where T should be about 1: {why}"
+    return entry | {"follows": follows, "message": text}
+
+
+def _why(entry: Mapping[str, Any], high: float, low: float, unit: str) -> str:
+    if high + low >= HELD:
+        end = "both ends" if min(high, low) >= HELD / 4 else "its upper end" if high > low else "its lower end"
+        return (
+            f"it is at {end} for {100 * (high + low):.2g} % of the record while more is asked of it. OP did not reach "
+            "the plant then: the gain found is too small and is no property of the plant. Leave these stretches out"
+        )
+    if abs(entry["gain"] - 1) > FOLLOWS:
+        return (
+            f"at low frequency it does {entry['gain']:.2g} of what is asked. A slave without integral action, another "
+            "span or a valve that sticks or is closed would do that; the gains found include it"
+        )
+    if entry["deviation"] > FOLLOWS and entry["lag"] * entry["at"] > FOLLOWS / 2:
+        return (
+            f"it is too slow, with a lag of about {entry['lag']:.2g} {unit}. The plant seen from OP includes that lag: "
+            "tuning the slave will look like a change of the plant, and the master cannot be tuned without it"
+        )
+    if entry["stuck_share"] >= STUCK:
+        share = 100 * entry["stuck_share"]
+        return (
+            f"it sticks: it stands still for {share:.2g} % of the record while its set-point moves. OP is not "
+            "what reached the plant then: take the slave's measurement for OP (op = ...), or mend the valve"
+        )
+    return (
+        f"T is off by {entry['deviation']:.2g} at {entry['at']:.2g} rad/{unit}, and neither lag nor gain explains it: "
+        "the slave rings, perhaps. The plant seen from OP includes that"
+    )
+
+
+def _deviation(response: FrequencyResponse, T: NDArray[np.complexfloating[Any, Any]]) -> Array:
+    """|T - 1| (n_w,), the phase counted beyond half a sample: what happens between samples is not in the record."""
+    phase = np.maximum(np.abs(np.angle(T)) - response.w * response.h / 2, 0.0)
+    return np.asarray(np.abs(np.abs(T) * np.exp(1j * phase) - 1))
+
+
+def _bandwidth(study: Study, k: int, j: int, plant: TransferMatrix, segments: Sequence[Segment]) -> tuple[float, str]:
+    """Where the master's loop gain is 1, on plant or model; without one where its OP has most of its power."""
+    law = study.records.linear[k]
+    if law is not None and any(i == j for i, _ in law.entries):
+        crossovers = []
+        for matrix in (plant, study.model):
+            inputs = matrix.columns(0, study.n_u)
+            # a slave that does nothing may have left the loop, or the plant as estimated, without a crossover
+            with suppress(UnstableLoop, LoopError):
+                crossovers.append(margins(inputs, law, j).phase_margin_frequency)
+        if np.isfinite(crossovers).any():
+            return float(np.nanmax(crossovers)), "where the master's loop gain is 1"
+    longest = max(segments, key=len)
+    power = np.abs(np.fft.rfft(longest.u[:, 0] - longest.u[:, 0].mean())) ** 2
+    below = np.searchsorted(np.cumsum(power) / np.sum(power), WORKING)
+    return float(2 * np.pi * max(int(below), 1) / (len(longest) * longest.h)), "where OP moves"
+
+
+def _asked(segments: Sequence[Segment]) -> bool:
+    """Is the slave's set-point OP, but for units?"""
+    sp, op = np.concatenate([s.u[:, 0] for s in segments]), np.concatenate([s.r[:, 0] for s in segments])
+    if np.ptp(op) == 0 or np.ptp(sp) == 0:
+        return True
+    # one scan later is still the same signal
+    return bool(max(np.corrcoef(sp, op)[0, 1] ** 2, np.corrcoef(sp[1:], op[:-1])[0, 1] ** 2) > 1 - OWN_SETPOINT)
+
+
+def _held(segments: Sequence[Segment]) -> tuple[float, float]:
+    """Share of samples at which the slave stays at its highest, and at its lowest level, while more is asked of it."""
+    sp, pv = np.concatenate([s.u[:, 0] for s in segments]), np.concatenate([s.y[:, 0] for s in segments])
+    good = np.isfinite(pv)
+    if good.sum() < PLATEAU:
+        return 0.0, 0.0
+    noise = _noise(pv[good])
+    near = 0.02 * float(np.ptp(sp)) + 3 * noise
+    return _share(sp, pv, near), _share(-sp, -pv, near)
+
+
+def _stuck(segments: Sequence[Segment]) -> float:
+    """Share of samples with a slave that stood still, but for its noise, while its set-point moved clearly."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    still, size = 0, 0
+    for segment in segments:
+        good = np.isfinite(segment.y[:, 0])
+        sp, pv = segment.u[good, 0], segment.y[good, 0]
+        if sp.size < PLATEAU:
+            continue
+        span = float(np.ptp(sp))
+        flat = max(1e-3 * span, 4 * _noise(pv))
+        stuck = np.zeros(sp.size, dtype=bool)
+        for window in (PLATEAU, 3 * PLATEAU, 10 * PLATEAU):
+            moved, stood = (maximum_filter1d(x, window) - minimum_filter1d(x, window) for x in (sp, pv))
+            stuck |= (moved > max(0.02 * span, 5 * flat)) & (stood < flat)
+        still, size = still + int(np.sum(stuck)), size + sp.size
+    return still / max(size, 1)
+
+
+def _noise(pv: Array) -> float:
+    """Standard deviation of white noise, which the jumps of a valve that sticks do not inflate."""
+    return float(1.48 * np.median(np.abs(np.diff(pv, 2))) / np.sqrt(6))
+
+
+def _share(sp: Array, pv: Array, near: float) -> float:
+    """Of stretches in which pv stays at its highest level although sp, above it, moves by more than pv does."""
+    level = float(np.nanmax(pv))
+    held = (sp > level + near) & (np.nan_to_num(pv, nan=-np.inf) > level - 2 * near)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(int), [0]])))
+    stretches = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= PLATEAU]
+    return float(sum(b - a for a, b in stretches if np.ptp(sp[a:b]) > 5 * near) / pv.size)

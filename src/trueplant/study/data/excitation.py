@@ -1,0 +1,218 @@
+"""Can these data answer at all? Closed-loop records without a set-point change cannot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.stats import chi2
+
+from trueplant.record import Segment
+from trueplant.result import Reason
+from trueplant.study.data.setpoints import unexplained
+from trueplant.study.study import Study
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+SIGNIFICANT = 1e-3
+"""Of the answer of PV to set-points, for a record to count as excited at all."""
+FILLED_IN = 0.3
+"""Share of a signal that its historian may fill in before the reader is told that the estimate suffers. Half of it
+does not show yet in simulated Wood-Berry records, two thirds are a bias (benchmarks/bench_compression.py)."""
+BANK, OWN_PAST, LARGEST = 6, 10, 20_000
+"""Lags tried, samples of PV's own past, samples looked at."""
+
+
+def why_not_informative(study: Study) -> list[Reason]:
+    """Reasons with the code "no-excitation" if no experiment excites the plant; else what limits the answer."""
+    segments = study.segments
+    if not segments:
+        return []
+    each = zip(segments, study.computed_alone, strict=True)
+    if any(excited(segment, study.computed | alone) for segment, alone in each):
+        return []
+    closed = [segment for segment in segments if segment.closed]
+    if not closed:
+        return [Reason("no-excitation", "no input moves in these data: record a stretch in which OP is moved")]
+    if all(not np.isfinite(segment.r).any() for segment in closed):
+        return [
+            Reason(
+                "no-excitation",
+                "no set-point was recorded. Without it nothing tells the plant from the controller's inverse, however "
+                "well a model fits: add the set-point columns (sp = ...), or an experiment in open loop",
+            )
+        ]
+    moved = np.any([_moving(segment) for segment in closed], axis=0)
+    computed = _computed_somewhere(study)
+    if moved.any() and not (moved & ~computed).any():
+        return [
+            Reason(
+                "no-excitation",
+                f"{_follow(study, computed)}, so that nothing moves the loop from outside. What PV then does shows the "
+                "controllers as much as the plant: use a record in which someone moved the set-points, the master's in "
+                "a cascade",
+            )
+        ]
+    if moved.any():
+        return [
+            Reason(
+                "no-excitation",
+                "the set-points move too little: what PV does after their changes cannot be told from what "
+                "disturbances do to it anyway, and in closed loop these show the controller (-1/Q) as much as the "
+                "plant. Use a record with larger or more set-point changes",
+            )
+        ]
+    return [
+        Reason(
+            "no-excitation",
+            "no set-point changes in these data. In closed loop a model that fits them may be the inverse of the "
+            "controller (-1/Q) instead of the plant: use a record in which the set-points were moved",
+        )
+    ]
+
+
+def unmoved_outputs(study: Study) -> list[int]:
+    """Outputs that show nothing of what moves from outside, where some set-points are computed from the PVs."""
+    segments = study.segments
+    computed = _computed_somewhere(study)
+    if not computed.any():
+        return []
+    every = range(segments[0].y.shape[1])
+    return [i for i in every if not any(excited(replace(s, y=s.y[:, [i]]), computed) for s in segments)]
+
+
+def excited(segment: Segment, computed: BoolArray) -> bool:
+    """Does something moved from outside (set-points, in open loop OP) show in some PV beyond chance?
+
+    `computed` (n_y,) is True for a set-point that does not move from outside.
+    """
+    sources = segment.r[:, np.isfinite(segment.r).all(axis=0) & ~computed] if segment.closed else segment.u
+    sources = sources[:, np.ptp(sources, axis=0) > 0]
+    if sources.shape[1] == 0:
+        return False
+    p = [_answer_p(segment.y[:, i], sources) for i in range(segment.y.shape[1])]
+    return min(p) * len(p) < SIGNIFICANT
+
+
+def _answer_p(y: Array, sources: Array) -> float:
+    """p-value that y, given its own past, does not answer to the sources through any of a bank of lags."""
+    good = np.isfinite(y)
+    if good.sum() < 10 or np.ptp(y[good]) == 0:
+        return 1.0
+    step = max(1, y.size // LARGEST)
+    filled = np.interp(np.arange(y.size), np.flatnonzero(good), y[good])[::step]
+    x = (sources - sources[0])[::step]
+    n, order = filled.size, min(OWN_PAST, filled.size // 10)
+    poles = np.exp(-1 / np.geomspace(2.0, max(n / 10, 4.0), BANK))
+    bank = np.column_stack([lfilter([0.0, 1 - a], [1.0, -a], x, axis=0) for a in poles])[order:]
+    past = np.column_stack([filled[order - k : n - k] for k in range(1, order + 1)] + [np.ones(n - order)])
+    now = filled[order:]
+
+    def power(columns: Array) -> float:
+        return float(np.sum(unexplained(now, columns, rcond=1e-10) ** 2))
+
+    full = np.hstack([past, bank])
+    left = max(n - order - full.shape[1], 1)
+    own = power(past)
+    if own <= 1e-20 * float(np.sum(now**2)):
+        return 0.0  # free of noise
+    ratio = left * np.log(own / max(power(full), 1e-300))
+    return float(chi2.sf(max(ratio, 0.0), bank.shape[1]))
+
+
+def _moving(segment: Segment) -> BoolArray:
+    """(n_y,) True for a set-point that was recorded throughout and changes."""
+    moving: BoolArray = np.isfinite(segment.r).all(axis=0) & (np.ptp(segment.r, axis=0) > 0)
+    return moving
+
+
+def _computed_somewhere(study: Study) -> BoolArray:
+    """(n_y,) True for a set-point that is computed from PV in all segments together or in one of them."""
+    found: BoolArray = np.any([study.computed, *study.computed_alone], axis=0)
+    return found
+
+
+def _follow(study: Study, computed: BoolArray) -> str:
+    """Says which set-points are computed from PV."""
+    names = [name for name, one in zip(study.project.output_names, computed, strict=True) if one]
+    one = len(names) == 1
+    return (
+        f"the set-point{'' if one else 's'} of {', '.join(names)} follow{'s' if one else ''} PV: "
+        f"{'it is' if one else 'they are'} computed from it (by a master controller, or SP tracks PV)"
+    )
+
+
+def setpoint_moves(segment: Segment) -> Array:
+    """(m, n_y) changes of the set-points from one sample to the next, where any changes."""
+    r = segment.r[:, np.isfinite(segment.r).all(axis=0)]
+    if r.size == 0:
+        return np.zeros((0, 0))
+    steps = np.diff(r, axis=0)
+    moves: Array = steps[np.any(np.abs(steps) > 1e-9 * (1 + np.abs(r[1:])), axis=1)]
+    return moves
+
+
+def setpoint_rank_note(study: Study) -> list[Reason]:
+    """Said where a set-point does not move from outside, or the set-points cannot be told from each other."""
+    computed = _computed_somewhere(study)
+    if computed.any():
+        return [
+            Reason(
+                "setpoint-computed",
+                f"{_follow(study, computed)}, at least in a part of the data. That moves nothing from outside: the "
+                "answer rests on what else does",
+            )
+        ]
+    closed = [segment for segment in study.segments if segment.closed]
+    if not closed or len(closed) < len(study.segments):
+        return []
+    moves = [m for m in map(setpoint_moves, closed) if m.size]
+    n_y = closed[0].r.shape[1]
+    if not moves or n_y < 2 or len({m.shape[1] for m in moves}) > 1:
+        return []
+    stacked = np.vstack(moves)
+    size = np.linalg.norm(stacked, axis=0)
+    still = [study.project.output_names[k] for k in range(stacked.shape[1]) if size[k] == 0]
+    if still:
+        return [
+            Reason(
+                "setpoint-still",
+                f"the set-point of {', '.join(still)} never moves: the inputs move only as the loops let them, and "
+                "the intervals are as wide as that makes them; move every set-point for a sharper answer",
+            )
+        ]
+    values = np.linalg.svd(stacked / size, compute_uv=False)
+    if values[-1] < 1e-3 * values[0]:
+        return [
+            Reason(
+                "setpoint-rank",
+                "the set-points always move in the same proportion, so the closed form (17)-(20) cannot be used: "
+                "one direction of the plant is seen only through the dynamics of the loops",
+            )
+        ]
+    return []
+
+
+def compression_notes(study: Study) -> list[Reason]:
+    """Said where a historian left little of a signal that is used all the same."""
+    notes = []
+    for s in study.screened:
+        if s.refusal is not None:
+            continue
+        share = {f.signal: 1 - f.value for f in s.findings if f.kind == "compressed" and f.value is not None}
+        told = {name: part for name, part in share.items() if part > FILLED_IN}
+        if told:
+            named = ", ".join(f"{name} ({100 * part:.2g} %)" for name, part in told.items())
+            notes.append(
+                Reason(
+                    "compressed",
+                    f"a historian stored only part of {named} and filled in the share in brackets on straight lines: "
+                    "gains, time constants and above all dead times may be off by more than their intervals say, and a "
+                    "change that is small against them may be the historian's. Export the record without compression",
+                    s.record.name,
+                )
+            )
+    return notes

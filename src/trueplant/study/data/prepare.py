@@ -1,0 +1,141 @@
+"""From a project to what the analysis works on: records read and screened, the elements to estimate laid down."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import ProjectError, UnstableLoop
+from trueplant.identify import Spec
+from trueplant.identify.search import lag_of
+from trueplant.lti import TransferFunction, TransferMatrix
+from trueplant.lti.structure import Structure, structure_of
+from trueplant.project import Project
+from trueplant.project.controllers import check_signs
+from trueplant.record import Record, Screened, read_record, screen
+from trueplant.record.times import unit_seconds
+from trueplant.result import Reason
+from trueplant.study.data.scan import hidden_dynamics, written_between
+from trueplant.study.data.setpoints import computed_setpoints
+from trueplant.study.study import Progress, Records, Study, quiet
+
+Array = NDArray[np.float64]
+
+
+def prepare(project: Project, say: Progress = quiet) -> Study:
+    """Read and screen every record, and lay down what is to be estimated.
+
+    Raises ProjectError for a project that names no data or nothing to estimate, and what the readers raise.
+    """
+    if not project.experiments:
+        raise ProjectError(f"{project.source}: names no data: set data.files or add [[experiment]]")
+    records = Records.of(project, _screened(project, say))
+    model = _full_model(project)
+    specs = {
+        (i, j): _spec(project, model[i, j], i, j)
+        for i in range(model.shape[0])
+        for j in range(model.shape[1])
+        if project.estimate(i, j)
+    }
+    if not specs:
+        raise ProjectError(f"{project.source}: no [[model]] element is to be estimated: declare at least one")
+    return Study(
+        records,
+        model,
+        specs,
+        computed=computed_setpoints(records.segments),
+        computed_alone=tuple(computed_setpoints([segment]) for segment in records.segments),
+        hidden=hidden_dynamics(records),
+        between=written_between(records),
+        notes=_check_loop(records, model),
+    )
+
+
+def _screened(project: Project, say: Progress) -> tuple[Screened, ...]:
+    layout = project.layout()
+    found = []
+    for k, plan in enumerate(project.experiments):
+        record = read_record(plan.path, layout, name=plan.name, closed=plan.closed)
+        limits = {name: lim for name, lim in zip(project.input_names, plan.limits, strict=True) if lim is not None}
+        spans = [(_moment(e.start, record, project), _moment(e.end, record, project)) for e in plan.exclude]
+        say(f"screening {plan.name}")
+        found.append(screen(record, layout, experiment=k, exclude=spans, limits=limits))
+    return tuple(found)
+
+
+def _check_loop(records: Records, model: TransferMatrix) -> tuple[Reason, ...]:
+    """A controller whose action fights the model's gain is a mistake in the project, and raises SignConflict.
+
+    A loop that only the model says is unstable is remarkable, but the plant may well have drifted that far.
+    """
+    notes = []
+    project = records.project
+    plant = model.columns(0, len(project.inputs))
+    for plan, law in zip(project.experiments, records.linear, strict=True):
+        if law is None or not plan.closed:
+            continue
+        try:
+            check_signs(project, plan.controllers, plant, law)
+        except UnstableLoop as error:
+            notes.append(Reason("unstable-model", str(error), plan.name))
+    return tuple(notes)
+
+
+def _full_model(project: Project) -> TransferMatrix:
+    model, disturbances = project.model_matrix(), project.disturbance_matrix()
+    if disturbances is None:
+        return model
+    rows = zip(model.elements, disturbances.elements, strict=True)
+    return TransferMatrix(tuple((*a, *b) for a, b in rows), model.time_unit)
+
+
+def _moment(moment: float | datetime, record: Record, project: Project) -> float:
+    """A point of time of an excluded stretch in the record's own time."""
+    unit = unit_seconds(project.time_unit)
+    if not isinstance(moment, datetime):
+        return moment * unit_seconds(project.data.time_unit or project.time_unit) / unit
+    if record.start is None:
+        raise ProjectError(
+            f"{project.source}: data.exclude names a timestamp, but {record.name} has numbers for its time"
+        )
+    start = record.start
+    if start.tzinfo is None or moment.tzinfo is None:
+        start, moment = start.replace(tzinfo=None), moment.replace(tzinfo=None)
+    return (moment - start).total_seconds() / unit
+
+
+def _spec(project: Project, system: TransferFunction, i: int, j: int) -> Spec:
+    """What the plant's element may be, and where its parameters start: the model's own as far as they go."""
+    declared = project.structure(i, j)
+    own, values = (None, np.zeros(0)) if system.is_zero else structure_of(system)
+    structure = own if declared is None else Structure.parse(declared)
+    assert structure is not None  # the project has checked that a zero element names a structure
+    if own is None:
+        return Spec(j, structure, None)
+    return Spec(j, structure, translated(own, values, structure))
+
+
+def translated(own: Structure, values: Array, wanted: Structure) -> tuple[float, ...]:
+    """Parameters of one structure as a start for another: shared names keep their values, new lags are short."""
+    known = dict(zip(own.names, values, strict=True))
+    first = {"gain": known.get("gain", known.get("gain1", known.get("slope", 1.0)))}
+    lag = lag_of(own.names, values) or known.get("dead_time", 1.0) or 1.0
+    start = []
+    for name in wanted.names:
+        if name in known:
+            start.append(float(known[name]))
+        elif name.startswith(("gain", "slope")):
+            start.append(float(first["gain"]) if name in ("gain", "gain1", "slope") else 0.0)
+        elif name.startswith("tau"):
+            start.append(lag / (1 if own.lags == 0 and name == "tau1" else 10 * int(name[3:])))
+        elif name.startswith("lead"):
+            start.append(lag / 10)
+        elif name.startswith("omega0"):
+            start.append(1 / lag)
+        elif name.startswith("zeta"):
+            start.append(0.7)
+        else:
+            start.append(float(known.get("dead_time", known.get("dead_time1", 0.0))))
+    return tuple(start)

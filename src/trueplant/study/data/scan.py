@@ -1,0 +1,79 @@
+"""Controllers that scan faster than the record: what they do between two samples is not in the data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+from trueplant.identify import OutputEstimate
+from trueplant.project.tables import Controller
+from trueplant.study.data.op_law import written_from_samples
+from trueplant.study.study import Records
+
+EXACT = 5e-4
+"""Share of OP's movement that rounding apart is left where OP was written from the recorded samples: a law that also
+acts in between leaves little more, as most of what it answers to shows in the next sample."""
+FASTER = (
+    "the controller scans faster than the record, and its derivative action answers noise between the samples: "
+    "export the record at the controller's scan"
+)
+UNDECLARED = (
+    "no controller that scans as the record does can have written OP, and derivative action answers noise between the "
+    "samples: declare the controller's scan (sample_time), or export the record faster"
+)
+
+
+def faster_scan(records: Records) -> bool:
+    """Does a declared controller write OP more often than it was recorded?"""
+    return any(_faster(records, law) for _, law in _closed_laws(records))
+
+
+def written_between(records: Records) -> bool:
+    """Is OP written more often than it was recorded: declared so, or shown by an OP that no law at the record's own
+    samples can have written?"""
+    if faster_scan(records):
+        return True
+    for k, plan in enumerate(records.project.experiments if records.segments else ()):
+        if plan.closed:
+            declared = {records.project.input_names.index(law.input): law.sample_time for law in plan.controllers}
+            for j in range(len(records.project.inputs)):
+                if declared.get(j) is None and not written_from_samples(records, k, j, EXACT):
+                    return True
+    return False
+
+
+def hidden_dynamics(records: Records) -> dict[int, str]:
+    """The outputs with derivative action that turns noise of PV into OP between the samples, and what to do.
+
+    What the controller then does within a sample looks like a plant without dead time, and no residual shows it.
+    """
+    project = records.project
+    hidden: dict[int, str] = {}
+    for k, law in _closed_laws(records):
+        i, j = project.output_names.index(law.output), project.input_names.index(law.input)
+        if not (law.Td or law.Kd):
+            continue
+        if _faster(records, law):
+            hidden[i] = FASTER
+        elif law.sample_time is None and not written_from_samples(records, k, j):
+            hidden.setdefault(i, UNDECLARED)
+    return hidden
+
+
+def without_hidden_dynamics(hidden: Mapping[int, str], i: int, found: OutputEstimate) -> OutputEstimate:
+    """The estimate of output i without the dynamics that the record cannot tell."""
+    if i not in hidden:
+        return found
+    moved = {k: hidden[i] for k, n in enumerate(found.row.names) if not n.startswith(("gain", "slope"))}
+    return replace(found, order_dependence=moved | found.order_dependence)
+
+
+def _closed_laws(records: Records) -> Iterator[tuple[int, Controller]]:
+    """The declared laws with the closed experiments that they wrote; none if there are no data."""
+    for k, plan in enumerate(records.project.experiments if records.segments else ()):
+        for law in plan.controllers if plan.closed else ():
+            yield k, law
+
+
+def _faster(records: Records, law: Controller) -> bool:
+    return law.sample_time is not None and law.sample_time < 0.99 * records.segments[0].h

@@ -1,0 +1,1 @@
+"""The moves that would settle what is open."""

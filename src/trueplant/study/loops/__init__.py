@@ -1,0 +1,1 @@
+"""What the plant means for today's loops, and better settings."""

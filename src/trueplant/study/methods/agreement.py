@@ -1,0 +1,138 @@
+"""What a method answered beside the direct fit: its rows in result.json, and whether the two agree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from trueplant.identify import OutputEstimate, Spec, unanswered
+from trueplant.mismatch import FrequencyResponse
+from trueplant.result.numbers import number
+from trueplant.study.study import Place, Study
+
+Array = NDArray[np.float64]
+
+HOPELESS = 0.5
+"""Relative standard error of a gain beyond which a method has nothing to say of the element."""
+MOST_NAMED = 4
+"""Parameters that a disagreement names."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimated:
+    """Parameters and covariance of the elements that a method answered."""
+
+    parameters: Mapping[tuple[int, int], Array]
+    covariance: Mapping[tuple[int, int], Array]
+    response: FrequencyResponse | None = None
+
+    def hopeless(self, place: tuple[int, int]) -> bool:
+        return bool(np.sqrt(self.covariance[place][0, 0]) > HOPELESS * abs(self.parameters[place][0]))
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """One parameter by the fit and by another method, and the p-value that both estimate the same."""
+
+    output: int
+    column: int
+    label: str
+    fit: float
+    other: float
+    p: float
+
+
+def rows_of(study: Study, specs: Mapping[Place, Spec], answer: Estimated) -> list[dict[str, Any]]:
+    """The elements that a method answered, as in result.json."""
+    z = norm.ppf(0.5 + study.project.analysis.confidence / 2)
+    rows = []
+    for (i, j), p in sorted(answer.parameters.items()):
+        structure = specs[i, j].structure
+        if answer.hopeless((i, j)):
+            continue
+        order = structure.sorted(p)
+        errors = np.sqrt(np.diag(answer.covariance[i, j]))
+        rows.append(
+            {
+                "output": study.project.output_names[i],
+                "input": study.columns[j],
+                "parameters": [
+                    _parameter(name, float(p[k]), float(errors[k]), z)
+                    for name, k in zip(structure.names, order, strict=True)
+                ],
+            }
+        )
+    return rows
+
+
+def _parameter(name: str, value: float, error: float, z: float) -> dict[str, Any]:
+    """As in result.json; without an error where the method gives none."""
+    known = bool(np.isfinite(error))
+    interval = (value - z * error, value + z * error) if known else None
+    return {"name": name, "plant": value, "std_error": error if known else None, "ci": interval}
+
+
+def disagreements(
+    study: Study,
+    estimates: Mapping[int, OutputEstimate],
+    found: Mapping[str, Estimated],
+    remarks: Mapping[str, Sequence[str]],
+) -> dict[str, str]:
+    """For each method that can be compared: where it and the fit differ beyond both their uncertainties, if they do.
+
+    The text is empty where they agree. To one that need not agree the remark that says why is added.
+    """
+    level = 1 - study.project.analysis.confidence
+    said = {}
+    for name, answer in found.items():
+        compared = _differences(estimates, answer)
+        clear = [one for one in compared if one.p * len(compared) < level]
+        if compared:
+            said[name] = _disagreement(study, name, clear, remarks.get(name, ())) if clear else ""
+    return said
+
+
+def in_sentences(said: Mapping[str, str]) -> tuple[str, ...]:
+    """One sentence for all that agree with the fit, then those of the others (as `disagreements` has them)."""
+    agree = [name for name, apart in said.items() if not apart]
+    apart = tuple(sentence for sentence in said.values() if sentence)
+    if not agree:
+        return apart
+    *others, last = agree
+    who = f"{', '.join(others)} and {last} agree" if others else f"{last} agrees"
+    return (f"{who} with the fit within their uncertainties", *apart)
+
+
+def _differences(estimates: Mapping[int, OutputEstimate], answer: Estimated) -> list[_Difference]:
+    """Every parameter that both the fit and the method answer."""
+    found = []
+    for i, estimate in estimates.items():
+        open_ones = unanswered(estimate)
+        for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
+            place = (i, spec.column)
+            if place not in answer.parameters or answer.hopeless(place):
+                continue
+            theta, variance = estimate.theta[part], np.diag(estimate.covariance)[part]
+            other, other_variance = answer.parameters[place], np.diag(answer.covariance[place])
+            for k, label in enumerate(spec.structure.names):
+                if part.start + k in open_ones or not np.isfinite(other_variance[k]):
+                    continue
+                z = abs(theta[k] - other[k]) / np.sqrt(variance[k] + other_variance[k])
+                found.append(_Difference(*place, label, float(theta[k]), float(other[k]), float(2 * norm.sf(z))))
+    return found
+
+
+def _disagreement(study: Study, name: str, clear: Sequence[_Difference], remarks: Sequence[str]) -> str:
+    named = "; ".join(
+        f"{one.label.replace('_', ' ')} of {study.columns[one.column]} -> {study.project.output_names[one.output]}: "
+        f"{number(one.fit)} by the fit, {number(one.other)} by {name}"
+        for one in clear[:MOST_NAMED]
+    )
+    more = f" and {len(clear) - MOST_NAMED} more" if len(clear) > MOST_NAMED else ""
+    known = "".join(f" ({remark})" for remark in remarks if "biase" in remark)
+    return f"{name} and the fit disagree beyond their uncertainties: {named}{more}{known}"

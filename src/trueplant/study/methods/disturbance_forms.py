@@ -1,0 +1,71 @@
+"""The fit and (17) with the declared unmeasured disturbance estimated along, as methods beside the direct fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.errors import Refused, TrueplantError
+from trueplant.mismatch import fit_locally
+from trueplant.record import Segment
+from trueplant.study.methods.agreement import Estimated
+from trueplant.study.methods.paper_forms import problem, why_not
+from trueplant.study.plant.disturbance import Disturbed, acts_alike, without_measured, without_unmeasured
+from trueplant.study.plant.identified import Identified
+from trueplant.study.study import Study
+
+Array = NDArray[np.float64]
+
+WITH_FIT = "fit with disturbance estimate"
+WITH_CLOSED_FORM = "closed-form with disturbance estimate"
+
+
+def answers_with_disturbance(
+    study: Study, identified: Identified, disturbed: Disturbed, segments: Sequence[Segment]
+) -> tuple[dict[str, Estimated], dict[str, str]]:
+    """What those two answer, and why one does not; `disturbed` was recovered in these `segments`."""
+    wanted = study.project.analysis.method
+    if wanted not in ("auto", "all", "direct", "closed-form"):
+        return {}, {}
+    fit = _of_fits(disturbed)
+    answers = {} if wanted == "closed-form" else {WITH_FIT: fit}
+    why = "" if wanted == "direct" else why_not(study, identified.segments, "closed-form", taken_along=True)
+    if why is None:
+        try:
+            answers[WITH_CLOSED_FORM] = _closed_form(study, identified, disturbed, fit.covariance, segments)
+        except (TrueplantError, np.linalg.LinAlgError) as error:
+            why = str(error)
+    return answers, {WITH_CLOSED_FORM: why} if why else {}
+
+
+def _of_fits(disturbed: Disturbed) -> Estimated:
+    parameters, covariance = {}, {}
+    for i, fit in disturbed.fits.items():
+        for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
+            parameters[i, spec.column] = fit.theta[part]
+            covariance[i, spec.column] = fit.covariance[part, part]
+    return Estimated(parameters, covariance)
+
+
+def _closed_form(
+    study: Study,
+    identified: Identified,
+    disturbed: Disturbed,
+    of_fits: Mapping[tuple[int, int], Array],
+    segments: Sequence[Segment],
+) -> Estimated:
+    """(17) on closed-loop segments from which the recovered disturbance is taken off."""
+    model, structures, controller = problem(study, identified, [s for s in segments if s.closed])
+    if controller is not None and not acts_alike(controller):
+        raise Refused(
+            "a controller acts otherwise on its set-point than on PV: what v does to the loop is not told by r - v"
+        )
+    cleaned = [s for s in without_unmeasured(disturbed, segments, controller) if s.closed]
+    cleaned = without_measured(study, cleaned, disturbed.plant, controller)
+    local = fit_locally(cleaned, structures, model, "closed-form", controller)
+    # At the frequencies that the disturbance could have made, the answer is that of the fit which told them apart, and
+    # no surer than it.
+    wider = {place: c + of_fits.get(place, 0.0) for place, c in local.covariance.items()}
+    return Estimated(local.parameters, wider, local.response)

@@ -1,0 +1,142 @@
+"""The mismatch expression on records: joint form, (17), response to OP and averages over periods, where they apply."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from trueplant.errors import Refused, TrueplantError
+from trueplant.identify import paper_route
+from trueplant.loop import Controller
+from trueplant.lti import Structure, TransferMatrix
+from trueplant.mismatch import fit_locally, period_of
+from trueplant.record import Segment
+from trueplant.study.methods.agreement import Estimated
+from trueplant.study.plant.disturbance import declared_parts, without_measured
+from trueplant.study.plant.identified import Identified
+from trueplant.study.study import Study
+
+FORMS = ("joint", "closed-form", "open-loop response", "periodic")
+LARGEST = 200_000
+"""Longer segments are left to the fit."""
+MOST_BOUND = 0.05
+"""Share of a record with OP at a limit beyond which the loop does not count as linear."""
+
+
+def short_segments(segments: Iterable[Segment]) -> list[Segment]:
+    """The segments that are not left to the fit alone."""
+    return [s for s in segments if len(s) <= LARGEST]
+
+
+def answer_of(study: Study, identified: Identified, name: str, plant: TransferMatrix) -> Estimated:
+    """What one of FORMS answers; `plant` (n_y, n_u + n_d) tells what measured disturbances did.
+
+    (17) is read from averages over periods where local polynomials cannot tell. Raises TrueplantError or LinAlgError
+    where the records do not tell.
+    """
+    closed = _in_closed_loop(identified.segments, name)
+    segments = _segments(identified.segments, closed)
+    model, structures, controller = problem(study, identified, segments)
+    segments = without_measured(study, segments, plant, controller if closed else None)
+    law = controller if name == "closed-form" else None
+    form = ("joint" if name == "periodic" else name) if closed else "direct"
+    try:
+        fit = fit_locally(segments, structures, model, form, law, periodic=name == "periodic")
+    except Refused:
+        if name != "closed-form" or not _repeat(segments, closed):
+            raise
+        fit = fit_locally(segments, structures, model, form, law, periodic=True)
+    return Estimated(fit.parameters, fit.covariance, fit.response)
+
+
+def why_not(study: Study, every: Sequence[Segment], name: str, taken_along: bool = False) -> str | None:
+    """Why one of FORMS does not apply to these data; an empty text where it has no business at all.
+
+    `taken_along`: declared unmeasured disturbances are estimated along, and taken off the records first.
+    """
+    closed = _in_closed_loop(every, name)
+    segments = _segments(every, closed)
+    if not segments:
+        return ""
+    if name == "periodic" and study.project.analysis.method != name and not _repeat(segments, closed):
+        return ""
+    if not taken_along and (reason := not_stationary(study)):
+        return reason
+    bound = max(float(1 - segment.free.all(axis=1).mean()) for segment in segments) if closed else 0.0
+    at_limit = f"OP was at a limit or in manual for {100 * bound:.2g} % of a record"
+    if bound > MOST_BOUND:
+        return f"{at_limit}: the loop is not linear from set-point to OP, and set-points cannot be told apart within it"
+    if name != "closed-form":
+        return None
+    experiments = sorted({segment.experiment for segment in segments})
+    if any(study.records.declared[k] is None for k in experiments):
+        return ""
+    if len({repr(study.records.declared[k]) for k in experiments}) > 1:
+        return "the experiments ran under different controllers: (17) takes one"
+    if len(study.project.outputs) != len(study.project.inputs):
+        return "(17)-(20) need as many inputs as outputs"
+    if bound > 0:
+        return f"{at_limit}, and (17) holds for a free OP only"
+    return None
+
+
+def not_stationary(study: Study) -> str:
+    """Why a method that takes all disturbances for stationary noise does not apply; empty where it does."""
+    lasting = [i for i, parts in declared_parts(study).items() if any(p.kind != "ar1" for p in parts)]
+    if not lasting:
+        return ""
+    names = ", ".join(study.project.output_names[i] for i in lasting)
+    return f"a step or drift is declared at {names}: as noise it is not stationary, and has to be estimated along"
+
+
+def problem(
+    study: Study, identified: Identified, segments: Sequence[Segment]
+) -> tuple[TransferMatrix, dict[tuple[int, int], Structure], Controller | None]:
+    """Model, structures and controller of the inputs alone, as the mismatch expression takes them."""
+    structures = {place: spec.structure for place, spec in identified.specs.items() if place[1] < study.n_u}
+    return study.inputs_model, structures, study.records.linear[segments[0].experiment]
+
+
+def paper_route_rows(study: Study, identified: Identified, plant: TransferMatrix) -> list[dict[str, Any]]:
+    """The paper's own estimate (43)-(47), as in result.json: without a covariance, so that it cannot disagree."""
+    segments = _segments(identified.segments, closed=True)
+    model, structures, controller = problem(study, identified, segments)
+    assert controller is not None
+    segments = without_measured(study, segments, plant, controller)
+    try:
+        parameters = paper_route(segments, model, controller, structures).parameters
+    except (TrueplantError, np.linalg.LinAlgError):
+        return []
+    return [
+        {
+            "output": study.project.output_names[i],
+            "input": study.columns[j],
+            "parameters": [
+                {"name": name, "plant": float(value), "std_error": None, "ci": None}
+                for name, value in zip(identified.specs[i, j].structure.names, p, strict=True)
+            ],
+        }
+        for (i, j), p in sorted(parameters.items())
+    ]
+
+
+def _segments(every: Sequence[Segment], closed: bool) -> list[Segment]:
+    return [s for s in short_segments(every) if s.closed == closed]
+
+
+def _in_closed_loop(every: Sequence[Segment], name: str) -> bool:
+    """Which records a form takes; averages over periods take those in open loop where there are no others."""
+    return bool(_segments(every, closed=True)) if name == "periodic" else name != "open-loop response"
+
+
+def _repeat(segments: Sequence[Segment], closed: bool) -> bool:
+    """Does what moves any of them repeat with a period?"""
+    for segment in segments:
+        try:
+            period_of(segment.r if closed else segment.u, segment.h)
+        except TrueplantError:
+            continue
+        return True
+    return False

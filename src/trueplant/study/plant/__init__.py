@@ -1,0 +1,1 @@
+"""The estimate, the updated plant, verdicts and what lies behind them."""

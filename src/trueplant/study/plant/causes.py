@@ -1,0 +1,264 @@
+"""What lies behind a verdict: plant, disturbance, controller, valve, sensor, or that these data cannot say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from trueplant.detect import CommonFactor, Found, common_factors, level_variance, noise_change, sticking
+from trueplant.identify import OutputEstimate
+from trueplant.identify.fit import residuals
+from trueplant.result import Element, Reason
+from trueplant.study.study import Study
+
+Array = NDArray[np.float64]
+
+NOISE = 1e-3
+"""Significance from which a disturbance counts as changed."""
+FEWEST = 200
+"""Prediction errors of a stretch below which its disturbance is not compared."""
+AT_LIMIT = 0.02
+"""Share of the samples with OP at a limit that is worth saying."""
+
+
+def causes_of(
+    study: Study,
+    estimates: Mapping[int, OutputEstimate],
+    found: Mapping[tuple[int, int], Found],
+    elements: Sequence[Element],
+) -> list[Reason]:
+    """A sentence with its evidence for each cause that the data show; codes "cause-..." as in docs/verdicts.md.
+
+    A controller that is not the declared one is said by the check of the controllers (code "controller").
+    """
+    changed = [e for e in elements if e.verdict == "changed"]
+    stuck = _sticking(study, estimates)
+    causes = [*_saturated(study), *stuck, *_disturbances(study, estimates)]
+    causes += _levels(study, estimates, found)
+    return causes if stuck else causes + _plant(study, estimates, found, changed)
+
+
+def _saturated(study: Study) -> list[Reason]:
+    shares, places = [], []
+    for screened in study.screened:
+        if screened.refusal is not None or not screened.saturated.size:
+            continue
+        for name, share in zip(study.project.input_names, screened.saturated.mean(axis=0), strict=True):
+            if share > AT_LIMIT:
+                shares.append(f"{100 * share:.2g}")
+                places.append(f"{screened.record.name}, {name}")
+    if not places:
+        return []
+    message = (
+        f"the actuator was saturated: OP stood at a limit in {_respectively(shares)} % of the samples. The estimate "
+        "takes OP as it was recorded and does not suffer, but the loop was not linear then"
+    )
+    return [Reason("cause-valve-saturated", message, "; ".join(places))]
+
+
+def _respectively(values: Sequence[str]) -> str:
+    """Values in the order of the places that a sentence holds for."""
+    return values[0] if len(values) == 1 else f"{', '.join(values[:-1])} and {values[-1]}"
+
+
+def _sticking(study: Study, estimates: Mapping[int, OutputEstimate]) -> list[Reason]:
+    causes = []
+    for j, name in enumerate(study.project.input_names):
+        found = sticking(list(estimates.values()), j)
+        if found is None:
+            continue
+        unit = study.project.inputs[j].unit
+        message = (
+            f"the valve seems to stick: the records fit better with a valve that stays until OP is about "
+            f"{found.band:.3g} {unit} away and then jumps (p = {found.p_value:.1g}). As long as it does, no change of "
+            "the plant can be told from it"
+        )
+        causes.append(Reason("cause-valve-sticking", message.replace("  ", " "), name))
+    return causes
+
+
+def _groups(estimate: OutputEstimate) -> list[tuple[str, list[Array]]]:
+    """Output errors to be compared: those of each experiment, with one experiment of its first and second half."""
+    pieces = estimate.row.pieces
+    errors = [v[np.isfinite(v)] for v, _, _ in residuals(estimate.fit)]
+    experiments = sorted({p.experiment for p in pieces})
+    if len(experiments) > 1:
+        return [
+            (str(k), [v for v, p in zip(errors, pieces, strict=True) if p.experiment == k and v.size])
+            for k in experiments
+        ]
+    longest = max(errors, key=len)
+    half = longest.size // 2
+    return [("first half", [longest[:half]]), ("second half", [longest[half:]])]
+
+
+def _disturbances(study: Study, estimates: Mapping[int, OutputEstimate]) -> list[Reason]:
+    """Where the noise model of a later stretch is not that of the first one."""
+    causes = []
+    for i, estimate in estimates.items():
+        if estimate.runs is not None and not estimate.runs.agree:
+            continue  # the plants differ: what they leave unexplained does too
+        order = max(estimate.fit.ar.size, 1)
+        groups = [(name, vs) for name, vs in _groups(estimate) if sum(v.size for v in vs) >= FEWEST]
+        for name, later in groups[1:]:
+            change = noise_change(groups[0][1], later, order)
+            if change.p_value * len(estimates) * (len(groups) - 1) >= NOISE:
+                continue
+            where = name if name == "second half" else study.project.experiments[int(name)].name
+            (std, now), (correlation, after) = change.std, change.correlation
+            message = (
+                f"the disturbance has changed: its standard deviation was {std:.3g} and is {now:.3g} here, its "
+                f"correlation from one sample to the next was {correlation:.2g} and is {after:.2g} "
+                f"(p = {change.p_value:.1g}). That by itself is no mismatch"
+            )
+            causes.append(Reason("cause-disturbance", message, f"{study.project.output_names[i]}, {where}"))
+    return causes
+
+
+def _levels(
+    study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[tuple[int, int], Found]
+) -> list[Reason]:
+    """Where PV sits at another level than in the first experiment, for the same OP."""
+    sizes, places = [], []
+    level = 1 - study.project.analysis.confidence
+    for i, estimate in estimates.items():
+        if any(spec.structure.integrators for spec in estimate.row.specs):
+            continue
+        bias = _biases(study, estimate, i)
+        if len(bias) < 2:
+            continue
+        first, rest = next(iter(bias.values())), list(bias.items())[1:]
+        for k, (value, variance, u) in rest:
+            shift, move = value - first[0], u - first[2]
+            slope = _gain_covariance(found, i, move)
+            sigma = float(np.sqrt(variance + first[1] + slope))
+            if 2 * norm.sf(abs(shift) / max(sigma, 1e-300)) * len(rest) * len(estimates) >= level:
+                continue
+            unit = study.project.outputs[i].unit
+            half = norm.isf(level / 2) * sigma
+            sizes.append(f"{shift:+.3g} ± {half:.2g} {unit}".rstrip())
+            places.append(f"{study.project.output_names[i]}, {study.project.experiments[k].name}")
+    if not places:
+        return []
+    message = (
+        f"PV sits {_respectively(sizes)} from where the same OP held it in the first experiment: a sensor bias, or a "
+        "load that has come to stay. It moves no gain and no time constant"
+    )
+    return [Reason("cause-operating-point", message, "; ".join(places))]
+
+
+def _biases(study: Study, estimate: OutputEstimate, i: int) -> dict[int, tuple[float, float, Array]]:
+    """By experiment: level of the output for an OP of 0, its variance, and the mean OP that it was seen at."""
+    row, fit = estimate.row, estimate.fit
+    dc = np.array([system.dc_gain for system in (s.structure.transfer(estimate.theta[p]) for s, p in _parts(estimate))])
+    columns = [s.column for s in row.specs]
+    out = {}
+    for k, ((v, _, _), piece) in enumerate(zip(residuals(fit), row.pieces, strict=True)):
+        segment = next((s for s in study.segments if s.experiment == piece.experiment), None)
+        good = np.isfinite(v)
+        if segment is None or good.sum() < FEWEST or piece.experiment in out:
+            continue
+        start = np.hstack([segment.u, segment.d])[round((piece.start - segment.t[0]) / segment.h), columns]
+        y, _ = row.measured(k)
+        offset = float((y - row.response(estimate.theta, k) - v)[good][-1])
+        mean = start + np.mean(piece.inputs[columns], axis=1)
+        out[piece.experiment] = (offset - float(dc @ start), level_variance(v[good], max(fit.ar.size, 1)), mean)
+    return out
+
+
+def _parts(estimate: OutputEstimate) -> list[tuple[Any, slice]]:
+    return list(zip(estimate.row.specs, estimate.row.slices, strict=True))
+
+
+def _gain_covariance(found: Mapping[tuple[int, int], Found], i: int, move: Array) -> float:
+    """Variance that the gains' errors put into the difference of two levels, as if they were independent."""
+    own = [x for (row, _), x in sorted(found.items()) if row == i]
+    return float(sum(step**2 * x.covariance[0, 0] for step, x in zip(move, own, strict=True)))
+
+
+def _plant(
+    study: Study,
+    estimates: Mapping[int, OutputEstimate],
+    found: Mapping[tuple[int, int], Found],
+    changed: Sequence[Element],
+) -> list[Reason]:
+    """Sensor span and actuator gain where whole rows or columns scale alike, else the plant itself."""
+    if not changed:
+        return []
+    dynamics = {
+        (e.output, e.input) for e in changed for p in e.parameters if p.changed and not p.name.startswith("gain")
+    }
+    outputs, inputs = study.project.output_names, study.project.input_names
+    common = [
+        factor
+        for factor in _common(study, estimates, found)
+        if not any((outputs, inputs)[factor.kind == "column"][factor.index] in place for place in dynamics)
+    ]
+    explained: set[tuple[str, str]] = set()
+    causes = []
+    for factor in common:
+        name = (outputs, inputs)[factor.kind == "column"][factor.index]
+        explained |= {(e.output, e.input) for e in changed if name == (e.output, e.input)[factor.kind == "column"]}
+        causes.append(_factor_cause(factor, name, study))
+    rest = [e for e in changed if (e.output, e.input) not in explained]
+    compared = all(p.plant is not None for e in rest for p in e.parameters)
+    if len(outputs) == len(inputs) == 1 and rest and not dynamics and compared:
+        message = (
+            "only the gain has changed: with one output and one input that can be the sensor's span, the valve or "
+            "the plant, and these data cannot say which. Check the instrument first"
+        )
+        return [*causes, Reason("cause-unknown", message, f"{inputs[0]} -> {outputs[0]}")]
+    for e in rest:
+        message = "the plant itself has changed"
+        if e.tf_model == "0":
+            message = "the plant has an element here that the model lacks"
+        elif any(other is not e and (other.output == e.output or other.input == e.input) for other in rest):
+            message += ": several elements of a row or column have, and not by one factor as with a sensor or a valve"
+        elif len(outputs) * len(inputs) > 1:
+            message += ": no other element of its row and column moves with it"
+        elif dynamics:
+            message += ": a sensor's span or a valve's gain would move the gain alone"
+        causes.append(Reason("cause-plant", message, f"{e.input} -> {e.output}"))
+    return causes
+
+
+def _factor_cause(factor: CommonFactor, name: str, study: Study) -> Reason:
+    size = f"{factor.factor:.3g} ± {norm.isf((1 - study.project.analysis.confidence) / 2) * factor.std_error:.2g}"
+    if factor.kind == "row":
+        message = (
+            f"all gains to this output have changed by the same factor {size} (p = {factor.p_equal:.2g} that they are "
+            "equal): its sensor's span is the likely cause, not the plant"
+        )
+        return Reason("cause-sensor-span", message, name)
+    message = (
+        f"all gains from this input have changed by the same factor {size} (p = {factor.p_equal:.2g} that they are "
+        "equal): its valve or actuator is the likely cause, not the plant"
+    )
+    return Reason("cause-actuator-gain", message, name)
+
+
+def _common(
+    study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[tuple[int, int], Found]
+) -> list[CommonFactor]:
+    """Rows and columns of inputs that scale alike; elements with several delayed gains take no part."""
+    n_y, n_u = study.model.shape[0], len(study.project.inputs)
+    ratio, covariance = np.full((n_y, n_u), np.nan), np.zeros((n_y * n_u, n_y * n_u))
+    present = np.array([[not study.model[i, j].is_zero for j in range(n_u)] for i in range(n_y)])
+    for i, estimate in estimates.items():
+        places, index, scale = [], [], []
+        for spec, part in _parts(estimate):
+            known = found.get((i, spec.column))
+            if spec.column >= n_u or known is None or spec.structure.delayed > 1 or 0 in known.reasons:
+                continue
+            if known.model[0]:
+                places.append(i * n_u + spec.column)
+                index.append(part.start)
+                scale.append(known.model[0])
+        if index:
+            ratio.ravel()[places] = estimate.theta[index] / scale
+            covariance[np.ix_(places, places)] = estimate.covariance[np.ix_(index, index)] / np.outer(scale, scale)
+    return common_factors(ratio, covariance, present, 1 - study.project.analysis.confidence)

@@ -1,0 +1,186 @@
+"""The elements of the plant with their verdicts, as the result has them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant import detect
+from trueplant.detect import Found
+from trueplant.identify import OutputEstimate
+from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
+from trueplant.result import Element, Importance, Reason
+from trueplant.study.plant.causes import causes_of
+from trueplant.study.plant.identified import Identified
+from trueplant.study.plant.parameters import parameters_of
+from trueplant.study.study import Place, Study
+
+Array = NDArray[np.float64]
+KEPT = "kept at its declared value (estimate = false)"
+POINTS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """The verdict on every element, and what lies behind it."""
+
+    found: Mapping[Place, Found]
+    """The estimated elements."""
+    elements: tuple[Element, ...]
+    """Those of the model and of the estimates, row by row."""
+    causes: tuple[Reason, ...]
+
+    @property
+    def answered(self) -> bool:
+        """Is any parameter of any element answered?"""
+        return _answered(self.elements)
+
+
+def judge(study: Study, identified: Identified, plant: TransferMatrix) -> Judged:
+    """Verdicts, importance, grades and causes; `plant` (n_y, n_u + n_d) as estimated."""
+    found = detect.elements_found(study.model, identified.estimates)
+    elements = _elements(study, identified, found, plant)
+    causes = causes_of(study, identified.estimates, found, elements) if _answered(elements) else []
+    return Judged(found, elements, tuple(causes))
+
+
+def _answered(elements: Sequence[Element]) -> bool:
+    return any(p.plant is not None for e in elements for p in e.parameters)
+
+
+def _elements(
+    study: Study, identified: Identified, found: Mapping[Place, Found], plant: TransferMatrix
+) -> tuple[Element, ...]:
+    settings = study.project.analysis
+    verdicts = detect.judge_elements(found, identified.estimates, settings.confidence, settings.tolerance_percent)
+    importance = _importance(study, plant)
+    elements = []
+    for i in range(study.model.shape[0]):
+        for j in range(study.model.shape[1]):
+            if (i, j) in found:
+                judged = verdicts[i, j]
+                elements.append(
+                    _element(study, identified.estimates[i], found[i, j], judged, plant[i, j], i, j, importance)
+                )
+            elif not study.model[i, j].is_zero:
+                elements.append(_held_element(study, identified, i, j))
+    return tuple(elements)
+
+
+def _held_element(study: Study, identified: Identified, i: int, j: int) -> Element:
+    formula = to_formula(study.model[i, j])
+    if (i, j) in identified.specs:
+        why = (
+            f"the PV of {study.project.output_names[i]} cannot be used in these data, or nothing moves it from outside"
+        )
+        return Element(
+            study.project.output_names[i],
+            study.columns[j],
+            str(identified.specs[i, j].structure),
+            formula,
+            None,
+            None,
+            (),
+            "not identifiable",
+            why,
+            None,
+            Importance(None, "open loop"),
+            "D",
+        )
+    return Element(
+        study.project.output_names[i],
+        study.columns[j],
+        "",
+        formula,
+        formula,
+        "0",
+        (),
+        "not identifiable",
+        KEPT,
+        None,
+        Importance(0.0, "open loop"),
+        "D",
+    )
+
+
+def _element(
+    study: Study,
+    estimate: OutputEstimate,
+    found: Found,
+    verdict: detect.Verdict,
+    system: TransferFunction,
+    i: int,
+    j: int,
+    importance: tuple[Array, str],
+) -> Element:
+    units = found.spec.structure.units(study.project.outputs[i].unit, _input_unit(study, j), study.project.time_unit)
+    parameters = parameters_of(found, verdict, units)
+    answered = [p.plant is not None for p in parameters]
+    peak, basis = importance
+    mismatch = simplified(system - study.model[i, j])
+    sound = estimate.tests.whiteness_p > 1e-3 and not estimate.undermodelled
+    return Element(
+        output=study.project.output_names[i],
+        input=study.columns[j],
+        structure=str(found.spec.structure),
+        tf_model=to_formula(study.model[i, j]),
+        tf_plant=to_formula(system) if any(answered) else None,
+        tf_mismatch=to_formula(mismatch) if any(answered) else None,
+        parameters=parameters,
+        verdict=verdict.verdict,
+        reason=_reason(found, answered),
+        p_adjusted=verdict.p_adjusted,
+        importance=Importance(float(peak[i, j]) if any(answered) else None, basis),
+        grade=detect.grade(_half_widths(found), answered, sound),
+    )
+
+
+def _input_unit(study: Study, j: int) -> str:
+    inputs = study.project.inputs
+    return inputs[j].unit if j < len(inputs) else study.project.disturbances[j - len(inputs)].unit
+
+
+def _reason(found: Found, answered: Sequence[bool]) -> str:
+    if all(answered):
+        return ""
+    names = found.spec.structure.names
+    grouped: dict[str, list[str]] = {}
+    for k, why in found.reasons.items():
+        grouped.setdefault(why, []).append(names[k].replace("_", " "))
+    return "; ".join(f"{', '.join(which)}: {why}" for why, which in grouped.items())
+
+
+def _half_widths(found: Found) -> list[float]:
+    """Half of each interval relative to the parameter, of a dead time to dead time plus lag."""
+    names = found.spec.structure.names
+    lag = sum(v for name, v in zip(names, found.theta, strict=True) if name.startswith("tau"))
+    sizes = [abs(v) + (lag if n.startswith("dead") else 0.0) for n, v in zip(names, found.theta, strict=True)]
+    half = (found.intervals[:, 1] - found.intervals[:, 0]) / 2
+    return [float(h / s) if s > 0 else np.inf for h, s in zip(half, sizes, strict=True)]
+
+
+def _importance(study: Study, plant: TransferMatrix) -> tuple[Array, str]:
+    """Of every element, and on which basis: in the loop with a declared controller, else open loop."""
+    s = 1j * model_frequencies(study, plant)
+    model = study.model(s)
+    delta = plant(s) - model
+    loop = study.loop(study.model)
+    open_loop = detect.importance_open_loop(delta, model)
+    if loop is None:
+        return open_loop, "open loop"
+    law = loop.controller(s)
+    sensitivity = np.linalg.inv(np.eye(model.shape[1]) + loop.plant(s) @ law)
+    in_loop = detect.importance_in_loop(delta[:, :, : study.n_u], law @ sensitivity)
+    return np.hstack([in_loop, open_loop[:, study.n_u :]]), "loop"
+
+
+def model_frequencies(study: Study, plant: TransferMatrix) -> Array:
+    """(POINTS,) rad per time unit, from the longest segment's span (or the slowest lag) to half the sampling rate."""
+    segments = study.segments
+    span = max(segment.t[-1] - segment.t[0] for segment in segments)
+    slowest = max((-1 / p.real for row in plant.elements for e in row for p in e.poles if p.real < 0), default=span)
+    low = min(2 * np.pi / span, 0.1 / slowest)
+    return np.geomspace(max(low, 1e-3 / span), np.pi / segments[0].h, POINTS)

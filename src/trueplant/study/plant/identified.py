@@ -1,0 +1,88 @@
+"""The identification of a study: the estimate of each output, and what else it found out on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from trueplant.disturbance import DisturbedFit
+from trueplant.identify import OutputEstimate, Spec, identify_matrix
+from trueplant.record import Segment
+from trueplant.result import Reason
+from trueplant.study.data.excitation import unmoved_outputs
+from trueplant.study.data.scan import without_hidden_dynamics
+from trueplant.study.data.timing import timing_error, update_interval
+from trueplant.study.plant.disturbance import disturbed_fits, resting_on, with_jumps
+from trueplant.study.plant.updated import updated_plant
+from trueplant.study.study import Place, Progress, Study, quiet
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What identification found. Everything after it starts from this and from the study."""
+
+    estimates: Mapping[int, OutputEstimate]
+    """By output; none for an output without elements to estimate or usable data."""
+    specs: Mapping[Place, Spec]
+    """The elements asked for, and those that the model lacks and the record shows."""
+    segments: tuple[Segment, ...]
+    """Those of the study, with the samples at which a declared disturbance was found to jump."""
+    disturbed: Mapping[int, DisturbedFit]
+    """The outputs with a declared unmeasured disturbance, estimated along with it."""
+    notes: tuple[Reason, ...] = ()
+
+    def of_experiment(self, k: int) -> tuple[Segment, ...]:
+        """The segments of one experiment."""
+        return tuple(segment for segment in self.segments if segment.experiment == k)
+
+
+def identify(study: Study, say: Progress = quiet) -> Identified:
+    """Estimate all elements of all outputs, with the unmeasured disturbances that the project declares."""
+    segments = study.segments
+    estimates = estimate(study, segments, say)
+    fits: dict[int, DisturbedFit] = {}
+    if estimates and study.project.unmeasured:
+        say("estimating unmeasured disturbances")
+        fits = disturbed_fits(study, estimates)
+        segments = with_jumps(study, fits, updated_plant(study.model, estimates).nominal)
+        if any(segment.jumps for segment in segments):
+            estimates = estimate(study, segments, say)
+        estimates = _resting_on_disturbances(study, estimates, fits)
+    taken = {(i, spec.column): spec for i, found in estimates.items() for spec in found.row.specs}
+    return Identified(estimates, {**study.specs, **taken}, segments, fits, _missing(study, taken))
+
+
+def estimate(study: Study, segments: tuple[Segment, ...], say: Progress = quiet) -> dict[int, OutputEstimate]:
+    """The estimate of each output that has elements to estimate and data to do it from."""
+    found = identify_matrix(
+        segments,
+        study.model,
+        study.specs,
+        confidence=study.project.analysis.confidence,
+        update_interval=update_interval(study),
+        timing=timing_error(study),
+        tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
+    )
+    unmoved = unmoved_outputs(study)
+    return {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items() if i not in unmoved}
+
+
+def _resting_on_disturbances(
+    study: Study, estimates: Mapping[int, OutputEstimate], fits: Mapping[int, DisturbedFit]
+) -> dict[int, OutputEstimate]:
+    timing, confidence = timing_error(study), study.project.analysis.confidence
+    resting = {i: resting_on(found, fits.get(i), timing, confidence) for i, found in estimates.items()}
+    return {i: without_hidden_dynamics(study.hidden, i, found) for i, found in resting.items()}
+
+
+def _missing(study: Study, taken: Mapping[Place, Spec]) -> tuple[Reason, ...]:
+    """What is said of the elements that the model lacks and the estimate had to take in."""
+    return tuple(
+        Reason(
+            "missing-element",
+            f"{study.columns[j]} moves {study.project.output_names[i]}, which the model does not have: an element of "
+            "first order with dead time was found in the record and estimated along",
+            f"{study.columns[j]} -> {study.project.output_names[i]}",
+        )
+        for i, j in sorted(taken.keys() - study.specs.keys())
+    )

@@ -1,0 +1,120 @@
+"""What an analysis works on: the records after screening, the model, what is to be estimated, and what limits it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.identify import Spec
+from trueplant.loop import Controller, LinearLoop
+from trueplant.lti import TransferMatrix
+from trueplant.project import Project
+from trueplant.record import Screened, Segment
+from trueplant.result import Reason
+
+BoolArray = NDArray[np.bool_]
+Progress = Callable[[str], None]
+"""Is told what is being done, in a few words, as each step begins."""
+Place = tuple[int, int]
+"""(output, column) of an element; columns are the inputs, then the measured disturbances."""
+
+
+def quiet(_: str) -> None:
+    """Progress that nobody looks at."""
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class Records:
+    """The experiments of a project after screening, one entry each, and the controllers that ran in them."""
+
+    project: Project
+    screened: tuple[Screened, ...]
+    declared: tuple[Controller | None, ...]
+    """The controllers as the project declares them."""
+    linear: tuple[Controller | None, ...]
+    """The same for small changes about the mean PV of the record."""
+
+    @classmethod
+    def of(cls, project: Project, screened: tuple[Screened, ...]) -> Records:
+        """With the controllers that the project declares for each experiment."""
+        declared = tuple(project.controller(k) for k in range(len(screened)))
+        linear = tuple(
+            None if law is None else law.linearised(s.record.mean_pv) for law, s in zip(declared, screened, strict=True)
+        )
+        return cls(project, screened, declared, linear)
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """Every stretch that can be used."""
+        return tuple(segment for s in self.screened if s.refusal is None for segment in s.segments)
+
+    @property
+    def loop_experiment(self) -> int | None:
+        """The experiment whose controller stands for today's loop: the last usable closed one that declares it."""
+        usable = [
+            k
+            for k, (plan, s) in enumerate(zip(self.project.experiments, self.screened, strict=True))
+            if plan.closed and s.refusal is None and self.declared[k] is not None
+        ]
+        return usable[-1] if usable else None
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What the analysis works on; whole when it is made (`prepare`)."""
+
+    records: Records
+    model: TransferMatrix
+    """(n_y, n_u + n_d): the inputs, then the measured disturbances."""
+    specs: Mapping[Place, Spec]
+    """The elements that the project asks for."""
+    computed: BoolArray
+    """(n_y,) True for a set-point that the whole of the data shows to be computed from PV."""
+    computed_alone: tuple[BoolArray, ...]
+    """The same by each segment alone."""
+    hidden: Mapping[int, str]
+    """The outputs of which the record cannot tell dynamics, and why (`scan`)."""
+    between: bool
+    """Is OP written between the recorded samples (`scan`)?"""
+    notes: tuple[Reason, ...] = ()
+
+    @property
+    def project(self) -> Project:
+        return self.records.project
+
+    @property
+    def screened(self) -> tuple[Screened, ...]:
+        return self.records.screened
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        return self.records.segments
+
+    @property
+    def n_u(self) -> int:
+        """Inputs, without measured disturbances."""
+        return len(self.project.inputs)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the model's columns."""
+        return (*self.project.input_names, *self.project.disturbance_names)
+
+    @property
+    def inputs_model(self) -> TransferMatrix:
+        """(n_y, n_u) the model from the inputs alone."""
+        return self.model.columns(0, self.n_u)
+
+    def loop(self, plant: TransferMatrix) -> LinearLoop | None:
+        """A plant (n_y, n_u + n_d) with today's controller; None where no usable closed experiment declares one."""
+        k = self.records.loop_experiment
+        law = None if k is None else self.records.linear[k]
+        return None if law is None else LinearLoop(plant.columns(0, self.n_u), law)
+
+    @property
+    def loop_experiment(self) -> int | None:
+        return self.records.loop_experiment

@@ -1,0 +1,1 @@
+"""The plant followed through a long record, window by window."""

@@ -1,0 +1,273 @@
+"""One output followed over time: its pilot estimate, its windows, and the estimate of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant import detect
+from trueplant.identify import (
+    Held,
+    OutputEstimate,
+    Row,
+    Spec,
+    choose_stride,
+    identify_matrix,
+    identify_output,
+    pieces_of,
+    samples_per_update,
+    unanswered,
+)
+from trueplant.identify.row import Piece
+from trueplant.identify.shared_disturbance import less_sure
+from trueplant.record import Segment
+from trueplant.study.data.excitation import excited
+from trueplant.study.data.scan import without_hidden_dynamics
+from trueplant.study.data.setpoints import computed_setpoints
+from trueplant.study.data.timing import timing_error, update_interval
+from trueplant.study.study import Progress, Study
+from trueplant.tracking.windows import (
+    FEWEST_ERRORS,
+    Blocks,
+    Demand,
+    Stretch,
+    blocks_of,
+    cut,
+    demand_of,
+    moves_of,
+    part_of,
+    planned,
+    settling,
+)
+
+Array = NDArray[np.float64]
+
+PILOT = 4000
+"""Prediction errors of the first estimate, from which the windows are planned."""
+UNMOVED = (
+    "what PV does after the moves of this stretch cannot be told from what disturbances do to it anyway: "
+    "the moves are too small"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A window and what was found in it. Times are on the common axis."""
+
+    stretch: Stretch
+    start: float
+    end: float
+    estimate: OutputEstimate
+    found: Mapping[int, detect.Found]
+    """By column."""
+    verdicts: Mapping[int, detect.Verdict]
+
+
+@dataclass(eq=False)
+class FollowedRow:
+    """One output: everything that does not depend on where its windows lie, and the windows fitted so far."""
+
+    study: Study
+    output: int
+    pilot: OutputEstimate
+    held: tuple[Held, ...]
+    update: int
+    timing: float
+    precision: float
+    offsets: Mapping[int, float]
+    """By experiment: added to its own time."""
+    moves: Mapping[int, Array]
+    """By experiment: when something moved."""
+    pieces: Mapping[int, tuple[Piece, ...]]
+    """By experiment: the whole record."""
+    pilot_stretch: tuple[float, float]
+    """Common time."""
+    demand: Demand = field(init=False)
+    settle: float = field(init=False)
+    blocks: Mapping[int, Blocks] = field(init=False)
+    """By experiment, in its own time."""
+    fits: dict[Stretch, Fitted | Stretch] = field(default_factory=dict)
+    """Those that were tried: fitted, or refused after all."""
+
+    @property
+    def specs(self) -> tuple[Spec, ...]:
+        return self.pilot.row.specs
+
+    def planned_across(self, instant: float) -> bool:
+        """Does the estimate that the windows are planned from rest on data from both sides of an instant?"""
+        return self.pilot_stretch[0] < instant < self.pilot_stretch[1]
+
+    def replan(self, estimate: OutputEstimate) -> None:
+        """Plan windows from another estimate of this output."""
+        reasons = unanswered(estimate)
+        answered = [k for k in range(estimate.theta.size) if k not in reasons]
+        self.demand = demand_of(estimate.fit, answered, self.study.columns, self.precision)
+        self.settle = settling(estimate.fit)
+        self.blocks = {
+            k: blocks_of(estimate.fit, replace(estimate.row, pieces=found), self.moves[k])
+            for k, found in self.pieces.items()
+        }
+
+    def windows(self, gaps: Sequence[tuple[float, float]], say: Progress) -> list[Fitted | Stretch]:
+        """All windows in order of time; none reaches into one of the gaps (common time), where changes lie."""
+        out: list[Fitted | Stretch] = []
+        for experiment, blocks in sorted(self.blocks.items(), key=lambda item: self.offsets[item[0]]):
+            offset = self.offsets[experiment]
+            edges = [float(blocks.start[0]), *(t - offset for gap in gaps for t in gap), float(blocks.end[-1])]
+            for start, end in zip(edges[::2], edges[1::2], strict=True):
+                part = cut(blocks, start, end) if end > start else None
+                if part is not None:
+                    out += self._section(part, experiment, bool(gaps), say)
+        return out
+
+    def _section(self, part: Blocks, experiment: int, beside_change: bool, say: Progress) -> list[Fitted | Stretch]:
+        segments = self._segments(experiment)
+        what = "no set-point moves" if segments[0].closed else "no OP moves"
+        plan = planned(part, self.demand, experiment, self.settle, what)
+        if beside_change and all(w.refusal for w in plan) and part.errors[part.active].sum() >= FEWEST_ERRORS / 2:
+            # A change near the end leaves less than was asked for; what there is says what the change was.
+            plan = [Stretch(experiment, float(part.start[0]), float(part.end[-1]))]
+        out: list[Fitted | Stretch] = []
+        for k, window in enumerate(plan, start=1):
+            say(f"{self.study.project.output_names[self.output]}: window {k} of {len(plan)}")
+            out.append(self._fit(window))
+        return out
+
+    def units(self, column: int) -> tuple[str, ...]:
+        """Of the parameters of an element."""
+        project = self.study.project
+        inputs = [*(entry.unit for entry in project.inputs), *(entry.unit for entry in project.disturbances)]
+        structure = next(spec.structure for spec in self.specs if spec.column == column)
+        return structure.units(project.outputs[self.output].unit, inputs[column], project.time_unit)
+
+    def _segments(self, experiment: int) -> tuple[Segment, ...]:
+        return self.study.screened[experiment].segments
+
+    def stretch_segments(self, window: Stretch) -> list[Segment]:
+        return part_of(self._segments(window.experiment), window.start, window.end)
+
+    def _fit(self, window: Stretch) -> Fitted | Stretch:
+        if window.refusal:
+            return window
+        if window not in self.fits:
+            self.fits[window] = self._fitted(window)
+        return self.fits[window]
+
+    def _fitted(self, window: Stretch) -> Fitted | Stretch:
+        segments = self.stretch_segments(window)
+        computed = self.study.computed | computed_setpoints(segments)
+        own = [replace(s, y=s.y[:, [self.output]]) for s in segments]
+        if not any(excited(s, computed) for s in own):
+            return replace(window, refusal=UNMOVED)
+        confidence = self.study.project.analysis.confidence
+        estimate = identify_output(
+            segments,
+            self.output,
+            self.specs,
+            self.held,
+            confidence=confidence,
+            stride=self.pilot.row.stride,
+            update=self.update,
+            timing=self.timing,
+            time_scale=self.settle / 5,
+        )
+        if estimate is None:
+            return replace(window, refusal="no PV can be used in this stretch")
+        if self.pilot.foretold_by:
+            estimate = less_sure(estimate, self.pilot.foretold_by, confidence)
+        estimate = without_hidden_dynamics(self.study.hidden, self.output, estimate)
+        estimates = {self.output: estimate}
+        found = detect.elements_found(self.study.model, estimates)
+        settings = self.study.project.analysis
+        verdicts = detect.judge_elements(found, estimates, settings.confidence, settings.tolerance_percent)
+        offset = self.offsets[window.experiment]
+        return Fitted(
+            window,
+            window.start + offset,
+            window.end + offset,
+            estimate,
+            {j: f for (_, j), f in found.items()},
+            {j: v for (_, j), v in verdicts.items()},
+        )
+
+    def row_of(self, windows: Sequence[Fitted]) -> tuple[Row, Array]:
+        """The raw record from the first to the last of some neighbouring windows, and the clock of its pieces."""
+        pieces: list[Piece] = []
+        clock: list[float] = []
+        for experiment in sorted({w.stretch.experiment for w in windows}, key=lambda k: self.offsets[k]):
+            own = [w.stretch for w in windows if w.stretch.experiment == experiment]
+            whole = Stretch(experiment, own[0].start, own[-1].end)
+            found = pieces_of(self.stretch_segments(whole), self.output, self.held, self.update)
+            pieces += found
+            clock += [self.offsets[experiment]] * len(found)
+        return Row(self.specs, tuple(pieces), self.pilot.row.stride), np.array(clock)
+
+
+def follow_rows(study: Study, offsets: Mapping[int, float], precision: float, say: Progress) -> list[FollowedRow]:
+    """The outputs that can be followed, each with its pilot estimate and the information in all of its record."""
+    usable = [k for k, s in enumerate(study.screened) if s.refusal is None and s.segments]
+    interval = update_interval(study)
+    timing = timing_error(study)
+    update = samples_per_update(interval, study.segments[0].h)
+    moves = {k: moves_of(study.screened[k].segments) for k in usable}
+    say("a first estimate")
+    pilots, (where, segments) = _pilots(study, moves, interval, timing)
+    stretch = (float(segments[0].t[0]) + offsets[where], float(segments[-1].t[-1]) + offsets[where])
+    rows = []
+    for i, pilot in pilots.items():
+        say(f"{study.project.output_names[i]}: planning windows")
+        own = {spec.column for spec in pilot.row.specs}
+        model = study.model
+        held = tuple(Held(j, model[i, j]) for j in range(model.shape[1]) if j not in own and not model[i, j].is_zero)
+        pieces = {k: pieces_of(study.screened[k].segments, i, held, update) for k in usable}
+        pieces = {k: found for k, found in pieces.items() if found}
+        row = FollowedRow(study, i, pilot, held, update, timing, precision, offsets, moves, pieces, stretch)
+        row.replan(pilot)
+        rows.append(row)
+    return rows
+
+
+def _pilots(
+    study: Study, moves: Mapping[int, Array], interval: float, timing: float
+) -> tuple[dict[int, OutputEstimate], tuple[int, list[Segment]]]:
+    """Estimates of all outputs on the liveliest stretch; on a longer one where a gain stays open."""
+    stride = choose_stride(study.segments, list(study.specs.values()), interval)
+    samples = sum(len(s) for s in study.segments)
+    wanted = PILOT * stride
+    while True:
+        stretch = _liveliest(study, moves, wanted)
+        found = identify_matrix(
+            stretch[1],
+            study.model,
+            study.specs,
+            confidence=study.project.analysis.confidence,
+            update_interval=interval,
+            timing=timing,
+        )
+        found = {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items()}
+        if wanted >= samples or (found and not any(_gain_open(e) for e in found.values())):
+            return found, stretch
+        wanted *= 4
+
+
+def _gain_open(estimate: OutputEstimate) -> bool:
+    names = estimate.row.names
+    return any(names[k].startswith(("gain", "slope")) for k in unanswered(estimate))
+
+
+def _liveliest(study: Study, moves: Mapping[int, Array], samples: int) -> tuple[int, list[Segment]]:
+    """The experiment, and its stretch of so many samples, in which most moves are made."""
+    best, most = (0, list(study.segments[:1])), -1
+    for k, moved in moves.items():
+        segments = study.screened[k].segments
+        h, first, last = segments[0].h, float(segments[0].t[0]), float(segments[-1].t[-1]) + segments[0].h
+        length = samples * h
+        for a in np.arange(first, max(last - length / 2, first + h), length):
+            end = last if a + 1.5 * length > last else a + length
+            count = int(np.sum((moved >= a) & (moved < end)))
+            if count > most:
+                most, best = count, (k, part_of(segments, float(a), float(end)))
+    return best

@@ -1,0 +1,153 @@
+"""Tracking as one straight line: records, windows, estimates, changes, the result."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from trueplant.errors import DataError, UsageError
+from trueplant.project.project import Project
+from trueplant.record.times import unit_seconds
+from trueplant.result import Reason, Track, TrackedExperiment, Window, WindowElement
+from trueplant.study.data.excitation import why_not_informative
+from trueplant.study.data.prepare import prepare
+from trueplant.study.data.tables import provenance
+from trueplant.study.plant.parameters import parameters_of
+from trueplant.study.study import Progress, Study, quiet
+from trueplant.tracking.changes import find_changes
+from trueplant.tracking.rows import Fitted, follow_rows
+from trueplant.tracking.series import Followed
+
+PRECISION = 0.1
+"""Relative standard error of gains, time constants and dead times (of these relative to lag and dead time)."""
+
+
+def track(project: Project, precision: float = PRECISION, progress: Progress = quiet) -> Track:
+    """Parameters over time, and since when they changed. Refusals are results; unusable input raises.
+
+    `precision` is the relative standard error for which each window is made long enough. `progress` is told what is
+    being done, in a few words, as each step begins.
+    """
+    if not 0 < precision <= 0.5:
+        raise UsageError(f"a precision of {100 * precision:g} % cannot be asked for: name one above 0 and up to 50 %")
+    say = progress
+    say("reading the data")
+    study = prepare(project, say)
+    experiments = lay_out(study)
+    reasons = [
+        Reason("record", s.refusal, project.experiments[k].name) for k, s in enumerate(study.screened) if s.refusal
+    ]
+    reasons += why_not_informative(study)
+    if not study.segments or any(reason.code == "no-excitation" for reason in reasons):
+        reasons = reasons or [Reason("no-data", "no usable data are left after screening")]
+        return _refused(study, experiments, reasons, precision)
+    offsets = {k: e.offset for k, e in enumerate(experiments)}
+    settings = project.analysis
+    rows = follow_rows(study, offsets, precision, say)
+    followed, elements, changes = find_changes(rows, 1 - settings.confidence, settings.seed, say)
+    windows = [_window(one, w) for one in followed for w in one.windows]
+    if not any(w.status == "ok" for w in windows):
+        why = [w.reason for w in windows]
+        longest = max(windows, key=lambda w: w.end - w.start).reason if why else "no output can be followed"
+        reasons.append(Reason("no-window", f"no stretch of the record can be estimated: {longest}"))
+    windows += [
+        Window(output, e.name, e.span[0], e.span[1], "refused", s.refusal)
+        for s, e in zip(study.screened, experiments, strict=True)
+        if s.refusal
+        for output in project.output_names
+    ]
+    return Track(
+        status="ok" if any(w.status == "ok" for w in windows) else "refused",
+        reasons=tuple(reasons),
+        notes=(*study.notes, *_notes(followed)),
+        provenance=_provenance(study, precision),
+        time_unit=project.time_unit,
+        experiments=tuple(experiments),
+        windows=tuple(sorted(windows, key=lambda w: (w.output, w.start))),
+        elements=tuple(elements),
+        changes=tuple(changes),
+    )
+
+
+def lay_out(study: Study) -> list[TrackedExperiment]:
+    """The records on one time axis: by their time stamps, else as they are if they follow each other, else in order.
+
+    Raises DataError for records that overlap in time.
+    """
+    records = [s.record for s in study.screened]
+    unit = unit_seconds(study.project.time_unit)
+    spans = [(float(r.t[0]), float(r.t[-1])) for r in records]
+    starts = [r.start for r in records]
+    if all(s is not None for s in starts) and len({s.tzinfo is None for s in starts if s}) == 1:
+        offsets = [(s - starts[0]).total_seconds() / unit for s in starts if s and starts[0]]
+    elif all(b[0] > a[1] for a, b in pairwise(spans)):
+        offsets = [0.0] * len(records)
+    else:
+        offsets, end = [], 0.0
+        for record, span in zip(records, spans, strict=True):
+            offsets.append(end - span[0])
+            end += span[1] - span[0] + record.sample_time
+    placed = sorted((o + a, o + b, r.name) for o, (a, b), r in zip(offsets, spans, records, strict=True))
+    for (_, before, first), (after, _, second) in pairwise(placed):
+        if after <= before:
+            raise DataError(f"{first} and {second} overlap in time: a plant is followed through one record at a time")
+    return [
+        TrackedExperiment(r.name, o, r.start.isoformat() if r.start else None, (o + a, o + b))
+        for o, (a, b), r in zip(offsets, spans, records, strict=True)
+    ]
+
+
+def _window(one: Followed, window: Any) -> Window:
+    """A window of `Followed` as the result has it."""
+    project = one.row.study.project
+    output = project.output_names[one.row.output]
+    if not hasattr(window, "estimate"):
+        offset = one.row.offsets[window.experiment]
+        name = project.experiments[window.experiment].name
+        return Window(output, name, window.start + offset, window.end + offset, "refused", window.refusal)
+    name = project.experiments[window.stretch.experiment].name
+    elements = tuple(_element(one, window, column) for column in sorted(window.found))
+    return Window(output, name, window.start, window.end, "ok", "", elements)
+
+
+def _element(one: Followed, window: Fitted, column: int) -> WindowElement:
+    verdict = window.verdicts[column]
+    parameters = parameters_of(window.found[column], verdict, one.row.units(column))
+    return WindowElement(one.row.study.columns[column], verdict.verdict, verdict.p_adjusted, parameters)
+
+
+def _notes(followed: list[Followed]) -> list[Reason]:
+    notes = []
+    for one in followed:
+        output = one.row.study.project.output_names[one.row.output]
+        if one.row.pilot.foretold_by:
+            told = ", ".join(one.row.study.project.output_names[j] for j in one.row.pilot.foretold_by)
+            text = f"a disturbance reaches {told} before it reaches {output}: standard errors were widened for that"
+            notes.append(Reason("crossed", text, output))
+        if one.row.demand.precision and not np.isfinite(one.row.demand.limits).any():
+            notes.append(Reason("pilot", "the first estimate answers no parameter of this output", output))
+    return notes
+
+
+def _provenance(study: Study, precision: float) -> dict[str, Any]:
+    whole = provenance(study)
+    return whole | {"settings": whole["settings"] | {"precision_percent": 100 * precision}}
+
+
+def _refused(study: Study, experiments: list[TrackedExperiment], reasons: list[Reason], precision: float) -> Track:
+    windows = tuple(
+        Window(output, e.name, e.span[0], e.span[1], "refused", s.refusal or reasons[0].message)
+        for output in study.project.output_names
+        for s, e in zip(study.screened, experiments, strict=True)
+    )
+    return Track(
+        status="refused",
+        reasons=tuple(reasons),
+        notes=study.notes,
+        provenance=_provenance(study, precision),
+        time_unit=study.project.time_unit,
+        experiments=tuple(experiments),
+        windows=windows,
+    )

@@ -1,0 +1,304 @@
+"""Windows of a long record, each as long as its excitation needs for the precision asked for.
+
+How sure an estimate will be is told beforehand by the Fisher information of the plant's parameters on the recorded
+inputs, in blocks that can be added. In closed loop only blocks count in which a set-point moves or has just moved:
+what the noise alone stirs up shows the controller as much as the plant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueplant.identify import Row, RowFit
+from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.noise import whiten, whitened_valid
+from trueplant.identify.search import dead_time_of, felt_lag, lag_of
+from trueplant.record import Segment
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+CHUNK = 20_000
+"""Prediction errors looked at together: what bounds the memory."""
+FEWEST_ERRORS = 200
+"""In a window: with fewer the noise model is not worth its name."""
+SETTLED = 5.0
+"""Lags after which a move no longer counts as excitation."""
+LEAST_SETTLINGS = 3.0
+"""Settling times in a window: in less its unknown initial state costs more than SHORTFALL allows for."""
+WARM = 2.0
+"""Settling times before each chunk from which its responses start."""
+LONGEST = 0.25
+"""Share of an experiment's time that a window may take where single moves do not suffice."""
+MOST = 80
+"""Windows of one output: where there would be more, they are longer and more precise than asked for."""
+SHORTFALL = 1.1
+"""Unknown initial states cost a window that much of its standard errors on top of what the information foretells."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of an experiment in its own time: a window to be fitted, or one that is refused."""
+
+    experiment: int
+    start: float
+    end: float
+    refusal: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Information of one output's parameters in consecutive blocks of one experiment."""
+
+    start: Array
+    end: Array
+    information: Array
+    """(n, p + 1, p + 1): of the parameters and an offset, per unit of prediction-error variance 1; 0 in idle blocks."""
+    errors: Array
+    """(n,) prediction errors."""
+    active: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class Demand:
+    """Which standard errors are asked for, in units of the parameters; infinite where none is."""
+
+    limits: Array
+    names: tuple[str, ...]
+    """Parameters in words, such as "gain of reflux"."""
+    precision: float
+    shortest: float
+    """Time that a window takes at least."""
+
+    def met(self, information: Array) -> bool:
+        return bool(np.all(SHORTFALL * standard_errors(information) <= self.limits))
+
+    def shortfall(self, information: Array, length: float, errors: float) -> str:
+        """What a stretch of this length with so many prediction errors lacks: length, samples, or moves."""
+        if length < self.shortest:
+            return (
+                f"this stretch is shorter than a window can be: it takes {self.shortest:.3g}, three times what the "
+                "plant takes to settle"
+            )
+        if errors < FEWEST_ERRORS:
+            return (
+                f"this stretch has {errors:.0f} usable samples of PV, and a window needs {FEWEST_ERRORS}: export it at "
+                "a shorter interval, or take a longer record"
+            )
+        ratio = SHORTFALL * standard_errors(information) / self.limits
+        worst = int(np.argmax(ratio))
+        reached = 100 * self.precision * float(ratio[worst])
+        known = f"to +-{reached:.2g} % only" if reached < 100 else "hardly at all"
+        return (
+            f"the moves of this stretch tell the {self.names[worst]} {known} (standard error; "
+            f"{100 * self.precision:.2g} % was asked for)"
+        )
+
+
+def standard_errors(information: Array) -> Array:
+    """(p,) from the information of p parameters and an offset; very large where there is none."""
+    return np.asarray(np.sqrt(np.diag(inverse(information, 1e-12)))[:-1])
+
+
+def demand_of(fit: RowFit, answered: Sequence[int], columns: Sequence[str], precision: float) -> Demand:
+    """Gains, slopes, first time constants and dead times of the elements that the pilot has found."""
+    names = fit.row.names
+    inputs = [columns[spec.column] for spec in fit.row.specs for _ in spec.structure.names]
+    size = np.abs(fit.theta) + felt_lag(fit)
+    limits = np.full(fit.theta.size, np.inf)
+    for k in answered:
+        if names[k].startswith(("gain", "slope", "dead")) or names[k] == "tau1":
+            limits[k] = precision * size[k]
+    words = tuple(f"{name.replace('_', ' ')} of {column}" for name, column in zip(names, inputs, strict=True))
+    return Demand(limits, words, precision, LEAST_SETTLINGS * settling(fit))
+
+
+def settling(fit: RowFit) -> float:
+    """How long a move keeps showing: SETTLED lags and the dead time of the slowest element."""
+    times = [fit.row.pieces[0].h]
+    for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
+        p, names = fit.theta[part], spec.structure.names
+        times.append(SETTLED * lag_of(names, p) + dead_time_of(names, p))
+    return float(max(times))
+
+
+def moves_of(segments: Sequence[Segment]) -> Array:
+    """Times at which a set-point moves (OP in open loop)."""
+    found = []
+    for segment in segments:
+        source = segment.r[:, np.isfinite(segment.r).all(axis=0)] if segment.closed else segment.u
+        size = np.abs(source).max(axis=0, initial=0.0)
+        moved = np.any(np.abs(np.diff(source, axis=0)) > 1e-9 * (1 + size), axis=1)
+        found.append(segment.t[1:][moved])
+    return np.sort(np.concatenate(found)) if found else np.zeros(0)
+
+
+def blocks_of(fit: RowFit, row: Row, moves: Array) -> Blocks:
+    """What each block of the pieces of one experiment will say about theta of `fit` under its noise model."""
+    settle = settling(fit)
+    h = row.pieces[0].h * row.stride
+    length = max(16, round(settle / 10 / h))
+    parts = [_piece_blocks(fit, replace(row, pieces=(piece,)), length, settle) for piece in row.pieces]
+    start, end, information, errors = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    last = np.searchsorted(moves, end) - 1
+    since = (
+        np.where(last >= 0, start - moves[np.maximum(last, 0)], np.inf) if moves.size else np.full(start.size, np.inf)
+    )
+    active = since < settle
+    return Blocks(start, end, np.where(active[:, None, None], information, 0.0), errors, active)
+
+
+def _piece_blocks(fit: RowFit, row: Row, length: int, settle: float) -> tuple[Array, Array, Array, Array]:
+    piece, stride, order = row.pieces[0], row.stride, fit.ar.size
+    total = len(range(0, piece.y.size, stride))
+    count, size = -(-total // length), fit.theta.size + 1
+    warm = int(np.ceil(WARM * settle / (piece.h * stride))) + order
+    information, errors = np.zeros((count, size, size)), np.zeros(count)
+    per_chunk = max(1, CHUNK // length)
+    for first in range(0, count, per_chunk):
+        begin, end = first * length, min((first + per_chunk) * length, total)
+        early = max(begin - warm, 0)
+        span = slice(early * stride, min(end * stride, piece.y.size))
+        # All chunks keep the operating point of the piece: each at its own, they would differ by steps.
+        inputs = np.ascontiguousarray(piece.inputs[:, span])
+        part = replace(row, pieces=(replace(piece.from_sample(span.start, span.stop), inputs=inputs),))
+        _, gradient = part.response_and_gradient(fit.theta, 0)
+        valid = part.measured(0)[1]
+        if valid.size <= order:
+            continue
+        columns = whiten(fit.ar, np.column_stack([gradient, np.ones(len(gradient))]))
+        use = whitened_valid(order, valid)
+        columns = np.where(use[:, None], columns, 0.0) / np.sqrt(fit.variance)
+        skip = max(begin - early - order, 0)
+        late = columns[skip:]
+        blocks = -(-len(late) // length)
+        padded = np.zeros((blocks * length, size))
+        padded[: len(late)] = late
+        stacked = padded.reshape(blocks, length, size)
+        information[first : first + blocks] = np.swapaxes(stacked, 1, 2) @ stacked
+        seen = np.zeros(blocks * length)
+        seen[: len(late)] = use[skip:]
+        errors[first : first + blocks] = seen.reshape(blocks, length).sum(axis=1)
+    last = piece.h * (piece.y.size - 0.5)  # no block reaches into what follows, whatever the stride
+    edges = piece.start + np.minimum(np.arange(count + 1) * length * piece.h * stride, last)
+    return edges[:-1], edges[1:], information, errors
+
+
+def windows_of(blocks: Blocks, demand: Demand, experiment: int, settle: float, what: str) -> list[Stretch]:
+    """Windows and refused stretches of one experiment, in order of time. `what` names what should have moved."""
+    span = float(blocks.end[-1] - blocks.start[0])
+    runs = _runs(blocks)
+    found: list[Stretch] = []
+    waiting: list[tuple[int, int]] = []
+    """Runs that do not suffice alone."""
+
+    def give_up() -> None:
+        if waiting:
+            a, b = waiting[0][0], waiting[-1][1]
+            length = float(blocks.end[b - 1] - blocks.start[a])
+            why = demand.shortfall(blocks.information[a:b].sum(axis=0), length, float(blocks.errors[a:b].sum()))
+            found.append(Stretch(experiment, float(blocks.start[a]), float(blocks.end[b - 1]), why))
+            waiting.clear()
+
+    for a, b in runs:
+        own = _greedy(blocks, demand, a, b)
+        if own:
+            give_up()
+            found += [Stretch(experiment, float(blocks.start[p]), float(blocks.end[q - 1])) for p, q in own]
+            continue
+        if waiting and blocks.end[b - 1] - blocks.start[waiting[0][0]] > LONGEST * span:
+            give_up()
+        waiting.append((a, b))
+        first = waiting[0][0]
+        if _enough(blocks, demand, first, b):
+            found.append(Stretch(experiment, float(blocks.start[first]), float(blocks.end[b - 1])))
+            waiting.clear()
+    give_up()
+    return _with_idle(found, blocks, experiment, settle, what)
+
+
+def _runs(blocks: Blocks) -> list[tuple[int, int]]:
+    """(first, one past last) of each unbroken run of active blocks."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], blocks.active, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _enough(blocks: Blocks, demand: Demand, a: int, b: int) -> bool:
+    if blocks.end[b - 1] - blocks.start[a] < demand.shortest or blocks.errors[a:b].sum() < FEWEST_ERRORS:
+        return False
+    return demand.met(blocks.information[a:b].sum(axis=0))
+
+
+def _greedy(blocks: Blocks, demand: Demand, a: int, b: int) -> list[tuple[int, int]]:
+    """Shortest windows that suffice, one after the other; what is left over lengthens the last one."""
+    out: list[tuple[int, int]] = []
+    first = a
+    while first < b:
+        step = 1
+        while first + step < b and not _enough(blocks, demand, first, first + step):
+            step *= 2
+        low, high = first + step // 2, min(first + step, b)
+        if not _enough(blocks, demand, first, high):
+            break
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if _enough(blocks, demand, first, middle) else (middle, high)
+        out.append((first, high))
+        first = high
+    if out and first < b:
+        out[-1] = (out[-1][0], b)
+    return out
+
+
+def _with_idle(found: list[Stretch], blocks: Blocks, experiment: int, settle: float, what: str) -> list[Stretch]:
+    """The stretches, and between them those in which nothing moved or nothing could be used, if they are long."""
+    edges = [float(blocks.start[0]), *(x for s in found for x in (s.start, s.end)), float(blocks.end[-1])]
+    idle = []
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - start > 2 * settle:
+            inside = (blocks.start < end) & (blocks.end > start)
+            there = blocks.errors[inside].sum() > 0
+            why = f"{what} in this stretch" if there else "no PV can be used in this stretch"
+            idle.append(Stretch(experiment, start, end, why))
+    return sorted([*found, *idle], key=lambda s: s.start)
+
+
+def planned(blocks: Blocks, demand: Demand, experiment: int, settle: float, what: str) -> list[Stretch]:
+    """`windows_of`, with windows made longer until there are no more than MOST of them."""
+    while True:
+        windows = windows_of(blocks, demand, experiment, settle, what)
+        count = sum(not w.refusal for w in windows)
+        if count <= MOST:
+            return windows
+        closer = 0.95 * np.sqrt(MOST / count)
+        demand = replace(demand, limits=demand.limits * closer, precision=demand.precision * closer)
+
+
+def cut(blocks: Blocks, start: float, end: float) -> Blocks | None:
+    """The blocks whose middle lies between two instants, with the outer ones ending there; None if there are none."""
+    middle = (blocks.start + blocks.end) / 2
+    keep = (middle >= start) & (middle <= end)
+    if not keep.any():
+        return None
+    return Blocks(
+        np.maximum(blocks.start[keep], start),
+        np.minimum(blocks.end[keep], end),
+        blocks.information[keep],
+        blocks.errors[keep],
+        blocks.active[keep],
+    )
+
+
+def part_of(segments: Sequence[Segment], start: float, end: float) -> list[Segment]:
+    """The segments of one experiment from `start` to before `end`."""
+    out = []
+    for segment in segments:
+        a, b = np.searchsorted(segment.t, [start - 1e-6 * segment.h, end - 1e-6 * segment.h])
+        if b - a > 1:
+            whole = {name: getattr(segment, name)[a:b] for name in ("t", "r", "u", "y", "d", "free")}
+            out.append(replace(segment, **whole))
+    return out
