@@ -8,11 +8,10 @@ import pytest
 
 from simulated import BLT, WOOD_BERRY, coloured, wood_berry
 from test_study import CONTROLLERS, project, scaled
-from trueplant import detect
+from trueplant import detect, run
 from trueplant.errors import ProjectError
 from trueplant.loop import simulate
 from trueplant.project.tables import Detector
-from trueplant import run
 
 
 def written(folder, simulation):

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from trueplant.arrays import Array
 from trueplant.identify.noise import fit_ar, whiten
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

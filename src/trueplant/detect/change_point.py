@@ -19,11 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify.noise import choose_order, fit_ar, whiten, whitened_valid
 from trueplant.identify.row import Row
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 FIRST, FURTHER = 60, 40
 """Instants looked at in the first pass and in each closer one."""

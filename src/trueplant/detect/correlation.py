@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.detect.signals import Detection, Signals, basis, beyond_shifts, flagged, lagged, shifted
-
-Array = NDArray[np.float64]
 
 
 def partial_correlation(signals: Signals, level: float = 0.05) -> Detection:

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.detect.verdict import Evidence, Verdict, judge
 from trueplant.identify import (
     OutputEstimate,
@@ -21,8 +21,6 @@ from trueplant.identify import (
 from trueplant.lti import TransferMatrix
 from trueplant.lti.structure import structure_of
 from trueplant.record import Segment
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import f as fisher
 
+from trueplant.arrays import Array
 from trueplant.detect.signals import Detection, NotApplicable, centred, flagged
 from trueplant.lti import TransferMatrix
 from trueplant.record import Segment
-
-Array = NDArray[np.float64]
 
 ORDER = 3
 """Of the ARX model of a window: past PVs, and past OPs after the model's dead time."""

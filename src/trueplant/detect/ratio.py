@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.detect.signals import Detection, NotApplicable, Signals, shifted
 from trueplant.lti import TransferMatrix
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 KINDS = ("gain", "dynamics", "dead time")
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueplant.detect.correlation import largest_correlation
 from trueplant.detect.signals import Detection, NotApplicable, Signals, centred, flagged, model_error
 from trueplant.errors import LoopError
 from trueplant.loop import Controller, simulate
 from trueplant.lti import TransferMatrix
-
-Array = NDArray[np.float64]
 
 
 def nominal_sensitivity(

@@ -12,15 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.errors import TrueplantError
 from trueplant.lti import TransferMatrix
 from trueplant.lti.sampled import sampled_response
 from trueplant.record import Segment
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 MOST_LAGS = 100
 """Lags looked at; finely sampled records are thinned out to that."""

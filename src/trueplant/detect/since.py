@@ -11,10 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
-Array = NDArray[np.float64]
+from trueplant.arrays import Array
 
 DRAWS = 2000
 PARTS = 4

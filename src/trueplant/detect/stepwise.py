@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from trueplant.arrays import Array
 from trueplant.detect.signals import Detection, Signals, explained, flagged, lagged
 from trueplant.identify.noise import choose_order, fit_ar, whiten
-
-Array = NDArray[np.float64]
 
 MOST_STEPS = 20
 LARGEST_ORDER = 10

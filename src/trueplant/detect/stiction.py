@@ -6,12 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueplant.detect.causes import Sticking, searched_p, stuck
 from trueplant.identify import OutputEstimate, fit_row
-
-Array = NDArray[np.float64]
 
 BANDS = np.array([0.04, 0.08, 0.12, 0.18, 0.25, 0.35, 0.5])
 """Tried, relative to OP's range from its 1st to its 99th percentile."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2, norm
 
-Array = NDArray[np.float64]
+from trueplant.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,17 +16,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.disturbance.kalman import whitened
 from trueplant.disturbance.models import Part, ramps
 from trueplant.disturbance.noise import Noise, Signal, criterion, fit_noise_and_jumps, reduced
 from trueplant.identify import Row, RowFit
 from trueplant.identify.linear_algebra import inverse
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 ITERATIONS = 40
 ROUNDS = 3

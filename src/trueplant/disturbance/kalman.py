@@ -14,12 +14,9 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.disturbance.models import System
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 STEADY = 1e-13
 """Relative change of the covariance from one sample to the next below which gains are kept."""

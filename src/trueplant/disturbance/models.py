@@ -13,11 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import UsageError
-
-Array = NDArray[np.float64]
 
 KINDS = ("step", "drift", "ar1")
 

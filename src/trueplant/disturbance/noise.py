@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import norm
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.disturbance.kalman import smoothed, whitened
 from trueplant.disturbance.models import Part, System, ramps, system_of
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 MOST_JUMPS = 12
 FALSE_JUMP = 0.01

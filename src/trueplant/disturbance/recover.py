@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.disturbance.kalman import smoothed, whitened
 from trueplant.disturbance.models import Part, ramps
 from trueplant.disturbance.noise import Noise, Signal, fit_noise_and_jumps, with_jumps
@@ -15,8 +15,6 @@ from trueplant.errors import UsageError
 from trueplant.identify import pieces_of
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.record import Segment
-
-Array = NDArray[np.float64]
 
 FEWEST = 20
 """Measured samples of an output below which nothing is said of its disturbance."""

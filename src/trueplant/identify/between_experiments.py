@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, norm, t
 
+from trueplant.arrays import Array
 from trueplant.identify.estimate import noise_signals
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.noise import fit_ar
 from trueplant.identify.search import felt_lag
-
-Array = NDArray[np.float64]
 
 INFORMATIVE = 0.5
 """A run takes part for a parameter if its standard error is below this share of the parameter's size."""

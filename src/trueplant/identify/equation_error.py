@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import AnyComplexArray, Array
 from trueplant.errors import LoopError, Refused
 from trueplant.loop.controller import Controller
 from trueplant.lti.sampled import rows_response, sampled_response
@@ -23,8 +22,6 @@ from trueplant.mismatch import fit_structure
 from trueplant.mismatch.expressions import closed_form
 from trueplant.record.types import Segment
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
 Element = tuple[int, int]
 
 LARGEST_ORDER = 5
@@ -48,10 +45,10 @@ class ErrorModel:
     fit_percent: float
     """100 (1 - |e - B0/A0 r|/|e|), simulated from rest."""
 
-    def __call__(self, s: ComplexArray) -> ComplexArray:
+    def __call__(self, s: AnyComplexArray) -> AnyComplexArray:
         """Response (n_s, n_r)."""
         above = np.stack([np.polyval(row, s) for row in self.num], axis=1)
-        value: ComplexArray = above / np.polyval(self.den, s)[:, None]
+        value: AnyComplexArray = above / np.polyval(self.den, s)[:, None]
         return value
 
 
@@ -63,7 +60,7 @@ class PaperFit:
     error_models: tuple[ErrorModel, ...]
     w: Array
     """(n_w,) frequencies of the reduction."""
-    plant: ComplexArray
+    plant: AnyComplexArray
     """(n_w, n_y, n_y) by (20)."""
 
 

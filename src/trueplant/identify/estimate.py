@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.noise import choose_order, fit_ar
 from trueplant.identify.row import Row
 from trueplant.identify.search import grid_start, initial_theta, rival_dead_times
 from trueplant.identify.validate import residual_tests
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 NOT_WHITE = 0.05
 """Significance from which prediction errors do not count as white."""

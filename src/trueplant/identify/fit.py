@@ -12,15 +12,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify.initial_state import Unknown
 from trueplant.identify.linear_algebra import eliminated, inverse, seen
 from trueplant.identify.noise import lagged, whiten, whitened_valid
 from trueplant.identify.row import Row
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SETTLED = 1e-4
 """Gain in -2 log likelihood, done and expected, at which the fit ends: a hundredth of a standard error."""

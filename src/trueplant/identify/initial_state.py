@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from trueplant.arrays import Array, BoolArray
 
 LARGE = 3.0
 """Standard deviations of what an element does that the amplitude of its free response may have."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from trueplant.arrays import Array
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.row import Row
-
-Array = NDArray[np.float64]
 
 FURTHEST = 12
 """Standard errors."""

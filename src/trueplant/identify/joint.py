@@ -13,16 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify.fit import RowFit, residuals
 from trueplant.identify.linear_algebra import eliminated, inverse, seen
 from trueplant.identify.noise import lagged, whitened_valid
 from trueplant.identify.row import Row
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 LARGEST_ORDER = 40
 LARGEST_JACOBIAN = 60_000_000

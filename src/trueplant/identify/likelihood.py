@@ -12,12 +12,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from trueplant.arrays import Array
 from trueplant.identify.fit import RowFit, fit_row
-
-Array = NDArray[np.float64]
 
 SEARCHED = 5
 """Degrees of freedom that the search for lag and dead time adds to those of the parameters.

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from trueplant.arrays import Array, BoolArray
 
 LOST = 1e-7
 """Directions whose singular value is below this share of the largest are lost in rounding."""

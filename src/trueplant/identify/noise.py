@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from trueplant.arrays import Array, BoolArray
 
 BLOCK = 1024
 """Samples that are filtered at a time."""

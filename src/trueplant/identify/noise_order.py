@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.identify.between_experiments import refit_noise
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import UNDERMODELLED
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.search import felt_lag
 from trueplant.identify.validate import ResidualTests
-
-Array = NDArray[np.float64]
 
 PLAUSIBLE = 2.0
 """A noise model whose prediction errors have more than this times the variance is no rival: nobody would choose it."""

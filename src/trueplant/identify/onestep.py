@@ -11,13 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.identify.fit import evaluate
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.row import Row
-
-Array = NDArray[np.float64]
 
 ROUNDS = 8
 SETTLED = 0.01

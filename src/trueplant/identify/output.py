@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from trueplant.arrays import Array
 from trueplant.identify.between_experiments import Runs, combine_runs, compare_runs
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.estimate import UNDERMODELLED, Options, estimate_row
@@ -23,8 +23,6 @@ from trueplant.identify.slow_tail import slow_errors, slow_p
 from trueplant.identify.small import inflation, widening_by_starts, without_unseen_dead_times
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
-
-Array = NDArray[np.float64]
 
 FEWEST_SAMPLES = 2.5
 """Lag and dead time together must span this many samples to be told from each other and from none."""

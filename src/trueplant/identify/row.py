@@ -15,14 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify.initial_state import LARGE, Mode, Unknown, lag_mode, pair_modes
 from trueplant.lti.sampled import rows_response, sampled_response
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import TransferFunction
 from trueplant.record.types import Segment
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 FASTEST_LAG = 0.05
 """In samples."""

@@ -10,14 +10,12 @@ Where their size changes, or something is left of their colour, the curvature of
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from trueplant.arrays import Array
 from trueplant.identify.fit import RowFit, linearised
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.validate import LAGS, ResidualTests
-
-Array = NDArray[np.float64]
 
 SIGNIFICANT = 0.01
 """Of the residual tests that choose this covariance."""

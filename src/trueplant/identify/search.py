@@ -7,14 +7,12 @@ gains of all others and the nuisance terms projected out, and several times over
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.identify.fit import RowFit
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.row import Row
-
-Array = NDArray[np.float64]
 
 NEAR = 10.0
 """Difference in -2 log likelihood within which another dead time is worth a fit."""

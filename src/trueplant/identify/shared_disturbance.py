@@ -11,14 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from trueplant.arrays import Array
 from trueplant.identify.intervals import normal_intervals, widened
 from trueplant.identify.joint import fit_until_white
 from trueplant.identify.output import OutputEstimate
-
-Array = NDArray[np.float64]
 
 LAGS = 8
 """Past prediction errors, at the stride of the estimate, that are looked at."""

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from trueplant.arrays import Array
 from trueplant.identify.estimate import UNDERMODELLED
 from trueplant.identify.fit import RowFit, evaluate, fit_row
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.row import Row
 from trueplant.identify.search import dead_time_of, lag_of
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 SLOWER = (3.0, 10.0)

@@ -5,13 +5,10 @@ takes along, and starts that are known from what came after them.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, norm, t
 
 from trueplant.identify.fit import RowFit
 from trueplant.identify.likelihood import held_at, rise
-
-Array = NDArray[np.float64]
 
 UNSEEN = 0.05
 """Significance from which a dead time that the model does not have is believed."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from trueplant.arrays import Array
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.linear_algebra import eliminated
 from trueplant.identify.noise import fit_ar, whiten
@@ -16,8 +17,6 @@ from trueplant.identify.row import Piece, Row
 from trueplant.identify.search import lag_of
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction
-
-Array = NDArray[np.float64]
 
 LAGS = 25
 

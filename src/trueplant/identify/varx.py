@@ -10,18 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import AnyComplexArray, Array
 from trueplant.errors import Refused, UsageError
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.mismatch.sampling import sampled_frequency_response
 from trueplant.record.types import Segment
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 LAGS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
 """The longest that the record affords is used."""
@@ -56,7 +53,7 @@ class Varx:
     def lags(self) -> int:
         return len(self.A)
 
-    def response(self, w: Array) -> tuple[ComplexArray, Array]:
+    def response(self, w: Array) -> tuple[AnyComplexArray, Array]:
         """Response between samples (n_w, n_y, n_u) at w rad per time unit, and its standard error sqrt(E|dG|^2)."""
         value, left, directions = self._linearised(w)
         spread = np.real(np.einsum("waj,jk,wak->wa", left, self.noise, left.conj()))
@@ -86,7 +83,7 @@ class Varx:
         """TESTED frequencies, from half a period in the lags to a quarter of the sampling rate."""
         return np.geomspace(np.pi / (self.lags * self.h), np.pi / self.h / 2, TESTED)
 
-    def distance(self, response: ComplexArray, w: Array) -> tuple[Array, Array]:
+    def distance(self, response: AnyComplexArray, w: Array) -> tuple[Array, Array]:
         """The test for any response between samples (n_w, n_y, n_u) at w."""
         from scipy.stats import chi2
 
@@ -110,7 +107,7 @@ class Varx:
                 p[i, j] = chi2.sf(distance, dof[i, j])
         return p, dof
 
-    def _linearised(self, w: Array) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    def _linearised(self, w: Array) -> tuple[AnyComplexArray, AnyComplexArray, AnyComplexArray]:
         """G (n_w, n_y, n_u), (I - A)^-1 (n_w, n_y, n_y), and what a coefficient does to a column of G before that.
 
         dG[:, j] = (I - A)^-1 sum_n dTheta[:, n] directions[:, n, j].

@@ -6,15 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueplant.arrays import ComplexArray
 from trueplant.errors import IllPosedLoop, LoopError, SignConflict, UnstableLoop
 from trueplant.loop.controller import Controller
 from trueplant.loop.stability import unstable_poles
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Response = Callable[[ArrayLike], ComplexArray] | ComplexArray
 """A system that can be called with s (n_s,), or its response, rows first: (n_s, rows, columns)."""
 

@@ -8,12 +8,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.loop.law import Law, entry_output
 from trueplant.lti import require_proper
 from trueplant.lti.sampled import discretise, realise, split_dead_time
 from trueplant.lti.transfer import TransferMatrix
 
-Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 

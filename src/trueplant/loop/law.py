@@ -18,15 +18,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.errors import LoopError
 from trueplant.loop.controller import Controller
 from trueplant.loop.pid import PID, Entry
 from trueplant.lti.sampled import expm, realise, sampled_response
 from trueplant.lti.transfer import TransferFunction
 
-Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 class Law(NamedTuple):

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trueplant.loop.closed import LoopFunctions, loop_functions
 from trueplant.loop.controller import Controller
 from trueplant.lti.transfer import TransferMatrix
-
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)

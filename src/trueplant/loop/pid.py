@@ -14,13 +14,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.lti.transfer import TransferFunction
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 PvTransform = Callable[[ArrayLike], Array]
 Limits = tuple[float, float]
 

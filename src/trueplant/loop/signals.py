@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueplant.arrays import Array
 from trueplant.errors import LoopError
-
-Array = NDArray[np.float64]
 
 
 def random_steps(steps: int, h: float, mean_interval: float, amplitudes: ArrayLike, seed: int) -> Array:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueplant.arrays import Array
 from trueplant.errors import LoopError, UnstableLoop
 from trueplant.loop.controller import Controller
 from trueplant.loop.kernel import run_law, run_loop, terms_of
@@ -14,8 +15,6 @@ from trueplant.loop.law import filtered_setpoint, law_of, rest
 from trueplant.loop.pid import PID
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferMatrix
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,14 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import IllPosedLoop, LoopError, UnstableLoop
 from trueplant.loop.controller import Controller
 from trueplant.loop.kernel import Terms, terms_of
 from trueplant.loop.pid import PID, Entry, hold
 from trueplant.lti.transfer import TransferMatrix
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Function = Callable[[ComplexArray], ComplexArray]
 
 _MOST_POINTS = 400_000

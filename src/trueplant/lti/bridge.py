@@ -5,16 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueplant.arrays import Array
 from trueplant.errors import FormulaError
 from trueplant.lti.reduce import simplified
 from trueplant.lti.transfer import Term, TransferFunction, TransferMatrix
 
 if TYPE_CHECKING:
     import control
-
-Array = NDArray[np.float64]
 
 
 def from_control(system: Any, dead_times: ArrayLike | None = None) -> TransferMatrix:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-ComplexArray = NDArray[np.complex128]
+from trueplant.arrays import ComplexArray
 
 # A root of multiplicity m comes back scattered by about eps^(1/m); these are the circles tried, widest first:
 # all roots the same one, and so on down to all different.

@@ -11,12 +11,11 @@ from collections.abc import Sequence
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.lti.polynomial import distinct_roots, natural_scale
 from trueplant.lti.transfer import Term, TransferFunction, TransferMatrix
 
-Array = NDArray[np.float64]
 Factor = tuple[float, ...]
 
 _ROUNDING = 1e-12

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueplant.arrays import Array
 from trueplant.errors import FormulaError
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 
-Array = NDArray[np.float64]
 WHOLE_SAMPLE = 1e-9
 """A dead time this close to whole samples (relative to one) is taken as whole samples."""
 

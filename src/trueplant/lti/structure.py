@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import FormulaError
 from trueplant.lti.sampled import rows_response
 from trueplant.lti.transfer import Term, TransferFunction
-
-Array = NDArray[np.float64]
 
 _BASES = {"gain": (0, 0), "fopdt": (1, 0), "sopdt": (2, 0), "integrator": (0, 1), "pair": (0, 0)}
 

@@ -11,12 +11,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import FormulaError
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 def _trimmed(polynomial: ArrayLike) -> tuple[float, ...]:

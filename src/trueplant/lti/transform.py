@@ -6,11 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueplant.arrays import Array
 from trueplant.lti.grammar import Call, Name, Node, Number, fail, parse
-
-Array = NDArray[np.float64]
 
 _FUNCTIONS: dict[str, Callable[[Array], Array]] = {
     "sqrt": np.sqrt,

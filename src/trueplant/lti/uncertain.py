@@ -9,14 +9,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _MOST_ROUNDS = 500
 

@@ -9,15 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
+from trueplant.arrays import Array
 from trueplant.lti.transfer import TransferMatrix
 from trueplant.mismatch.local import FrequencyResponse
 from trueplant.mismatch.sampling import sampled_frequency_response
-
-Array = NDArray[np.float64]
 
 NEGLIGIBLE = 0.01
 """Of an element's response: what local polynomials get wrong themselves, and never held against a plant."""

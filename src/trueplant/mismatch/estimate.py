@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import Refused
 from trueplant.loop.controller import Controller
 from trueplant.lti.structure import Structure
@@ -17,7 +17,6 @@ from trueplant.mismatch.periodic import periodic_response
 from trueplant.mismatch.reduction import fit_structure
 from trueplant.record.types import Segment
 
-Array = NDArray[np.float64]
 Element = tuple[int, int]
 
 ROUNDS = 6

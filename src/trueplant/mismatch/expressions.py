@@ -8,16 +8,11 @@ solved for all points at once; no matrix is inverted that could be solved with.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import AnyComplexArray, Array, BoolArray
 from trueplant.errors import LoopError, Refused, UsageError
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
-BoolArray = NDArray[np.bool_]
 
 WORST_CONDITION = 1e8
 """Above this condition number of the excitation matrix its inverse is rounding, not data."""
@@ -27,11 +22,11 @@ WORST_CONDITION = 1e8
 class Mismatch:
     """Mismatch and plant at the points s. NaN where `usable` is False."""
 
-    delta: ComplexArray
+    delta: AnyComplexArray
     """(n_s, n_y, n_u) plant minus model."""
-    plant: ComplexArray
+    plant: AnyComplexArray
     """(n_s, n_y, n_u)"""
-    X: ComplexArray
+    X: AnyComplexArray
     """(n_s, n_y, n_r) from set-points to e: the paper's e r^-1."""
     condition: Array
     """(n_s,) condition number of the excitation matrix, its rows and columns scaled to length 1 so that units
@@ -41,12 +36,12 @@ class Mismatch:
 
 
 def closed_form(
-    R: ComplexArray,
-    E: ComplexArray,
-    Ghat: ComplexArray,
-    Q: ComplexArray,
-    V: ComplexArray | None = None,
-    F: ComplexArray | None = None,
+    R: AnyComplexArray,
+    E: AnyComplexArray,
+    Ghat: AnyComplexArray,
+    Q: AnyComplexArray,
+    V: AnyComplexArray | None = None,
+    F: AnyComplexArray | None = None,
     weights: Array | None = None,
 ) -> Mismatch:
     """Equations (17)-(20): the mismatch from set-points, residuals, model and controller.
@@ -82,10 +77,10 @@ def closed_form(
 
 
 def joint(
-    R: ComplexArray,
-    Y: ComplexArray,
-    U: ComplexArray,
-    Ghat: ComplexArray | None = None,
+    R: AnyComplexArray,
+    Y: AnyComplexArray,
+    U: AnyComplexArray,
+    Ghat: AnyComplexArray | None = None,
     weights: Array | None = None,
 ) -> Mismatch:
     """Joint form G = (Y R^-1)(U R^-1)^-1, Delta = (E R^-1)(U R^-1)^-1, which needs no controller.
@@ -121,7 +116,7 @@ def joint(
 
 
 def consistency(
-    R: ComplexArray, Y: ComplexArray, U: ComplexArray, Q: ComplexArray, F: ComplexArray | None = None
+    R: AnyComplexArray, Y: AnyComplexArray, U: AnyComplexArray, Q: AnyComplexArray, F: AnyComplexArray | None = None
 ) -> Array:
     """Gap (n_s, n_u) between the recorded U and Q (F R - Y), relative to U.
 
@@ -135,7 +130,7 @@ def consistency(
     return np.where(size > 0, gap / np.where(size > 0, size, 1.0), np.where(gap > 0, np.inf, 0.0))
 
 
-def plant_covariance(U: ComplexArray, spectrum: ComplexArray) -> ComplexArray:
+def plant_covariance(U: AnyComplexArray, spectrum: AnyComplexArray) -> AnyComplexArray:
     """First-order covariance (n_s, n_y n_u, n_y n_u) of vec G under unmeasured v, of either form.
 
     cov vec G = (U U*)^-T kron Phi_v, columns of G stacked (element (i, j) at j n_y + i). U (n_s, n_u,
@@ -147,7 +142,9 @@ def plant_covariance(U: ComplexArray, spectrum: ComplexArray) -> ComplexArray:
     return _kron(np.linalg.inv(gram).transpose(0, 2, 1), spectrum)
 
 
-def closed_form_covariance(X: ComplexArray, plant: ComplexArray, Q: ComplexArray, of_X: ComplexArray) -> ComplexArray:
+def closed_form_covariance(
+    X: AnyComplexArray, plant: AnyComplexArray, Q: AnyComplexArray, of_X: AnyComplexArray
+) -> AnyComplexArray:
     """Covariance of vec G from that of vec X: dG = (I - X)^-1 dX (G + Q^-1)."""
     identity = np.broadcast_to(np.eye(X.shape[1], dtype=complex), X.shape)
     right = plant + over_controller(identity, Q)
@@ -155,14 +152,14 @@ def closed_form_covariance(X: ComplexArray, plant: ComplexArray, Q: ComplexArray
     return step @ of_X @ _adjoint(step)
 
 
-def standard_errors(covariance: ComplexArray, shape: tuple[int, int]) -> Array:
+def standard_errors(covariance: AnyComplexArray, shape: tuple[int, int]) -> Array:
     """sqrt(E|dG|^2) (n_s, n_y, n_u) from a covariance of vec G."""
     n_y, n_u = shape
     variance = np.diagonal(covariance, axis1=1, axis2=2).real
     return np.sqrt(variance.reshape(-1, n_u, n_y).transpose(0, 2, 1))
 
 
-def over_controller(X: ComplexArray, Q: ComplexArray) -> ComplexArray:
+def over_controller(X: AnyComplexArray, Q: AnyComplexArray) -> AnyComplexArray:
     """X Q^-1. An infinite entry of Q (integral action at s = 0) counts as what it is: its inverse is 0."""
     infinite = ~np.isfinite(Q)
     if infinite.any():
@@ -171,7 +168,7 @@ def over_controller(X: ComplexArray, Q: ComplexArray) -> ComplexArray:
             raise LoopError("integral action across loops has no value at s = 0: use a small s instead")
         Q = np.where(infinite, 1e150, Q)
     try:
-        value: ComplexArray = np.linalg.solve(Q.transpose(0, 2, 1), X.transpose(0, 2, 1)).transpose(0, 2, 1)
+        value: AnyComplexArray = np.linalg.solve(Q.transpose(0, 2, 1), X.transpose(0, 2, 1)).transpose(0, 2, 1)
     except np.linalg.LinAlgError as error:
         raise LoopError(
             "the controller has no inverse, as when a loop is open or has gain 0: (17)-(20) do not apply; "
@@ -180,7 +177,7 @@ def over_controller(X: ComplexArray, Q: ComplexArray) -> ComplexArray:
     return value
 
 
-def _excitation(R: ComplexArray) -> tuple[Array, BoolArray]:
+def _excitation(R: AnyComplexArray) -> tuple[Array, BoolArray]:
     """Condition number at each s and where it is good enough; Refused with the reason if nowhere."""
     n_r, n_experiments = R.shape[1:]
     if n_experiments < n_r:
@@ -204,7 +201,7 @@ def _excitation(R: ComplexArray) -> tuple[Array, BoolArray]:
     return condition, usable
 
 
-def _condition(matrix: ComplexArray) -> Array:
+def _condition(matrix: AnyComplexArray) -> Array:
     finite = np.all(np.isfinite(matrix), axis=(1, 2))
     scaled = np.where(finite[:, None, None], matrix, 0.0)
     for axis in (2, 1):
@@ -215,12 +212,12 @@ def _condition(matrix: ComplexArray) -> Array:
     return np.where(smallest > 0, singular[:, 0] / np.where(smallest > 0, smallest, 1.0), np.inf)
 
 
-def _ratio(A: ComplexArray, B: ComplexArray, usable: BoolArray, weights: Array | None) -> ComplexArray:
+def _ratio(A: AnyComplexArray, B: AnyComplexArray, usable: BoolArray, weights: Array | None) -> AnyComplexArray:
     """X in X B = A, of least squares where B is wide; NaN where not usable."""
     n, wide = B.shape[1:]
     safe = np.where(usable[:, None, None], B, np.eye(n, wide))
     if n == wide:
-        value: ComplexArray = np.linalg.solve(safe.transpose(0, 2, 1), A.transpose(0, 2, 1)).transpose(0, 2, 1)
+        value: AnyComplexArray = np.linalg.solve(safe.transpose(0, 2, 1), A.transpose(0, 2, 1)).transpose(0, 2, 1)
     else:
         root = np.sqrt(np.ones(wide) if weights is None else np.asarray(weights, dtype=float))
         value = (A * root) @ np.linalg.pinv(safe * root)
@@ -228,21 +225,21 @@ def _ratio(A: ComplexArray, B: ComplexArray, usable: BoolArray, weights: Array |
     return value
 
 
-def _kron(a: ComplexArray, b: ComplexArray) -> ComplexArray:
+def _kron(a: AnyComplexArray, b: AnyComplexArray) -> AnyComplexArray:
     product = np.einsum("sjl,sik->sjilk", a, b)
-    value: ComplexArray = product.reshape(a.shape[0], a.shape[1] * b.shape[1], a.shape[2] * b.shape[2])
+    value: AnyComplexArray = product.reshape(a.shape[0], a.shape[1] * b.shape[1], a.shape[2] * b.shape[2])
     return value
 
 
-def _adjoint(a: ComplexArray) -> ComplexArray:
+def _adjoint(a: AnyComplexArray) -> AnyComplexArray:
     return a.conj().transpose(0, 2, 1)
 
 
-def _same_shape(a: ComplexArray, b: ComplexArray, name: str, other: str) -> None:
+def _same_shape(a: AnyComplexArray, b: AnyComplexArray, name: str, other: str) -> None:
     if a.shape != b.shape:
         raise UsageError(f"{name} has shape {a.shape} and {other} {b.shape}: they must agree")
 
 
-def _has_shape(a: ComplexArray, shape: tuple[int, ...], name: str) -> None:
+def _has_shape(a: AnyComplexArray, shape: tuple[int, ...], name: str) -> None:
     if a.shape != shape:
         raise UsageError(f"{name} must have shape {shape}, not {a.shape}: points s first, then rows, then columns")

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import AnyComplexArray, Array, BoolArray
 from trueplant.errors import LoopError, Refused, UsageError
 from trueplant.loop.controller import Controller
 from trueplant.lti.sampled import sampled_response
@@ -22,10 +22,6 @@ from trueplant.mismatch.expressions import over_controller
 from trueplant.mismatch.polynomial import Windows, fit_windows
 from trueplant.mismatch.sampling import hold_response, sampled_frequency_response
 from trueplant.record.types import Segment
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
-BoolArray = NDArray[np.bool_]
 
 METHODS = ("joint", "closed-form", "direct")
 MOST_MISSING = 0.1
@@ -47,13 +43,13 @@ class FrequencyResponse:
     """
 
     w: Array
-    value: ComplexArray
+    value: AnyComplexArray
     """(n_w, n_y, n_u) continuous response G(jw), as well as samples tell it."""
-    sampled: ComplexArray
+    sampled: AnyComplexArray
     """(n_w, n_y, n_u) response between the samples of u and of y."""
     std: Array
     """(n_w, n_y, n_u) standard error of `sampled`, sqrt(E|dG|^2); of `value` it is std over |hold|."""
-    covariance: ComplexArray
+    covariance: AnyComplexArray
     """(n_windows, points, points, n_y, n_u) of each element of `sampled` within each window."""
     reliable: BoolArray
     """(n_w,) False where noise hides how the loop answers, so that value and std are not to be trusted."""
@@ -220,7 +216,7 @@ def _bridged(segment: Segment, notes: list[str]) -> Array:
     return relative
 
 
-def _joint(windows: Windows, n_y: int) -> tuple[ComplexArray, ComplexArray, ComplexArray, Array]:
+def _joint(windows: Windows, n_y: int) -> tuple[AnyComplexArray, AnyComplexArray, AnyComplexArray, Array]:
     """Delta = E_r U_r^-1, the factors of its error [I, -Delta] dZ_r U_r^-1, and the size of dU_r U_r^-1."""
     E_r, U_r = windows.value[:, :, :n_y], windows.value[:, :, n_y:]
     n_u, n_r = U_r.shape[2:]
@@ -235,7 +231,7 @@ def _joint(windows: Windows, n_y: int) -> tuple[ComplexArray, ComplexArray, Comp
 
 def _closed(
     windows: Windows, model: TransferMatrix, controller: Controller, h: float, hold: tuple[str, ...], near: bool
-) -> tuple[ComplexArray, ComplexArray, ComplexArray, Array]:
+) -> tuple[AnyComplexArray, AnyComplexArray, AnyComplexArray, Array]:
     """(17) with X = E_r F^-1, the factors of its error (I - X)^-1 dE_r F^-1 (G + Q^-1), and the size of (I - X)^-1 dX.
 
     Between samples: u(jw) = h H u_d, r(jw) = h H_zoh r_d and y(jw) = h y_d turn Q into Q/H and F into F H_zoh.
@@ -261,7 +257,7 @@ def _closed(
     return delta.reshape(square), left, right.reshape(square), spread
 
 
-def _variance(windows: Windows, left: ComplexArray, right: ComplexArray) -> ComplexArray:
+def _variance(windows: Windows, left: AnyComplexArray, right: AnyComplexArray) -> AnyComplexArray:
     """Covariance (n_win, p, q, i, k) between points p and q of element (i, k) of left_p dZ_p right_p.
 
     dZ_p is linear in the window's coefficients, whose covariance is gram times noise.
@@ -270,18 +266,18 @@ def _variance(windows: Windows, left: ComplexArray, right: ComplexArray) -> Comp
     through = np.einsum("pa,wpjk->wpajk", windows.basis, right).reshape(n_win, n_p, -1, n_k)
     of_rows = np.einsum("wpiz,wzv,wqiv->wpqi", left, windows.noise, left.conj(), optimize=True)
     of_columns = np.einsum("wpck,wcd,wqdk->wpqk", through, windows.gram, through.conj(), optimize=True)
-    value: ComplexArray = of_rows[..., :, None] * of_columns[..., None, :]
+    value: AnyComplexArray = of_rows[..., :, None] * of_columns[..., None, :]
     return value
 
 
-def _spread(windows: Windows, left: ComplexArray, right: ComplexArray) -> Array:
+def _spread(windows: Windows, left: AnyComplexArray, right: AnyComplexArray) -> Array:
     """(n_win, points) largest standard error on the diagonal of left dZ right, which no choice of units alters."""
     variance = np.einsum("wppii->wpi", _variance(windows, left, right)).real
     spread: Array = np.sqrt(np.maximum(variance, 0.0)).max(axis=2)
     return spread
 
 
-def _steadied(spread: Array, gram: ComplexArray) -> Array:
+def _steadied(spread: Array, gram: AnyComplexArray) -> Array:
     """The spread (n_lines, 1) as neighbouring lines have it, on the whole, but for how strong each line is.
 
     A line that is taken because its own spread came out small, or its response large, would be believed too much.
@@ -297,9 +293,9 @@ def _steadied(spread: Array, gram: ComplexArray) -> Array:
 
 def _assembled(
     windows: Windows,
-    delta: ComplexArray,
-    left: ComplexArray,
-    right: ComplexArray,
+    delta: AnyComplexArray,
+    left: AnyComplexArray,
+    right: AnyComplexArray,
     reliable: BoolArray,
     base: TransferMatrix,
     h: float,

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
+from trueplant.arrays import AnyComplexArray, Array
 from trueplant.errors import LoopError, Refused, UsageError
 from trueplant.loop.controller import Controller
 from trueplant.lti.transfer import TransferMatrix
@@ -23,9 +23,6 @@ from trueplant.mismatch.local import FrequencyResponse, gathered, moved, plant_r
 from trueplant.mismatch.polynomial import Windows
 from trueplant.mismatch.sampling import sampled_frequency_response
 from trueplant.record.types import Segment
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 FEWEST = 3
 """Periods of a stretch: one for the transient, two to tell their spread."""
@@ -52,9 +49,9 @@ Stretch = tuple[int, int]
 class _Averaged:
     """One stretch: spectra at the lines (n_lines, n), noise of one period, and how many periods were used."""
 
-    reference: ComplexArray
-    signal: ComplexArray
-    noise: ComplexArray
+    reference: AnyComplexArray
+    signal: AnyComplexArray
+    noise: AnyComplexArray
     used: int
     left_out: int
 
@@ -202,18 +199,18 @@ def _average(r: Array, z: Array, length: int) -> _Averaged:
     return _Averaged(reference, mean, noise, used, first)
 
 
-def _ramp(means: Array, length: int) -> ComplexArray:
+def _ramp(means: Array, length: int) -> AnyComplexArray:
     """Spectrum (n_bins, n_z) within one period of the straight line through the means (P, n_z) of the periods.
 
     A drift is alike in all periods, so that their spread would not show what it adds to the lines.
     """
     place = np.arange(len(means)) - (len(means) - 1) / 2
     slope = place @ means / np.sum(place**2) / length
-    ramp: ComplexArray = np.fft.rfft(np.arange(length))[:, None] * slope / np.sqrt(length)
+    ramp: AnyComplexArray = np.fft.rfft(np.arange(length))[:, None] * slope / np.sqrt(length)
     return ramp
 
 
-def _settled_from(spectra: ComplexArray, rounding: float) -> int:
+def _settled_from(spectra: AnyComplexArray, rounding: float) -> int:
     """The first period, from the second on, that does not differ from the later ones by more than their spread.
 
     The power of the difference over that of the spread, summed over the lines, has about an F distribution; as noise is

@@ -7,14 +7,11 @@ G H over all aliases, H being the hold; it is computed here without that sum, fr
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import FormulaError
 from trueplant.lti.sampled import discretise, realise, split_dead_time
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 def hold_response(w: Array, h: float, hold: str = "zoh") -> ComplexArray:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from trueplant.arrays import Array
 from trueplant.loop import Simulation
 from trueplant.paper.mill import Mill
 from trueplant.paper.montecarlo import NAMES, Estimates, bound_percent, percent
@@ -17,7 +17,6 @@ from trueplant.report.decimate import compact, min_max
 from trueplant.report.figures import log_ticks
 from trueplant.report.style import BOTTOM, LIGHT, TOP, framed, line
 
-Array = NDArray[np.float64]
 Curve = tuple[str, str, Array]
 """Role, name, values."""
 

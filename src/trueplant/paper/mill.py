@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueplant.loop import Controller, Simulation, simulate
 from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
@@ -17,8 +16,6 @@ from trueplant.plants import Case, mill
 from trueplant.record import transform
 from trueplant.robust import Robustness, gain_and_dead_time_weight, performance_weight, robust_performance
 from trueplant.robust import uncertainty_weight as weight_27
-
-Array = NDArray[np.float64]
 
 VARIANTS = ("printed", "eq37")
 H, DURATION, SIGMA = 0.01, 60.0, 0.3

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify import Row, Spec, identify_output, paper_route, pieces_of
 from trueplant.lti import sampled_response
 from trueplant.lti.structure import structure_of
 from trueplant.paper.records import ELEMENTS, FOPDT, POLE, case, noise_std, parameters, record, segment_of
 from trueplant.record import Segment
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 NAMES = tuple(f"{name}{i + 1}{j + 1}" for i, j in ELEMENTS for name in ("gain", "tau", "delay"))
 SETTLING = 25

@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.loop import Controller, Simulation, simulate
 from trueplant.lti import Structure, TransferMatrix
 from trueplant.lti.structure import structure_of
 from trueplant.plants import splitter
 from trueplant.record import Segment
-
-Array = NDArray[np.float64]
 
 H, SAMPLES = 0.1, 3000
 STEP_TIMES = (25.0, 75.0, 125.0, 175.0, 225.0, 275.0)

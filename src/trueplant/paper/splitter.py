@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import SignConflict
 from trueplant.identify import equation_error
 from trueplant.loop import PID, Controller, check_loop, simulate, unstable_poles
@@ -17,8 +17,6 @@ from trueplant.paper.entry import Entry, rounded, shown
 from trueplant.paper.records import ELEMENTS
 from trueplant.plants import splitter
 from trueplant.robust import margins
-
-Array = NDArray[np.float64]
 
 CALCULATED = TransferMatrix.of(
     [["-0.677/(10.40 s + 1)", "4.65 exp(-3 s)/(15.87 s + 1)"], ["0", "3.81 exp(-0.5 s)/(2.96 s + 1)"]], "min"

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify import Spec, fit_percent, identify_output
 from trueplant.loop import Simulation
 from trueplant.lti import TransferMatrix, sampled_response
@@ -28,9 +28,6 @@ from trueplant.paper.records import (
     segment_of,
 )
 from trueplant.paper.splitter import TABLE_4
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SEEDS = 20
 """Records of each kind in `trueplant paper`; benchmarks/bench_splitter.py takes 100."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.record.runs import spread, true_runs
-from trueplant.record.types import Array, BoolArray
 
 _LINE = 2.5
 """Resolutions by which rounding alone takes a sample off its line, at most."""

@@ -10,12 +10,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import DataError
 from trueplant.record.runs import true_runs
 from trueplant.record.sensor import quantum
-from trueplant.record.types import Array, Segment
-
-ComplexArray = NDArray[np.complex128]
+from trueplant.record.types import Segment
 
 _SAME_PROPORTION = 0.02
 """Singular value of the scaled moves, relative to the largest, below which a direction counts as missing."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import DataError
-from trueplant.record.types import Array
-
-ComplexArray = NDArray[np.complex128]
 
 _SERIES_BELOW = 1.0
 _CHUNK = 1 << 21

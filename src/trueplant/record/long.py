@@ -9,11 +9,12 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
 from trueplant.record.numbers import counted
 from trueplant.record.table import Table, did_you_mean
 from trueplant.record.times import find_time, parse_times
-from trueplant.record.types import Array, BoolArray, Finding
+from trueplant.record.types import Finding
 
 _SYNONYMS = {
     "tag": ("tag", "tagname", "point", "pointname", "name", "signal", "variable", "item", "itemid", "messstelle"),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trueplant.record.types import Array, BoolArray
+from trueplant.arrays import Array, BoolArray
 
 if TYPE_CHECKING:
     import polars as pl

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
 from trueplant.record.layout import Channel, Layout
 from trueplant.record.long import is_long, to_wide
@@ -17,7 +18,7 @@ from trueplant.record.numbers import counted
 from trueplant.record.runs import spans_of
 from trueplant.record.table import Table, as_table, read_table
 from trueplant.record.times import find_time, parse_times, put_in_order, unit_seconds
-from trueplant.record.types import Array, BoolArray, Finding, Record
+from trueplant.record.types import Finding, Record
 
 FEWEST_ROWS = 10
 _HUGE = 1e300

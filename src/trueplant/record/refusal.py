@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from trueplant.arrays import BoolArray
 from trueplant.record.layout import Layout
-from trueplant.record.types import BoolArray, Finding, Record
+from trueplant.record.types import Finding, Record
 
 FEWEST_USABLE = 20
 """Usable samples of some PV, below which nothing can be said."""

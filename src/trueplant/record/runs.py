@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trueplant.record.types import Array, BoolArray
+from trueplant.arrays import Array, BoolArray
 
 Index = NDArray[np.int64]
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
 from trueplant.record import sensor
 from trueplant.record.compression import filled_in, moves
@@ -15,7 +16,7 @@ from trueplant.record.numbers import counted
 from trueplant.record.refusal import FEWEST_USABLE, why_refused
 from trueplant.record.runs import equal_runs, hold_short, spans_of, spread
 from trueplant.record.segments import SHORT_GAP, SHORTEST, Clock, clock_of, segments_of
-from trueplant.record.types import Array, BoolArray, Finding, Record, Screened
+from trueplant.record.types import Finding, Record, Screened
 
 _COMPRESSED = 0.05
 """Share of filled-in samples from which on compression is said."""

@@ -7,8 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.record.runs import Index, hold_short, true_runs
-from trueplant.record.types import Array, BoolArray, Record, Segment
+from trueplant.record.types import Record, Segment
 
 SHORT_GAP = 3
 """OP and set-point hold their last value over so many missing samples; after more a new segment begins."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.record.runs import equal_runs, spread
-from trueplant.record.types import Array, BoolArray
 
 _SPIKE_SCALE = 4.5
 """Spikes exceed this many standard deviations of the changes between updates, on both sides."""

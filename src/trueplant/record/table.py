@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
 from trueplant.record.numbers import decimal_mark, to_numbers
 from trueplant.record.text import looks_like_data, split_cells
-from trueplant.record.types import Array, BoolArray, Finding
+from trueplant.record.types import Finding
 
 if TYPE_CHECKING:
     import polars as pl

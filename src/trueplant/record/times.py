@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import DataError
 from trueplant.record.numbers import counted
 from trueplant.record.table import Table
-from trueplant.record.types import Array, Finding
+from trueplant.record.types import Finding
 
 if TYPE_CHECKING:
     import polars as pl

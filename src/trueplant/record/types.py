@@ -6,10 +6,8 @@ from dataclasses import dataclass, field
 from datetime import datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from trueplant.arrays import Array, BoolArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.lti.structure import gain_unit
 from trueplant.report.figures import phases
 from trueplant.report.numbers import interval, number
 from trueplant.result import CoherenceCurves, Curves, Residuals, Trend
-
-Array = NDArray[np.float64]
 
 
 def _rms(x: Array) -> float | None:

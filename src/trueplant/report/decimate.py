@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trueplant.arrays import Array
 
 
 def min_max(t: Array, x: Array, limit: int) -> tuple[Array, Array]:

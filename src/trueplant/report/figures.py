@@ -11,14 +11,13 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.lti.structure import gain_unit
 from trueplant.report.decimate import compact, merged, min_max
 from trueplant.report.numbers import number
 from trueplant.report.style import BOTTOM, LIGHT, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
 from trueplant.result import CoherenceCurves, Curves, Residuals, Trend
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 PANEL, GAP = 120, 34
 
 

@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.report.decimate import compact, min_max
 from trueplant.report.figures import axis_range, decades, log_ticks, outline
 from trueplant.report.loops import place
 from trueplant.report.numbers import number
 from trueplant.report.style import LIGHT, area, framed, inert, line, shortened, whole_ticks, with_unit
 from trueplant.result import MuCurves, RetuningCurves
-
-Array = NDArray[np.float64]
 
 NAMES = {"model": "model", "plant": "plant", "estimate": "plant, what the data leave open"}
 MOST_LINEAR = 8.0

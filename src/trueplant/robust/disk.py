@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import UnstableLoop, UsageError
 from trueplant.loop import Controller, unstable_poles
 from trueplant.lti import TransferMatrix
@@ -12,9 +12,6 @@ from trueplant.robust.blocks import diagonal
 from trueplant.robust.grid import on_axis, rates_of
 from trueplant.robust.mu import mu
 from trueplant.robust.peaks import Peak, loop_grid, sharpened
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 def multiloop_disk_margin(plant: TransferMatrix, controller: Controller, at: str = "input") -> Peak:

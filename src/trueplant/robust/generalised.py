@@ -20,13 +20,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trueplant.arrays import ComplexArray
 from trueplant.errors import UsageError
 from trueplant.loop import Controller, loop_functions
 from trueplant.lti import TransferFunction, TransferMatrix, tf
 from trueplant.robust.blocks import Block, Full, diagonal
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 STRUCTURES = ("input", "input full", "output", "output full", "additive", "elements")
 

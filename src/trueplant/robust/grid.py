@@ -9,13 +9,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.loop import PID, Controller
 from trueplant.lti import TransferFunction, TransferMatrix
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 RealFunction = Callable[[Array], Array]
 
 

@@ -14,10 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.robust.blocks import Structure
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _TIGHT = 1e-7
 _TINY = 1e-150

@@ -13,13 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError, UnstableLoop
 from trueplant.loop import Controller, unstable_poles
 from trueplant.lti import TransferMatrix
 from trueplant.robust.grid import crossings, follow, on_axis, peak, rates_of
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

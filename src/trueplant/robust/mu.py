@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import UsageError
 from trueplant.robust.blocks import Block, Structure
 from trueplant.robust.lower import lower_bound
 from trueplant.robust.upper import upper_bound
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,14 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.loop import Controller
 from trueplant.lti import TransferMatrix
 from trueplant.robust.grid import Rates, follow, on_axis
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Bounds = Callable[[ComplexArray], tuple[Array, Array]]
 
 

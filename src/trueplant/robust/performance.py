@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.loop import Controller, unstable_poles
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.robust.blocks import Block, Full
@@ -21,9 +21,6 @@ from trueplant.robust.generalised import (
 from trueplant.robust.grid import on_axis, rates_of
 from trueplant.robust.mu import mu
 from trueplant.robust.peaks import Peak, loop_grid, sharpened
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _REST = 1e-9
 """Of the slowest rate: the frequency that stands for the limit omega -> 0."""

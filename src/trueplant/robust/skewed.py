@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import UsageError
 from trueplant.robust.blocks import Block, Structure
 from trueplant.robust.mu import mu
-
-Array = NDArray[np.float64]
 
 _PRECISION = 1e-7
 

@@ -16,12 +16,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.robust.blocks import Structure
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _SMALLEST_GAP = 1e-9
 _LONGEST_LOG = 150.0

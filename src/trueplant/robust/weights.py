@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import UsageError
 from trueplant.lti import TransferFunction
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 KINDS = ("input", "output", "additive")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.detect import Found
 from trueplant.identify import OutputEstimate, pieces_of
 from trueplant.identify.validate import LAGS
@@ -21,9 +21,6 @@ from trueplant.study.plant.elements import model_frequencies
 from trueplant.study.plant.fit import simulate_row
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Place, Study
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 POINTS = 200
 DRAWS = 200

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trueplant.arrays import BoolArray
 from trueplant.identify import Spec
 from trueplant.loop import Controller, LinearLoop
 from trueplant.lti import TransferMatrix
@@ -15,7 +13,6 @@ from trueplant.project import Project
 from trueplant.record import Screened, Segment
 from trueplant.result import Reason
 
-BoolArray = NDArray[np.bool_]
 Progress = Callable[[str], None]
 """Is told what is being done, in a few words, as each step begins."""
 Place = tuple[int, int]

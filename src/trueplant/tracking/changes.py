@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from trueplant.arrays import Array
 from trueplant.detect import holm
 from trueplant.detect.change_point import switch_time
 from trueplant.detect.since import History, Series, Shift, history, slope
@@ -21,8 +21,6 @@ from trueplant.result import Change, Moved, TrackedElement
 from trueplant.study.study import Progress
 from trueplant.tracking.rows import Fitted, FollowedRow
 from trueplant.tracking.series import Followed, Gap
-
-Array = NDArray[np.float64]
 
 MOST_CHANGES = 20
 AROUND = 2

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueplant import detect
+from trueplant.arrays import Array
 from trueplant.identify import (
     Held,
     OutputEstimate,
@@ -42,8 +42,6 @@ from trueplant.tracking.windows import (
     planned,
     settling,
 )
-
-Array = NDArray[np.float64]
 
 PILOT = 4000
 """Prediction errors of the first estimate, from which the windows are planned."""

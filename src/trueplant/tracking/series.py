@@ -8,14 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.detect.since import Series
 from trueplant.identify.onestep import OneStep, one_step
 from trueplant.identify.shared_disturbance import TIMES
 from trueplant.study.study import Progress
 from trueplant.tracking.rows import Fitted, FollowedRow
 from trueplant.tracking.windows import Stretch
-
-Array = NDArray[np.float64]
 
 ANSWERED = 0.8
 """A parameter takes part in the history of its element if so many windows answer it."""

@@ -11,16 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify import Row, RowFit
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.search import dead_time_of, felt_lag, lag_of
 from trueplant.record import Segment
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 CHUNK = 20_000
 """Prediction errors looked at together: what bounds the memory."""

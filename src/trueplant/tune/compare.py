@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import LoopError, UnstableLoop
 from trueplant.loop import PID, Controller, simulate
 from trueplant.loop.pid import Entry
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.robust import Margins, margins
 
-Array = NDArray[np.float64]
 Step = Literal["set-point", "load"]
 
 _STEPS = 4000

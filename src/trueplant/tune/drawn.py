@@ -11,15 +11,11 @@ from functools import cached_property
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.loop import PID, Controller
 from trueplant.lti import TransferMatrix
 from trueplant.tune.response import frequencies
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-BoolArray = NDArray[np.bool_]
 
 _PER_DECADE = 45
 _TOP = 40.0

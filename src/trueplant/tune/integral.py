@@ -14,15 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID
 from trueplant.tune.forms import series_ratio
 from trueplant.tune.response import Plant, axis, grid_for, sign_of, ultimate
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _GRID = 41
 _ZOOMS = 6

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import LoopError, UnstableLoop
 from trueplant.loop import PID, Controller, simulate, unstable_poles
 from trueplant.lti import TransferFunction, TransferMatrix
@@ -15,8 +15,6 @@ from trueplant.tune.integral import Limits
 from trueplant.tune.reduce import reduced
 from trueplant.tune.response import axis, frequencies
 from trueplant.tune.rules import simc
-
-Array = NDArray[np.float64]
 
 _STEPS = 3000
 _WEIGHTS: dict[str, Callable[[Array, Array], Array]] = {

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, Linear
@@ -22,8 +21,6 @@ from trueplant.tune.several import blt, sequential
 from trueplant.tune.shaping import shaped_like
 from trueplant.tune.state_space import DESIGNS, fastest
 from trueplant.tune.together import LoopTask, TunedTogether, bare_law, slow_down, tune_together, with_entries
-
-Array = NDArray[np.float64]
 
 CERTAIN, AS_DESIGNED = "certain-share", "as-designed"
 ALL_METHODS = (CERTAIN, AS_DESIGNED, *METHODS, "blt", "sequential", *DESIGNS)

@@ -9,13 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.lti import TransferFunction
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Plant = Callable[[ComplexArray], ComplexArray]
 
 

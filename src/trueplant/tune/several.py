@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, unstable_poles
 from trueplant.lti import TransferMatrix
 from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.response import Plant, axis, frequencies, ultimate
 from trueplant.tune.rules import ziegler_nichols
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _LEAST_DETUNING = 0.2
 _MOST_DETUNING = 200.0

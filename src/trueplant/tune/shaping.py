@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, unstable_poles
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.tune.forms import series_ratio
 from trueplant.tune.response import axis, frequencies, ultimate
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 def pole_placement(

@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import LoopError
 from trueplant.loop import Controller, Linear, unstable_poles
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_control
@@ -29,7 +29,6 @@ from trueplant.lti.bridge import from_control
 from trueplant.lti.sampled import realise
 from trueplant.robust import margins
 
-Array = NDArray[np.float64]
 Bandwidth = float | Sequence[float]
 
 _FLOOR = 0.1

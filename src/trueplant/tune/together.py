@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, unstable_poles
 from trueplant.loop.pid import Entry
@@ -27,9 +27,6 @@ from trueplant.tune.integral import Discs, Limits, best_kp, best_td
 from trueplant.tune.reduce import reduced
 from trueplant.tune.response import axis
 from trueplant.tune.uncertain import most_failures
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _ROUNDS = 3
 _SLOWDOWNS = np.concatenate([np.arange(0.4, 0.8, 0.05), np.arange(0.8, 1.0001, 0.01)])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID
 from trueplant.lti import Structure
@@ -19,9 +20,6 @@ from trueplant.lti.uncertain import responses
 from trueplant.tune.forms import series_ratio
 from trueplant.tune.integral import Discs, Limits, best_kp, best_td, max_ki
 from trueplant.tune.response import frequencies, ultimate
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _MOST_ROUNDS = 1000
 _PER_DECADE = 80

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueplant.errors import Refused
 from trueplant.identify.instrumental.noise import ArmaNoise, fit_arma
@@ -16,8 +15,6 @@ from trueplant.identify.instrumental.refine import Refined, refine
 from trueplant.identify.instrumental.result import PolynomialFit, finished
 from trueplant.identify.instrumental.samples import Samples, samples_of
 from trueplant.record.types import Segment
-
-Array = NDArray[np.float64]
 
 LISTED = ((1, 0, 0), (2, 0, 0), (2, 1, 0), (3, 1, 0), (3, 2, 0), (4, 1, 0), (1, 0, 1), (2, 0, 1))
 """(poles, zeros, integrators) tried."""

@@ -7,8 +7,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import LoopError, Refused
 from trueplant.identify.instrumental.open_loop import best_start
 from trueplant.identify.instrumental.order import Order, slices
@@ -20,8 +20,6 @@ from trueplant.loop.controller import Controller
 from trueplant.loop.simulate import simulate
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.record.types import Segment
-
-Array = NDArray[np.float64]
 
 ROUNDS = 30
 LAG_GROWTH = 1.25

@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify.noise import fit_ar, lagged, whitened_valid
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 FORGOTTEN = 1e-2
 """Share of the start of a filter that no longer matters."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import Refused
 from trueplant.identify.instrumental.noise import (
     ArmaNoise,
@@ -30,8 +30,6 @@ from trueplant.identify.instrumental.start import (
 )
 from trueplant.identify.row import Held
 from trueplant.record.types import Segment
-
-Array = NDArray[np.float64]
 
 NOISE_ROUNDS = 20
 NOISE_SETTLED = 0.03

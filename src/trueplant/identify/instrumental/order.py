@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import LoopError
 from trueplant.identify.instrumental.samples import Samples
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import Term, TransferFunction
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -19,15 +19,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify.instrumental.noise import ArmaNoise
 from trueplant.identify.instrumental.order import Order, nuisance, nuisance_gradient, slices
 from trueplant.identify.instrumental.samples import Samples
 from trueplant.identify.linear_algebra import orthonormal
 
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Instruments = Callable[[Array], Sequence[Samples]]
 """The records with the inputs of the instrument in place of the recorded ones, from the present parameters."""
 

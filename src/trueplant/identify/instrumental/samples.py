@@ -7,15 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.errors import Refused, UsageError
 from trueplant.identify.row import Held, Piece, pieces_of
 from trueplant.lti.sampled import expm, realise, rows_response
 from trueplant.record.types import Segment
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

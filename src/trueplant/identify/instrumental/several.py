@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from trueplant.arrays import Array
 from trueplant.errors import Refused
 from trueplant.identify.instrumental.order import Order
 from trueplant.identify.instrumental.samples import Samples
-
-Array = NDArray[np.float64]
 
 LONGEST = (8, 16, 32, 64)
 """Lags tried."""

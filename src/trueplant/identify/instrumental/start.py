@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import Refused
 from trueplant.identify.instrumental.order import Order, nuisance, slices
 from trueplant.identify.instrumental.refine import LONGEST_DEAD_TIME, refine
 from trueplant.identify.instrumental.samples import Samples
 from trueplant.identify.instrumental.several import step_records
 from trueplant.identify.linear_algebra import orthonormal
-
-Array = NDArray[np.float64]
 
 FILTERS = 6
 """Cut-off frequencies tried."""

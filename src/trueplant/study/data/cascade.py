@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import LoopError, Refused, UnstableLoop
 from trueplant.lti import TransferMatrix
 from trueplant.mismatch import FrequencyResponse, hold_response, local_response
@@ -21,9 +22,6 @@ from trueplant.record import Record, Segment
 from trueplant.result import Reason
 from trueplant.robust import margins
 from trueplant.study.study import Study
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 FOLLOWS = 0.25
 """Largest |T - 1| that counts as about 1: a slave with a lag of a quarter of the master's 1/w_c."""

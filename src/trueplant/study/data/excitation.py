@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.record import Segment
 from trueplant.result import Reason
 from trueplant.study.data.setpoints import unexplained
 from trueplant.study.study import Study
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SIGNIFICANT = 1e-3
 """Of the answer of PV to set-points, for a record to count as excited at all."""

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import TrueplantError
 from trueplant.mismatch import Coherence, FrequencyResponse, coherence
 from trueplant.result import CoherenceCurves
 from trueplant.study.study import Study
-
-Array = NDArray[np.float64]
 
 LISTED, DRAWN = 100, 400
 """Frequencies kept of a coherence, spread evenly over the logarithm: in result.json, and to be drawn."""

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.loop import PID, Controller
 from trueplant.record import Record, Segment
 from trueplant.record.sensor import quantum
 from trueplant.study.data.replay import CLOSE, recorded_pv
 from trueplant.study.study import Records
-
-Array = NDArray[np.float64]
 
 PAST = 4
 """Samples that a law reaches back: two for integral and filtered derivative, two for a set-point filter."""

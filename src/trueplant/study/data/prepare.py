@@ -5,8 +5,8 @@ from __future__ import annotations
 from datetime import datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import ProjectError, UnstableLoop
 from trueplant.identify import Spec
 from trueplant.identify.search import lag_of
@@ -20,8 +20,6 @@ from trueplant.result import Reason
 from trueplant.study.data.scan import hidden_dynamics, written_between
 from trueplant.study.data.setpoints import computed_setpoints
 from trueplant.study.study import Progress, Records, Study, quiet
-
-Array = NDArray[np.float64]
 
 
 def prepare(project: Project, say: Progress = quiet) -> Study:

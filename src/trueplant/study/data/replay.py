@@ -6,15 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import LoopError
 from trueplant.loop import Controller, replay
 from trueplant.record import Segment
 from trueplant.record.sensor import quantum
 from trueplant.study.study import Study
-
-Array = NDArray[np.float64]
 
 START = 20
 """Samples from which the start of the integral is read."""

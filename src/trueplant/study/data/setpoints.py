@@ -7,10 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array, BoolArray
 from trueplant.record import Segment
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 UNEXPLAINED = 1e-3
 """Share of a set-point's moves (squared) that the PVs may leave unexplained if it is computed from them: rounding."""

@@ -5,12 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueplant.record import Screened, excitation
 from trueplant.study.study import Study
-
-Array = NDArray[np.float64]
 
 
 def provenance(study: Study) -> dict[str, Any]:

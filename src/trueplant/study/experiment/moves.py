@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from trueplant.arrays import Array
 from trueplant.identify import OutputEstimate, RowFit
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.row import Piece
@@ -16,8 +16,6 @@ from trueplant.identify.shared_disturbance import TIMES
 from trueplant.loop import Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.study.study import Study
-
-Array = NDArray[np.float64]
 
 GOLDEN = (1 + 5**0.5) / 2
 """Loops that are moved at once change at intervals in this ratio, so that their moves never fall into step."""

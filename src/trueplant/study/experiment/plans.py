@@ -11,9 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from trueplant.arrays import Array
 from trueplant.errors import LoopError
 from trueplant.identify import OutputEstimate, unanswered
 from trueplant.identify.search import dead_time_of, lag_of
@@ -24,8 +24,6 @@ from trueplant.result import MoreData, PlannedMove, Settled
 from trueplant.result.plan_words import plan_sentence
 from trueplant.study.experiment.moves import GOLDEN, Bench, Plan, combined, fit_at, information, noise_of, pattern
 from trueplant.study.study import Study
-
-Array = NDArray[np.float64]
 
 WANTED = 0.10
 """Half-width of an interval relative to its parameter (of a dead time to dead time and lag): that of grade A."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.identify import OutputEstimate, pieces_of
 from trueplant.loop import Controller, Linear, simulate
@@ -21,9 +22,6 @@ from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
 from trueplant.tune import loop_metrics, step_response
 from trueplant.tune.drawn import Peaks, peaks
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 NOISE_STEPS = 4000
 MOST_STEPS = 400_000

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, Linear
 from trueplant.lti import UncertainPlant
@@ -42,7 +42,6 @@ from trueplant.tune import (
     propose,
 )
 
-Array = NDArray[np.float64]
 Place = tuple[int, int]
 
 DEFAULT_METHODS = (CERTAIN, AS_DESIGNED, "max-ki", "simc", "lambda", "amigo", "tyreus-luyben")

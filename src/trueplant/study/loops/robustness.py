@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.loop import Controller, Linear
 from trueplant.lti import TransferMatrix, UncertainPlant, simplified, tf, to_formula
@@ -30,9 +30,6 @@ from trueplant.robust.grid import on_axis, rates_of
 from trueplant.study.plant.uncertainty import element_errors
 from trueplant.study.study import Study
 from trueplant.tune.drawn import common_grid, peaks
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 KEYS = ("gain_margin", "phase_margin", "delay_margin", "Ms", "Mt")
 DRAWS = 500

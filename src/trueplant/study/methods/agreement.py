@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from trueplant.arrays import Array
 from trueplant.identify import OutputEstimate, Spec, unanswered
 from trueplant.mismatch import FrequencyResponse
 from trueplant.result.numbers import number
 from trueplant.study.study import Place, Study
-
-Array = NDArray[np.float64]
 
 HOPELESS = 0.5
 """Relative standard error of a gain beyond which a method has nothing to say of the element."""

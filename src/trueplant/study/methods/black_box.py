@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import TrueplantError
 from trueplant.identify.subspace import SubspaceModel, subspace
 from trueplant.lti import TransferMatrix
 from trueplant.record import Segment
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import Refused, TrueplantError
 from trueplant.mismatch import fit_locally
 from trueplant.record import Segment
@@ -15,8 +15,6 @@ from trueplant.study.methods.paper_forms import problem, why_not
 from trueplant.study.plant.disturbance import Disturbed, acts_alike, without_measured, without_unmeasured
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
-
-Array = NDArray[np.float64]
 
 WITH_FIT = "fit with disturbance estimate"
 WITH_CLOSED_FORM = "closed-form with disturbance estimate"

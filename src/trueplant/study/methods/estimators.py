@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.errors import FormulaError, Refused, TrueplantError
 from trueplant.identify import Held, Row, Spec, estimate_row, pieces_of
 from trueplant.identify.instrumental import Order, PolynomialFit, clsrivc, rivc, srivc, state_variable_filter, two_stage
@@ -17,7 +17,6 @@ from trueplant.lti import Structure, TransferFunction, TransferMatrix, structure
 from trueplant.record import Segment
 from trueplant.study.methods.black_box import second_opinion
 
-Array = NDArray[np.float64]
 Place = tuple[int, int]
 Found = dict[Place, tuple[Array, Array]]
 """Parameters of each element and their covariance."""

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueplant.identify import OutputEstimate, samples_per_update
 from trueplant.loop import Controller
@@ -21,8 +20,6 @@ from trueplant.study.methods.black_box import Opinion, second_opinion
 from trueplant.study.methods.estimators import ESTIMATORS, Answer, Task, estimate_by, plant_of
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
-
-Array = NDArray[np.float64]
 
 BLACK_BOX = "black-box"
 DIRECT = "direct"

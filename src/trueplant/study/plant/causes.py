@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from trueplant.arrays import Array
 from trueplant.detect import CommonFactor, Found, common_factors, level_variance, noise_change, sticking
 from trueplant.identify import OutputEstimate
 from trueplant.identify.fit import residuals
 from trueplant.result import Element, Reason
 from trueplant.study.study import Study
-
-Array = NDArray[np.float64]
 
 NOISE = 1e-3
 """Significance from which a disturbance counts as changed."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from trueplant.arrays import Array
 from trueplant.disturbance import DisturbedFit, Part, Recovered, fit_with_disturbance, likelihood_p, recover
 from trueplant.identify import OutputEstimate
 from trueplant.identify.intervals import normal_intervals
@@ -19,8 +19,6 @@ from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
 from trueplant.record import Segment
 from trueplant.result import Reason
 from trueplant.study.study import Place, Study
-
-Array = NDArray[np.float64]
 
 MISDESCRIBED = 1e-3
 """Whiteness of the prediction errors below which a declared disturbance does not describe the record."""

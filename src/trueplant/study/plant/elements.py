@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueplant import detect
+from trueplant.arrays import Array
 from trueplant.detect import Found
 from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
@@ -18,7 +18,6 @@ from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.parameters import parameters_of
 from trueplant.study.study import Place, Study
 
-Array = NDArray[np.float64]
 KEPT = "kept at its declared value (estimate = false)"
 POINTS = 200
 

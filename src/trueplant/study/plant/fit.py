@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.identify import OutputEstimate, fit_percent, pieces_of, simulate_piece
 from trueplant.lti import TransferMatrix
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
-
-Array = NDArray[np.float64]
 
 
 def fit_rows(study: Study, found: Identified, plant: TransferMatrix) -> tuple[dict[str, Any], ...]:

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.lti import Structure, UncertainPlant
 from trueplant.lti.uncertain import responses
 from trueplant.robust import covariance_weight
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-BoolArray = NDArray[np.bool_]
 
 
 def element_errors(known: UncertainPlant, w: Array, confidence: float) -> Array:

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.identify import OutputEstimate, Row, fit_row, unanswered
 from trueplant.lti import KnownRow, TransferMatrix, UncertainPlant
-
-Array = NDArray[np.float64]
 
 
 def updated_plant(model: TransferMatrix, estimates: Mapping[int, OutputEstimate]) -> UncertainPlant:
