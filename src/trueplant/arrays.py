@@ -8,6 +8,5 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-AnyComplexArray = NDArray[np.complexfloating[Any, Any]]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
 BoolArray = NDArray[np.bool_]

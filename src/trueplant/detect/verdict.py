@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import chi2, norm
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, ComplexArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ def _verdict(
     return Verdict("changed" if changed.any() else "unchanged", p_element, tuple(parameters))
 
 
-def importance_in_loop(delta: NDArray[np.complex128], q_s: NDArray[np.complex128]) -> Array:
+def importance_in_loop(delta: ComplexArray, q_s: ComplexArray) -> Array:
     """Peak over frequency of the largest singular value of each Delta_ij alone in Delta Q Shat: (n_y, n_u).
 
     delta is (n_w, n_y, n_u), q_s = Q Shat is (n_w, n_u, n_y). Above 1 the change can be as large as the
@@ -128,7 +128,7 @@ def importance_in_loop(delta: NDArray[np.complex128], q_s: NDArray[np.complex128
     return peak
 
 
-def importance_open_loop(delta: NDArray[np.complex128], model: NDArray[np.complex128]) -> Array:
+def importance_open_loop(delta: ComplexArray, model: ComplexArray) -> Array:
     """Largest |Delta_ij| over frequency relative to the largest |Ghat_ij| (to its row's where that is 0)."""
     own = np.max(np.abs(model), axis=0)
     row = np.max(own, axis=1, keepdims=True)

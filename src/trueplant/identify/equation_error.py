@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueplant.arrays import AnyComplexArray, Array
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError, Refused
 from trueplant.loop.controller import Controller
 from trueplant.lti.sampled import rows_response, sampled_response
@@ -45,10 +45,10 @@ class ErrorModel:
     fit_percent: float
     """100 (1 - |e - B0/A0 r|/|e|), simulated from rest."""
 
-    def __call__(self, s: AnyComplexArray) -> AnyComplexArray:
+    def __call__(self, s: ComplexArray) -> ComplexArray:
         """Response (n_s, n_r)."""
         above = np.stack([np.polyval(row, s) for row in self.num], axis=1)
-        value: AnyComplexArray = above / np.polyval(self.den, s)[:, None]
+        value: ComplexArray = above / np.polyval(self.den, s)[:, None]
         return value
 
 
@@ -60,7 +60,7 @@ class PaperFit:
     error_models: tuple[ErrorModel, ...]
     w: Array
     """(n_w,) frequencies of the reduction."""
-    plant: AnyComplexArray
+    plant: ComplexArray
     """(n_w, n_y, n_y) by (20)."""
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueplant.arrays import AnyComplexArray, Array
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import Refused, UsageError
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.mismatch.sampling import sampled_frequency_response
@@ -53,7 +53,7 @@ class Varx:
     def lags(self) -> int:
         return len(self.A)
 
-    def response(self, w: Array) -> tuple[AnyComplexArray, Array]:
+    def response(self, w: Array) -> tuple[ComplexArray, Array]:
         """Response between samples (n_w, n_y, n_u) at w rad per time unit, and its standard error sqrt(E|dG|^2)."""
         value, left, directions = self._linearised(w)
         spread = np.real(np.einsum("waj,jk,wak->wa", left, self.noise, left.conj()))
@@ -83,7 +83,7 @@ class Varx:
         """TESTED frequencies, from half a period in the lags to a quarter of the sampling rate."""
         return np.geomspace(np.pi / (self.lags * self.h), np.pi / self.h / 2, TESTED)
 
-    def distance(self, response: AnyComplexArray, w: Array) -> tuple[Array, Array]:
+    def distance(self, response: ComplexArray, w: Array) -> tuple[Array, Array]:
         """The test for any response between samples (n_w, n_y, n_u) at w."""
         from scipy.stats import chi2
 
@@ -107,7 +107,7 @@ class Varx:
                 p[i, j] = chi2.sf(distance, dof[i, j])
         return p, dof
 
-    def _linearised(self, w: Array) -> tuple[AnyComplexArray, AnyComplexArray, AnyComplexArray]:
+    def _linearised(self, w: Array) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """G (n_w, n_y, n_u), (I - A)^-1 (n_w, n_y, n_y), and what a coefficient does to a column of G before that.
 
         dG[:, j] = (I - A)^-1 sum_n dTheta[:, n] directions[:, n, j].

@@ -10,12 +10,11 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import FormulaError
 from trueplant.lti.sampled import rows_response
 from trueplant.lti.transfer import Term, TransferFunction
@@ -182,7 +181,7 @@ class Structure:
                 index.append(leads.stop + k)
             yield Block(np.array(rows), np.convolve(den, den) / lead_coefficient, float(theta), tuple(index))
 
-    def gradient(self, p: Array, s: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.complex128]:
+    def gradient(self, p: Array, s: ComplexArray) -> ComplexArray:
         """Derivative of the response at complex s (n_s,) by each parameter: (n_s, n_p)."""
         out = np.zeros((len(s), len(self.names)), dtype=complex)
         for block in self.gradient_blocks(p):
@@ -278,7 +277,7 @@ def structure_of(system: TransferFunction) -> tuple[Structure, Array]:
     return structure, np.array([*gains, *taus, *pairs, *leads, *dead], dtype=float)
 
 
-def _clean_roots(polynomial: Array) -> NDArray[np.complex128]:
+def _clean_roots(polynomial: Array) -> ComplexArray:
     """Roots with multiple ones put back together, as far as the polynomial is reproduced."""
     roots = np.roots(polynomial).astype(complex)
     if roots.size < 2:

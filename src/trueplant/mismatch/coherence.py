@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from scipy.stats import beta
 
-from trueplant.arrays import AnyComplexArray, Array
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import Refused, UsageError
 from trueplant.mismatch.local import gathered, moved
 from trueplant.record.types import Segment
@@ -95,7 +95,7 @@ def coherence(
     )
 
 
-def _powers(x: Array, length: int) -> tuple[AnyComplexArray, int]:
+def _powers(x: Array, length: int) -> tuple[ComplexArray, int]:
     """(length // 2 + 1, n, n) spectral matrix summed over Hann windows of half overlap without their means, and how
     many they are."""
     total = np.zeros((length // 2 + 1, x.shape[1], x.shape[1]), dtype=complex)
@@ -111,7 +111,7 @@ def _powers(x: Array, length: int) -> tuple[AnyComplexArray, int]:
     return total, len(cut)
 
 
-def _explained(S: AnyComplexArray, chosen: Sequence[int], n_r: int) -> Array:
+def _explained(S: ComplexArray, chosen: Sequence[int], n_r: int) -> Array:
     """(n_w, n_z) share of each signal's power that the chosen references explain, of the spectral matrix S."""
     n_z = S.shape[1] - n_r
     if not len(chosen):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueplant.arrays import AnyComplexArray, Array, BoolArray
+from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.errors import LoopError, Refused, UsageError
 
 WORST_CONDITION = 1e8
@@ -22,11 +22,11 @@ WORST_CONDITION = 1e8
 class Mismatch:
     """Mismatch and plant at the points s. NaN where `usable` is False."""
 
-    delta: AnyComplexArray
+    delta: ComplexArray
     """(n_s, n_y, n_u) plant minus model."""
-    plant: AnyComplexArray
+    plant: ComplexArray
     """(n_s, n_y, n_u)"""
-    X: AnyComplexArray
+    X: ComplexArray
     """(n_s, n_y, n_r) from set-points to e: the paper's e r^-1."""
     condition: Array
     """(n_s,) condition number of the excitation matrix, its rows and columns scaled to length 1 so that units
@@ -36,12 +36,12 @@ class Mismatch:
 
 
 def closed_form(
-    R: AnyComplexArray,
-    E: AnyComplexArray,
-    Ghat: AnyComplexArray,
-    Q: AnyComplexArray,
-    V: AnyComplexArray | None = None,
-    F: AnyComplexArray | None = None,
+    R: ComplexArray,
+    E: ComplexArray,
+    Ghat: ComplexArray,
+    Q: ComplexArray,
+    V: ComplexArray | None = None,
+    F: ComplexArray | None = None,
     weights: Array | None = None,
 ) -> Mismatch:
     """Equations (17)-(20): the mismatch from set-points, residuals, model and controller.
@@ -77,10 +77,10 @@ def closed_form(
 
 
 def joint(
-    R: AnyComplexArray,
-    Y: AnyComplexArray,
-    U: AnyComplexArray,
-    Ghat: AnyComplexArray | None = None,
+    R: ComplexArray,
+    Y: ComplexArray,
+    U: ComplexArray,
+    Ghat: ComplexArray | None = None,
     weights: Array | None = None,
 ) -> Mismatch:
     """Joint form G = (Y R^-1)(U R^-1)^-1, Delta = (E R^-1)(U R^-1)^-1, which needs no controller.
@@ -116,7 +116,7 @@ def joint(
 
 
 def consistency(
-    R: AnyComplexArray, Y: AnyComplexArray, U: AnyComplexArray, Q: AnyComplexArray, F: AnyComplexArray | None = None
+    R: ComplexArray, Y: ComplexArray, U: ComplexArray, Q: ComplexArray, F: ComplexArray | None = None
 ) -> Array:
     """Gap (n_s, n_u) between the recorded U and Q (F R - Y), relative to U.
 
@@ -130,7 +130,7 @@ def consistency(
     return np.where(size > 0, gap / np.where(size > 0, size, 1.0), np.where(gap > 0, np.inf, 0.0))
 
 
-def plant_covariance(U: AnyComplexArray, spectrum: AnyComplexArray) -> AnyComplexArray:
+def plant_covariance(U: ComplexArray, spectrum: ComplexArray) -> ComplexArray:
     """First-order covariance (n_s, n_y n_u, n_y n_u) of vec G under unmeasured v, of either form.
 
     cov vec G = (U U*)^-T kron Phi_v, columns of G stacked (element (i, j) at j n_y + i). U (n_s, n_u,
@@ -142,9 +142,7 @@ def plant_covariance(U: AnyComplexArray, spectrum: AnyComplexArray) -> AnyComple
     return _kron(np.linalg.inv(gram).transpose(0, 2, 1), spectrum)
 
 
-def closed_form_covariance(
-    X: AnyComplexArray, plant: AnyComplexArray, Q: AnyComplexArray, of_X: AnyComplexArray
-) -> AnyComplexArray:
+def closed_form_covariance(X: ComplexArray, plant: ComplexArray, Q: ComplexArray, of_X: ComplexArray) -> ComplexArray:
     """Covariance of vec G from that of vec X: dG = (I - X)^-1 dX (G + Q^-1)."""
     identity = np.broadcast_to(np.eye(X.shape[1], dtype=complex), X.shape)
     right = plant + over_controller(identity, Q)
@@ -152,14 +150,14 @@ def closed_form_covariance(
     return step @ of_X @ _adjoint(step)
 
 
-def standard_errors(covariance: AnyComplexArray, shape: tuple[int, int]) -> Array:
+def standard_errors(covariance: ComplexArray, shape: tuple[int, int]) -> Array:
     """sqrt(E|dG|^2) (n_s, n_y, n_u) from a covariance of vec G."""
     n_y, n_u = shape
     variance = np.diagonal(covariance, axis1=1, axis2=2).real
     return np.sqrt(variance.reshape(-1, n_u, n_y).transpose(0, 2, 1))
 
 
-def over_controller(X: AnyComplexArray, Q: AnyComplexArray) -> AnyComplexArray:
+def over_controller(X: ComplexArray, Q: ComplexArray) -> ComplexArray:
     """X Q^-1. An infinite entry of Q (integral action at s = 0) counts as what it is: its inverse is 0."""
     infinite = ~np.isfinite(Q)
     if infinite.any():
@@ -168,7 +166,7 @@ def over_controller(X: AnyComplexArray, Q: AnyComplexArray) -> AnyComplexArray:
             raise LoopError("integral action across loops has no value at s = 0: use a small s instead")
         Q = np.where(infinite, 1e150, Q)
     try:
-        value: AnyComplexArray = np.linalg.solve(Q.transpose(0, 2, 1), X.transpose(0, 2, 1)).transpose(0, 2, 1)
+        value: ComplexArray = np.linalg.solve(Q.transpose(0, 2, 1), X.transpose(0, 2, 1)).transpose(0, 2, 1)
     except np.linalg.LinAlgError as error:
         raise LoopError(
             "the controller has no inverse, as when a loop is open or has gain 0: (17)-(20) do not apply; "
@@ -177,7 +175,7 @@ def over_controller(X: AnyComplexArray, Q: AnyComplexArray) -> AnyComplexArray:
     return value
 
 
-def _excitation(R: AnyComplexArray) -> tuple[Array, BoolArray]:
+def _excitation(R: ComplexArray) -> tuple[Array, BoolArray]:
     """Condition number at each s and where it is good enough; Refused with the reason if nowhere."""
     n_r, n_experiments = R.shape[1:]
     if n_experiments < n_r:
@@ -201,7 +199,7 @@ def _excitation(R: AnyComplexArray) -> tuple[Array, BoolArray]:
     return condition, usable
 
 
-def _condition(matrix: AnyComplexArray) -> Array:
+def _condition(matrix: ComplexArray) -> Array:
     finite = np.all(np.isfinite(matrix), axis=(1, 2))
     scaled = np.where(finite[:, None, None], matrix, 0.0)
     for axis in (2, 1):
@@ -212,12 +210,12 @@ def _condition(matrix: AnyComplexArray) -> Array:
     return np.where(smallest > 0, singular[:, 0] / np.where(smallest > 0, smallest, 1.0), np.inf)
 
 
-def _ratio(A: AnyComplexArray, B: AnyComplexArray, usable: BoolArray, weights: Array | None) -> AnyComplexArray:
+def _ratio(A: ComplexArray, B: ComplexArray, usable: BoolArray, weights: Array | None) -> ComplexArray:
     """X in X B = A, of least squares where B is wide; NaN where not usable."""
     n, wide = B.shape[1:]
     safe = np.where(usable[:, None, None], B, np.eye(n, wide))
     if n == wide:
-        value: AnyComplexArray = np.linalg.solve(safe.transpose(0, 2, 1), A.transpose(0, 2, 1)).transpose(0, 2, 1)
+        value: ComplexArray = np.linalg.solve(safe.transpose(0, 2, 1), A.transpose(0, 2, 1)).transpose(0, 2, 1)
     else:
         root = np.sqrt(np.ones(wide) if weights is None else np.asarray(weights, dtype=float))
         value = (A * root) @ np.linalg.pinv(safe * root)
@@ -225,21 +223,21 @@ def _ratio(A: AnyComplexArray, B: AnyComplexArray, usable: BoolArray, weights: A
     return value
 
 
-def _kron(a: AnyComplexArray, b: AnyComplexArray) -> AnyComplexArray:
+def _kron(a: ComplexArray, b: ComplexArray) -> ComplexArray:
     product = np.einsum("sjl,sik->sjilk", a, b)
-    value: AnyComplexArray = product.reshape(a.shape[0], a.shape[1] * b.shape[1], a.shape[2] * b.shape[2])
+    value: ComplexArray = product.reshape(a.shape[0], a.shape[1] * b.shape[1], a.shape[2] * b.shape[2])
     return value
 
 
-def _adjoint(a: AnyComplexArray) -> AnyComplexArray:
+def _adjoint(a: ComplexArray) -> ComplexArray:
     return a.conj().transpose(0, 2, 1)
 
 
-def _same_shape(a: AnyComplexArray, b: AnyComplexArray, name: str, other: str) -> None:
+def _same_shape(a: ComplexArray, b: ComplexArray, name: str, other: str) -> None:
     if a.shape != b.shape:
         raise UsageError(f"{name} has shape {a.shape} and {other} {b.shape}: they must agree")
 
 
-def _has_shape(a: AnyComplexArray, shape: tuple[int, ...], name: str) -> None:
+def _has_shape(a: ComplexArray, shape: tuple[int, ...], name: str) -> None:
     if a.shape != shape:
         raise UsageError(f"{name} must have shape {shape}, not {a.shape}: points s first, then rows, then columns")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueplant.arrays import AnyComplexArray, Array, BoolArray
+from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.errors import LoopError, Refused, UsageError
 from trueplant.loop.controller import Controller
 from trueplant.lti.sampled import sampled_response
@@ -43,13 +43,13 @@ class FrequencyResponse:
     """
 
     w: Array
-    value: AnyComplexArray
+    value: ComplexArray
     """(n_w, n_y, n_u) continuous response G(jw), as well as samples tell it."""
-    sampled: AnyComplexArray
+    sampled: ComplexArray
     """(n_w, n_y, n_u) response between the samples of u and of y."""
     std: Array
     """(n_w, n_y, n_u) standard error of `sampled`, sqrt(E|dG|^2); of `value` it is std over |hold|."""
-    covariance: AnyComplexArray
+    covariance: ComplexArray
     """(n_windows, points, points, n_y, n_u) of each element of `sampled` within each window."""
     reliable: BoolArray
     """(n_w,) False where noise hides how the loop answers, so that value and std are not to be trusted."""
@@ -216,7 +216,7 @@ def _bridged(segment: Segment, notes: list[str]) -> Array:
     return relative
 
 
-def _joint(windows: Windows, n_y: int) -> tuple[AnyComplexArray, AnyComplexArray, AnyComplexArray, Array]:
+def _joint(windows: Windows, n_y: int) -> tuple[ComplexArray, ComplexArray, ComplexArray, Array]:
     """Delta = E_r U_r^-1, the factors of its error [I, -Delta] dZ_r U_r^-1, and the size of dU_r U_r^-1."""
     E_r, U_r = windows.value[:, :, :n_y], windows.value[:, :, n_y:]
     n_u, n_r = U_r.shape[2:]
@@ -231,7 +231,7 @@ def _joint(windows: Windows, n_y: int) -> tuple[AnyComplexArray, AnyComplexArray
 
 def _closed(
     windows: Windows, model: TransferMatrix, controller: Controller, h: float, hold: tuple[str, ...], near: bool
-) -> tuple[AnyComplexArray, AnyComplexArray, AnyComplexArray, Array]:
+) -> tuple[ComplexArray, ComplexArray, ComplexArray, Array]:
     """(17) with X = E_r F^-1, the factors of its error (I - X)^-1 dE_r F^-1 (G + Q^-1), and the size of (I - X)^-1 dX.
 
     Between samples: u(jw) = h H u_d, r(jw) = h H_zoh r_d and y(jw) = h y_d turn Q into Q/H and F into F H_zoh.
@@ -257,7 +257,7 @@ def _closed(
     return delta.reshape(square), left, right.reshape(square), spread
 
 
-def _variance(windows: Windows, left: AnyComplexArray, right: AnyComplexArray) -> AnyComplexArray:
+def _variance(windows: Windows, left: ComplexArray, right: ComplexArray) -> ComplexArray:
     """Covariance (n_win, p, q, i, k) between points p and q of element (i, k) of left_p dZ_p right_p.
 
     dZ_p is linear in the window's coefficients, whose covariance is gram times noise.
@@ -266,18 +266,18 @@ def _variance(windows: Windows, left: AnyComplexArray, right: AnyComplexArray) -
     through = np.einsum("pa,wpjk->wpajk", windows.basis, right).reshape(n_win, n_p, -1, n_k)
     of_rows = np.einsum("wpiz,wzv,wqiv->wpqi", left, windows.noise, left.conj(), optimize=True)
     of_columns = np.einsum("wpck,wcd,wqdk->wpqk", through, windows.gram, through.conj(), optimize=True)
-    value: AnyComplexArray = of_rows[..., :, None] * of_columns[..., None, :]
+    value: ComplexArray = of_rows[..., :, None] * of_columns[..., None, :]
     return value
 
 
-def _spread(windows: Windows, left: AnyComplexArray, right: AnyComplexArray) -> Array:
+def _spread(windows: Windows, left: ComplexArray, right: ComplexArray) -> Array:
     """(n_win, points) largest standard error on the diagonal of left dZ right, which no choice of units alters."""
     variance = np.einsum("wppii->wpi", _variance(windows, left, right)).real
     spread: Array = np.sqrt(np.maximum(variance, 0.0)).max(axis=2)
     return spread
 
 
-def _steadied(spread: Array, gram: AnyComplexArray) -> Array:
+def _steadied(spread: Array, gram: ComplexArray) -> Array:
     """The spread (n_lines, 1) as neighbouring lines have it, on the whole, but for how strong each line is.
 
     A line that is taken because its own spread came out small, or its response large, would be believed too much.
@@ -293,9 +293,9 @@ def _steadied(spread: Array, gram: AnyComplexArray) -> Array:
 
 def _assembled(
     windows: Windows,
-    delta: AnyComplexArray,
-    left: AnyComplexArray,
-    right: AnyComplexArray,
+    delta: ComplexArray,
+    left: ComplexArray,
+    right: ComplexArray,
     reliable: BoolArray,
     base: TransferMatrix,
     h: float,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
-from trueplant.arrays import AnyComplexArray, Array
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError, Refused, UsageError
 from trueplant.loop.controller import Controller
 from trueplant.lti.transfer import TransferMatrix
@@ -49,9 +49,9 @@ Stretch = tuple[int, int]
 class _Averaged:
     """One stretch: spectra at the lines (n_lines, n), noise of one period, and how many periods were used."""
 
-    reference: AnyComplexArray
-    signal: AnyComplexArray
-    noise: AnyComplexArray
+    reference: ComplexArray
+    signal: ComplexArray
+    noise: ComplexArray
     used: int
     left_out: int
 
@@ -199,18 +199,18 @@ def _average(r: Array, z: Array, length: int) -> _Averaged:
     return _Averaged(reference, mean, noise, used, first)
 
 
-def _ramp(means: Array, length: int) -> AnyComplexArray:
+def _ramp(means: Array, length: int) -> ComplexArray:
     """Spectrum (n_bins, n_z) within one period of the straight line through the means (P, n_z) of the periods.
 
     A drift is alike in all periods, so that their spread would not show what it adds to the lines.
     """
     place = np.arange(len(means)) - (len(means) - 1) / 2
     slope = place @ means / np.sum(place**2) / length
-    ramp: AnyComplexArray = np.fft.rfft(np.arange(length))[:, None] * slope / np.sqrt(length)
+    ramp: ComplexArray = np.fft.rfft(np.arange(length))[:, None] * slope / np.sqrt(length)
     return ramp
 
 
-def _settled_from(spectra: AnyComplexArray, rounding: float) -> int:
+def _settled_from(spectra: ComplexArray, rounding: float) -> int:
     """The first period, from the second on, that does not differ from the later ones by more than their spread.
 
     The power of the difference over that of the spread, summed over the lines, has about an F distribution; as noise is

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueplant.arrays import AnyComplexArray, Array
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import Refused
 
 TERMS = 3
@@ -43,11 +43,11 @@ class Windows:
     """(n_win, points) frequencies at which the polynomials are read."""
     basis: Array
     """(points, terms) of the response polynomial there."""
-    theta: AnyComplexArray
+    theta: ComplexArray
     """(n_win, terms * n_r, n_z) coefficients; term a of reference j at a * n_r + j."""
-    gram: AnyComplexArray
+    gram: ComplexArray
     """(n_win, terms * n_r, terms * n_r): covariance of theta is gram[c, d] noise[z, v]."""
-    noise: AnyComplexArray
+    noise: ComplexArray
     """(n_win, n_z, n_z) covariance of the DFTs of z over sqrt(N); of polynomials averaged over three windows."""
     dof: int
     """Complex degrees of freedom behind the noise of one window, before averaging."""
@@ -55,12 +55,12 @@ class Windows:
     """Bins of the longest record in a window."""
 
     @property
-    def value(self) -> AnyComplexArray:
+    def value(self) -> ComplexArray:
         """(n_win, 3 points, n_z, n_r) responses from references to z."""
         n_win, n_coef, n_z = self.theta.shape
         terms = self.basis.shape[1]
         stacked = self.theta.reshape(n_win, terms, n_coef // terms, n_z)
-        value: AnyComplexArray = np.einsum("pa,wajz->wpzj", self.basis, stacked)
+        value: ComplexArray = np.einsum("pa,wajz->wpzj", self.basis, stacked)
         return value
 
 
@@ -133,7 +133,7 @@ def _bins(n_r: int, lengths: Sequence[int], spacing: float, poles: Sequence[comp
     raise Refused(f"records of {max(lengths)} samples are too short for a local model of {n_r} reference signals")
 
 
-def _slow(poles: Sequence[complex], width: float) -> AnyComplexArray:
+def _slow(poles: Sequence[complex], width: float) -> ComplexArray:
     """Distinct modes other than integrators that decay too slowly to be smooth over a window of that width."""
     distinct: list[complex] = []
     for p in poles:
@@ -143,8 +143,8 @@ def _slow(poles: Sequence[complex], width: float) -> AnyComplexArray:
 
 
 def _rows(
-    r: Array, z: Array, h: float, centre: Array, half: float, modes: AnyComplexArray
-) -> tuple[AnyComplexArray, AnyComplexArray]:
+    r: Array, z: Array, h: float, centre: Array, half: float, modes: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
     """Regressors (n_win, rows, TERMS n_r + TERMS + modes) and targets (n_win, rows, n_z) of one record.
 
     Windows have a bin more or less; rows that are missing are 0.
@@ -172,8 +172,8 @@ def _rows(
 
 
 def _solve(
-    K: AnyComplexArray, target: AnyComplexArray, n_coef: int
-) -> tuple[AnyComplexArray, AnyComplexArray, AnyComplexArray, int, NDArray[np.bool_]]:
+    K: ComplexArray, target: ComplexArray, n_coef: int
+) -> tuple[ComplexArray, ComplexArray, ComplexArray, int, NDArray[np.bool_]]:
     """Least squares in every window: coefficients of the references, their gram matrix, the noise covariance.
 
     The transients are projected out first, so that what is left tells how well the references are separated.
@@ -189,22 +189,22 @@ def _solve(
     inverse = np.where(usable[:, None], 1 / np.where(singular > 0, singular, 1.0), 0.0)
     projected = u.conj().transpose(0, 2, 1) @ left
     back = vh.conj().transpose(0, 2, 1) * inverse[:, None, :] / np.where(before > 0, before, 1.0).transpose(0, 2, 1)
-    theta: AnyComplexArray = back @ projected
+    theta: ComplexArray = back @ projected
     residual = left - u @ projected
     counts = np.sum(np.any(K != 0, axis=2), axis=1)
     dof = np.maximum(counts - K.shape[2], 1)
     # theta_c = sum_n P_cn n_n: E theta_c conj(theta_d) = (P P*)_cd, times the noise
     gram = np.asarray(back @ back.conj().transpose(0, 2, 1), dtype=complex)
-    noise: AnyComplexArray = np.einsum("wrz,wrv->wzv", residual, residual.conj()) / dof[:, None, None]
+    noise: ComplexArray = np.einsum("wrz,wrv->wzv", residual, residual.conj()) / dof[:, None, None]
     return theta, gram, noise, int(np.median(dof)), usable
 
 
-def _scaled(columns: AnyComplexArray) -> tuple[AnyComplexArray, Array]:
+def _scaled(columns: ComplexArray) -> tuple[ComplexArray, Array]:
     length: Array = np.linalg.norm(columns, axis=1, keepdims=True)
     return columns / np.where(length > 0, length, 1.0), length
 
 
-def _smoothed(noise: AnyComplexArray) -> AnyComplexArray:
+def _smoothed(noise: ComplexArray) -> ComplexArray:
     """Mean over each window and its neighbours: the noise spectrum is smoother than one window tells it."""
     if len(noise) < 3:
         return noise

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from trueplant.arrays import AnyComplexArray, Array
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import Refused
 from trueplant.lti.structure import Structure
 from trueplant.mismatch.sampling import hold_response, rows_frequency_response
@@ -20,12 +20,12 @@ DEAD_TIMES = (30, 150)
 
 def fit_structure(
     w: Array,
-    value: AnyComplexArray,
+    value: ComplexArray,
     std: Array,
     structure: Structure,
     h: float | None = None,
     hold: str = "zoh",
-    covariance: AnyComplexArray | None = None,
+    covariance: ComplexArray | None = None,
     start: Array | None = None,
 ) -> tuple[Array, Array]:
     """Parameters of a structure and their covariance, by weighted least squares on one element's response.
@@ -72,12 +72,12 @@ def fit_structure(
     return best.x[order], full[np.ix_(order, order)]
 
 
-def _split(x: AnyComplexArray, axis: int = 0) -> Array:
+def _split(x: ComplexArray, axis: int = 0) -> Array:
     """Real parts, then imaginary parts."""
     return np.concatenate([x.real, x.imag], axis=axis)
 
 
-def _whitening(w: Array, value: AnyComplexArray, std: Array, covariance: AnyComplexArray | None) -> tuple[Any, Any]:
+def _whitening(w: Array, value: ComplexArray, std: Array, covariance: ComplexArray | None) -> tuple[Any, Any]:
     """A function that gives residuals (n, ...) unit variance in real and imaginary part, and the points it is for."""
     finite = np.abs(value[np.isfinite(value)])
     floor = 1e-9 * float(finite.max()) if finite.size else 0.0
@@ -91,14 +91,14 @@ def _whitening(w: Array, value: AnyComplexArray, std: Array, covariance: AnyComp
     normal = covariance[good] / (size[:, :, None] * size[:, None, :]) + 1e-9 * np.eye(n_p)
     root = np.linalg.inv(np.linalg.cholesky(normal)) / size[:, None, :] * np.sqrt(2)
 
-    def whiten(x: AnyComplexArray) -> AnyComplexArray:
-        whitened: AnyComplexArray = (root @ x.reshape(len(root), n_p, -1)).reshape(x.shape)
+    def whiten(x: ComplexArray) -> ComplexArray:
+        whitened: ComplexArray = (root @ x.reshape(len(root), n_p, -1)).reshape(x.shape)
         return whitened
 
     return whiten, np.repeat(good, n_p)
 
 
-def _response(structure: Structure, p: Array, w: Array, h: float | None, hold: str) -> AnyComplexArray:
+def _response(structure: Structure, p: Array, w: Array, h: float | None, hold: str) -> ComplexArray:
     """(n_w, 1 + n_p): the structure's response and its derivative by every parameter."""
     out = np.zeros((w.size, 1 + len(p)), dtype=complex)
     for block in structure.gradient_blocks(p):
@@ -114,9 +114,7 @@ def _response(structure: Structure, p: Array, w: Array, h: float | None, hold: s
     return out
 
 
-def _grid(
-    structure: Structure, w: Array, value: AnyComplexArray, std: Array, h: float | None, hold: str
-) -> list[Array]:
+def _grid(structure: Structure, w: Array, value: ComplexArray, std: Array, h: float | None, hold: str) -> list[Array]:
     """The best starting points on a grid of time scale and dead time, gains by least squares.
 
     The hold is taken as a factor here: good enough to begin with, and quick. That error and the grid's own are

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.linalg import inv, solve
 
+from trueplant.arrays import ComplexArray
 from trueplant.errors import Refused
 from trueplant.mismatch import closed_form
 from trueplant.paper.entry import Entry
@@ -37,13 +38,11 @@ _REMARKS = {
 }
 
 
-def _points() -> AnyComplexArray:
+def _points() -> ComplexArray:
     return np.asarray(1j * np.geomspace(0.01, 3.0, POINTS), dtype=np.complex128)
 
 
-def _loop(
-    R: AnyComplexArray, V: AnyComplexArray, G: AnyComplexArray, Q: AnyComplexArray
-) -> tuple[AnyComplexArray, AnyComplexArray]:
+def _loop(R: ComplexArray, V: ComplexArray, G: ComplexArray, Q: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     """y and u of the loop, from both of its equations at once and none of the paper's algebra."""
     eye = np.broadcast_to(np.eye(2), G.shape)
     both = solve(np.block([[eye, -G], [Q, eye]]), np.concatenate([V, Q @ R], axis=1))
@@ -54,7 +53,7 @@ def _sides() -> Iterator[tuple[str, str, Any, Any]]:
     """Number, what it says, left and right side of each equation."""
     rng = np.random.default_rng(SEED)
 
-    def signals() -> AnyComplexArray:
+    def signals() -> ComplexArray:
         return np.asarray(rng.standard_normal((POINTS, 2, 2)) + 1j * rng.standard_normal((POINTS, 2, 2)))
 
     case = mill("printed")
@@ -106,12 +105,12 @@ def _sides() -> Iterator[tuple[str, str, Any, Any]]:
     yield "20", "G from e, r, Ghat and Q", _both(literal_0 + Ghat, ours_0.plant), _both(G, G)
 
 
-def _both(a: AnyComplexArray, b: AnyComplexArray) -> AnyComplexArray:
+def _both(a: ComplexArray, b: ComplexArray) -> ComplexArray:
     """The formula as printed, and as this program writes it: neither may be off."""
     return np.concatenate([a, b], axis=2)
 
 
-def _residual(left: AnyComplexArray, right: AnyComplexArray) -> float:
+def _residual(left: ComplexArray, right: ComplexArray) -> float:
     size = np.maximum(np.abs(left), np.abs(right)).max(axis=(1, 2))
     return float(np.max(np.abs(left - right).max(axis=(1, 2)) / size))
 

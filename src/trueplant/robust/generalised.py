@@ -18,9 +18,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from trueplant.arrays import ComplexArray
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import UsageError
 from trueplant.loop import Controller, loop_functions
 from trueplant.lti import TransferFunction, TransferMatrix, tf
@@ -31,7 +31,7 @@ STRUCTURES = ("input", "input full", "output", "output full", "additive", "eleme
 _REAL = 1e-6
 """Angle below which a value is real: at rest rounding alone would ask for an all-pass of endless lag."""
 
-Response = Callable[[ComplexArray], NDArray[np.complex128] | NDArray[np.float64]]
+Response = Callable[[ComplexArray], ComplexArray | Array]
 Weight = TransferFunction | Response | str | float
 Weights = Weight | Sequence[Weight]
 """One for all channels, or one a channel: formulas, numbers, or any function of s of which only the size matters."""

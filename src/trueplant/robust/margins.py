@@ -99,7 +99,9 @@ def margins(plant: TransferMatrix, controller: Controller, loop: int = 0, others
 
 
 def _from_response(loop: Callable[[Array], ComplexArray], w: Array, value: ComplexArray) -> Margins:
-    at_180 = crossings(lambda x: loop(x).imag, w, value.imag)
+    at_180 = crossings(
+        lambda x: np.asarray(loop(x).imag, dtype=np.float64), w, np.asarray(value.imag, dtype=np.float64)
+    )
     response = loop(at_180)
     # the imaginary part also changes sign through infinity, at an undamped pole
     real = (response.real < 0) & (np.abs(response.imag) < 1e-5 * np.abs(response.real))
@@ -107,13 +109,13 @@ def _from_response(loop: Callable[[Array], ComplexArray], w: Array, value: Compl
     up, w_up = _closest(factor, at_180, factor > 1, np.inf)
     down, w_down = _closest(-factor, at_180, factor < 1, 0.0)
 
-    at_1 = crossings(lambda x: np.abs(loop(x)) - 1, w, np.abs(value) - 1)
+    at_1 = crossings(lambda x: np.asarray(np.abs(loop(x)) - 1), w, np.asarray(np.abs(value) - 1))
     angle = np.angle(-loop(at_1))
     phase, w_phase = _closest(np.abs(np.degrees(angle)), at_1, np.isfinite(angle), np.inf)
     delay, w_delay = _closest(np.mod(angle, 2 * np.pi) / at_1, at_1, np.isfinite(angle), np.inf)
 
     def distance(x: Array) -> Array:
-        return np.abs(1 / (1 + loop(x)) - 0.5)
+        return np.asarray(np.abs(1 / (1 + loop(x)) - 0.5))
 
     def complementary(x: Array) -> Array:
         around = loop(x)

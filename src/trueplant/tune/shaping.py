@@ -91,7 +91,7 @@ def _below_180(g: TransferFunction) -> Array:
 
 def _pi_through(needed: ComplexArray, w: Array) -> tuple[Array, Array]:
     """Kc and Ti (nan where impossible) of the PI whose response at w is `needed`."""
-    kp, ki = needed.real, -w * needed.imag
+    kp, ki = np.asarray(needed.real, dtype=np.float64), np.asarray(-w * needed.imag, dtype=np.float64)
     return kp, np.where((kp > 0) & (ki > 0), kp / np.where(ki > 0, ki, 1.0), np.nan)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueplant.arrays import AnyComplexArray, Array
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import FormulaError
 from trueplant.identify.instrumental.noise import ArmaNoise, coloured_moment
 from trueplant.identify.instrumental.order import Order, slices
@@ -58,7 +58,7 @@ class PolynomialFit:
     def transfer(self, element: int = 0) -> TransferFunction:
         return self.orders[element].transfer(self.theta[self.slices[element]])
 
-    def response(self, s: AnyComplexArray, element: int = 0) -> tuple[AnyComplexArray, Array]:
+    def response(self, s: ComplexArray, element: int = 0) -> tuple[ComplexArray, Array]:
         """Response (n_s,) of one element at complex s and its standard error sqrt(E|dG|^2) (n_s,), to first order."""
         s = np.atleast_1d(np.asarray(s, dtype=complex))
         part = self.slices[element]
@@ -67,7 +67,7 @@ class PolynomialFit:
         std = np.sqrt(np.maximum(np.real(np.einsum("sp,pq,sq->s", gradient, covariance, gradient.conj())), 0.0))
         return self.transfer(element)(s), std
 
-    def response_gradient(self, s: AnyComplexArray, element: int = 0) -> AnyComplexArray:
+    def response_gradient(self, s: ComplexArray, element: int = 0) -> ComplexArray:
         """(n_s, n_p) derivative of the response of one element by its parameters."""
         order, p = self.orders[element], self.theta[self.slices[element]]
         den, delay = np.polyval(order.den(p), s), np.exp(-order.delay(p) * s)
