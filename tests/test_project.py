@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import trueplant as tp
+from trueplant.project.document import to_toml
 from trueplant.project.messages import line_numbers
-from trueplant.project.toml import to_toml
 
 BASE = """\
 time_unit = "min"

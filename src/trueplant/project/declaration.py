@@ -73,7 +73,6 @@ class Declaration(Table):
 
     _folder: Path = PrivateAttr(default=Path())
     _source: str = PrivateAttr(default="project")
-    _sha256: str = PrivateAttr(default="")
 
     @property
     def source(self) -> str:
