@@ -229,7 +229,7 @@ _TABLES = st.dictionaries(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(_TABLES)
 def test_tables_survive_being_written_and_edited(tables):
     text = to_toml(tables)

@@ -95,9 +95,12 @@ def guess_time(columns: Sequence[str]) -> str:
 def guess_project(file: str, columns: Sequence[str], units: Mapping[str, str] | None = None) -> str:
     """The text of a commented project file for ``file``, whose columns these are.
 
-    Nothing is known of the model, so every element is asked for from scratch as first order with dead time. Names may
-    hold any character: tomlkit quotes them. Raises DataError if no pair of a PV and an OP is among the columns.
+    Nothing is known of the model, so every element is to be identified, as first order with dead time. Names may hold
+    any character: tomlkit quotes them. Raises DataError if no pair of a PV and an OP is among the columns, or if the
+    name of the file is not Unicode, as TOML must be.
     """
+    if any("\ud800" <= character <= "\udfff" for character in file):
+        raise DataError(f"{file!r}: a name that is not Unicode cannot stand in a project file: rename the file")
     columns = [column for column in columns if column]
     loops = guess_loops(columns)
     if not loops:
