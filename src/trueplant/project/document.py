@@ -87,7 +87,10 @@ def with_moved_paths(text: str, move: Callable[[str], str]) -> str:
 
 
 def with_formulas(text: str, formulas: Mapping[tuple[str, str], str]) -> str:
-    """The project ``text`` with other formulas at the model elements (output, input); missing elements are added."""
+    """The project ``text`` with other formulas at the model elements (output, input), by name.
+
+    Elements that the text does not declare are added: at the end, or to its list where it has ``model = [...]``.
+    """
     missing = dict(formulas)
 
     def change(tables: Tables) -> None:
@@ -103,9 +106,8 @@ def with_formulas(text: str, formulas: Mapping[tuple[str, str], str]) -> str:
     text = edited(text, change)
     if missing:
         added = to_toml({"model": [_element(pair, formula) for pair, formula in missing.items()]})
-        text = f"{text.rstrip()}\n\n{added}"
-        if "\r\n" in text:  # written on Windows
-            text = text.replace("\r\n", "\n").replace("\n", "\r\n")
+        line_end = "\r\n" if "\r\n" in text else "\n"
+        text = text.rstrip() + f"\n\n{added}".replace("\n", line_end)
     return text
 
 

@@ -120,7 +120,7 @@ def _shortest_time(project: Project, plan: Simulate, plant: TransferMatrix) -> f
     poles = np.concatenate([plant[i, j].poles for i in range(plant.shape[0]) for j in range(plant.shape[1])])
     times = [1 / abs(p) for p in poles if abs(p) > 0]
     for law in project.controllers:
-        filters = [law.Tf, law.Ti, (law.Td or 0.0) * (0.1 if law.alpha is None else law.alpha)]
+        filters = [law.Tf, law.Ti, (law.Td or 0.0) * (loop.PID.alpha if law.alpha is None else law.alpha)]
         times += [time for time in filters if time]
     return min(times, default=plan.sample_time)
 
