@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from trueplant.lti import UncertainPlant, to_formula
 from trueplant.mismatch import Coherence
+from trueplant.project import plant_project
 from trueplant.result import (
     CascadeCheck,
     ControllerCheck,
@@ -81,7 +82,7 @@ def assemble(study: Study, checked: Checked, found: Found) -> Result:
         more_data=found.plans,
         notes=_notes(study, checked, found),
         curves=replace(curves, mu=found.loop.mu, retuning=found.retuned.curves),
-        plant_toml=study.project.with_model(updated).to_toml(),
+        plant_toml=plant_project(study.project, updated),
     )
 
 
