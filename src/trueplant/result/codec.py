@@ -173,5 +173,5 @@ def _object(cls: type, data: Any) -> Any:
             nothing = "none_as" in field.metadata and entry == field.metadata["none_as"]
             given[field.name] = None if nothing else _built(known[field.name], entry)
         elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
-            given[field.name] = None
+            raise ValueError(f"{cls.__name__} has no {json_key(field)}")
     return cls(**given)
