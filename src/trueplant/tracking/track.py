@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -11,7 +12,7 @@ from trueplant.errors import DataError, UsageError
 from trueplant.project.project import Project
 from trueplant.record.times import unit_seconds
 from trueplant.result import Reason, Track, TrackedExperiment, Window, WindowElement
-from trueplant.study.data.excitation import why_not_informative
+from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.prepare import prepare
 from trueplant.study.data.tables import provenance
 from trueplant.study.plant.parameters import parameters_of
@@ -24,23 +25,22 @@ PRECISION = 0.1
 """Relative standard error of gains, time constants and dead times (of these relative to lag and dead time)."""
 
 
-def track(project: Project, precision: float = PRECISION, progress: Progress = quiet) -> Track:
+def track(
+    project: Project, precision: float = PRECISION, progress: Progress = quiet, frames: Sequence[Any] | None = None
+) -> Track:
     """Parameters over time, and since when they changed. Refusals are results; unusable input raises.
 
     `precision` is the relative standard error for which each window is made long enough. `progress` is told what is
-    being done, in a few words, as each step begins.
+    being done, in a few words, as each step begins. `frames` stand in for the files of the experiments.
     """
     if not 0 < precision <= 0.5:
         raise UsageError(f"a precision of {100 * precision:g} % cannot be asked for: name one above 0 and up to 50 %")
     say = progress
     say("reading the data")
-    study = prepare(project, say)
+    study = prepare(project, say, frames)
     experiments = lay_out(study)
-    reasons = [
-        Reason("record", s.refusal, project.experiments[k].name) for k, s in enumerate(study.screened) if s.refusal
-    ]
-    reasons += why_not_informative(study)
-    if not study.segments or any(reason.code == "no-excitation" for reason in reasons):
+    reasons = list(doubts(study))
+    if not study.segments or blocked(reasons):
         reasons = reasons or [Reason("no-data", "no usable data are left after screening")]
         return _refused(study, experiments, reasons, precision)
     offsets = {k: e.offset for k, e in enumerate(experiments)}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
+from typing import Any
 
 import numpy as np
 
@@ -22,14 +24,16 @@ from trueplant.study.data.setpoints import computed_setpoints
 from trueplant.study.study import Progress, Records, Study, quiet
 
 
-def prepare(project: Project, say: Progress = quiet) -> Study:
+def prepare(project: Project, say: Progress = quiet, frames: Sequence[Any] | None = None) -> Study:
     """Read and screen every record, and lay down what is to be estimated.
+
+    `frames` (polars, pandas, dicts of arrays), one an experiment, stand in for the files.
 
     Raises ProjectError for a project that names no data or nothing to estimate, and what the readers raise.
     """
     if not project.experiments:
         raise ProjectError(f"{project.source}: names no data: set data.files or add [[experiment]]")
-    records = Records.of(project, _screened(project, say))
+    records = Records.of(project, _screened(project, say, frames))
     model = _full_model(project)
     specs = {
         (i, j): _spec(project, model[i, j], i, j)
@@ -51,11 +55,12 @@ def prepare(project: Project, say: Progress = quiet) -> Study:
     )
 
 
-def _screened(project: Project, say: Progress) -> tuple[Screened, ...]:
+def _screened(project: Project, say: Progress, frames: Sequence[Any] | None) -> tuple[Screened, ...]:
     layout = project.layout()
     found = []
     for k, plan in enumerate(project.experiments):
-        record = read_record(plan.path, layout, name=plan.name, closed=plan.closed)
+        source = plan.path if frames is None else frames[k]
+        record = read_record(source, layout, name=plan.name, closed=plan.closed)
         limits = {name: lim for name, lim in zip(project.input_names, plan.limits, strict=True) if lim is not None}
         spans = [(_moment(e.start, record, project), _moment(e.end, record, project)) for e in plan.exclude]
         say(f"screening {plan.name}")
