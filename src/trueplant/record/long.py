@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
+from trueplant.record import levels
 from trueplant.record.numbers import counted
 from trueplant.record.table import Table, did_you_mean
 from trueplant.record.times import find_time, parse_times
@@ -49,16 +50,16 @@ def bad_quality(table: Table, name: str) -> BoolArray:
     import polars as pl
 
     codes, words = table.numbers(name)
-    if np.mean(words) > 0.5:
+    if np.mean(words) > levels.MOSTLY:
         text = table.frame[name].cast(pl.String).str.strip_chars().str.to_lowercase()
         good = text.str.contains(rf"^({'|'.join(_GOOD)})\b").fill_null(True)
         return ~np.asarray(good.to_numpy(), dtype=bool)
     known = codes[np.isfinite(codes)]
-    if np.any(known >= 192) and np.all(known <= 255):
-        good_codes = codes >= 192
-    elif known.size and np.mean(known == 100) > 0.5:
+    if np.any(known >= levels.GOOD_OPC) and np.all(known <= levels.LARGEST_OPC):
+        good_codes = codes >= levels.GOOD_OPC
+    elif known.size and np.mean(known == 100) > levels.MOSTLY:
         good_codes = codes == 100
-    elif known.size and np.mean(known == 1) > 0.5 and not np.any(known > 1):
+    elif known.size and np.mean(known == 1) > levels.MOSTLY and not np.any(known > 1):
         good_codes = codes == 1
     else:
         good_codes = codes == 0

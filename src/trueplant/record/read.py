@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
+from trueplant.record import levels
 from trueplant.record.layout import Channel, Layout
 from trueplant.record.long import is_long, to_wide
 from trueplant.record.numbers import counted
@@ -20,8 +21,6 @@ from trueplant.record.table import Table, as_table, read_table
 from trueplant.record.times import find_time, parse_times, put_in_order, unit_seconds
 from trueplant.record.types import Finding, Record
 
-FEWEST_ROWS = 10
-_HUGE = 1e300
 Rows = NDArray[np.int64]
 
 
@@ -77,10 +76,10 @@ def read_record(path_or_frame: Any, layout: Layout, *, name: str | None = None, 
         if channel.mode is not None:
             automatic[:, j] = matrix.automatic(channel)
     usable = int(np.sum(np.isfinite(u).all(axis=1) & np.isfinite(y).any(axis=1)))
-    if usable < FEWEST_ROWS:
+    if usable < levels.FEWEST_ROWS:
         raise DataError(
-            f"{table.source}: only {usable} rows hold OP and a PV at the same time; at least {FEWEST_ROWS} are needed: "
-            "export a longer record"
+            f"{table.source}: only {usable} rows hold OP and a PV at the same time; at least {levels.FEWEST_ROWS} are "
+            "needed: export a longer record"
         )
     return Record(
         name=name,
@@ -118,9 +117,11 @@ def _roles(layout: Layout) -> list[tuple[str, str]]:
 
 
 def _enough(table: Table, rows: Rows) -> None:
-    if rows.size < FEWEST_ROWS:
+    if rows.size < levels.FEWEST_ROWS:
         count = {0: "no rows", 1: "one row", 2: "two rows", 3: "three rows"}.get(rows.size, f"{rows.size} rows")
-        raise DataError(f"{table.source} has only {count}; at least {FEWEST_ROWS} are needed: export a longer record")
+        raise DataError(
+            f"{table.source} has only {count}; at least {levels.FEWEST_ROWS} are needed: export a longer record"
+        )
 
 
 class _Columns:
@@ -142,7 +143,7 @@ class _Columns:
         values, words = table.numbers(column)
         values, words = values[rows], words[rows]
         with np.errstate(invalid="ignore"):
-            wild = np.isinf(values) | (np.abs(values) > _HUGE)
+            wild = np.isinf(values) | (np.abs(values) > levels.LARGEST_VALUE)
         if wild.any():
             row = int(rows[np.argmax(wild)])
             raise DataError(

@@ -7,16 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueplant.arrays import BoolArray
+from trueplant.record import levels
 from trueplant.record.layout import Layout
 from trueplant.record.types import Finding, Record
 
-FEWEST_USABLE = 20
-"""Usable samples of some PV, below which nothing can be said."""
-_MOST_NOT_FREE = 0.5
-_MOST_FILLED_OP = 0.55
-"""Share of an OP that its historian may have filled in. A smoothed OP is another input than the plant's, of which the
-residuals show nothing: in simulated Wood-Berry records with two thirds filled in, intervals miss a quarter of the gains
-and a third of the time constants, with four fifths nearly all of them (benchmarks/bench_compression.py)."""
 _RAW = "Export what was really stored from a source without compression (the controller, the raw archive)"
 
 
@@ -36,7 +30,7 @@ def why_refused(
     moves = np.nanmax(u, axis=0) - np.nanmin(u, axis=0) if np.isfinite(u).any(axis=0).all() else np.zeros(1)
     if not np.any(moves > 0):
         return f"{record.name}: OP never moves, so the record says nothing about the plant; use one in which it does"
-    if np.max(np.sum(usable, axis=0)) < FEWEST_USABLE:
+    if np.max(np.sum(usable, axis=0)) < levels.FEWEST_USABLE:
         still = [c.name for i, c in enumerate(layout.outputs) if np.nanmax(record.y[:, i]) == np.nanmin(record.y[:, i])]
         if len(still) == len(layout.outputs):
             return f"{record.name}: PV of {', '.join(still)} is frozen all the time; check the sensor or the tag"
@@ -47,7 +41,7 @@ def why_refused(
                 f"straight lines was left. {_RAW}"
             )
         return (
-            f"{record.name}: fewer than {FEWEST_USABLE} usable PV samples are left after screening; "
+            f"{record.name}: fewer than {levels.FEWEST_USABLE} usable PV samples are left after screening; "
             "see the findings, and export a longer or cleaner record"
         )
     if not record.closed:
@@ -55,7 +49,7 @@ def why_refused(
     inputs = {c.name for c in layout.inputs}
     filled = {f.signal: 1 - f.value for f in findings if f.kind == "compressed" and f.signal in inputs and f.value}
     worst = max(filled, key=filled.__getitem__, default="")
-    if filled.get(worst, 0.0) > _MOST_FILLED_OP:
+    if filled.get(worst, 0.0) > levels.MOST_FILLED_OP:
         return (
             f"{record.name}: OP of {worst} was compressed by its historian ({100 * filled[worst]:.3g} % of its "
             "samples, where it moves, lie on straight lines between the others): what moved the plant is not in the "
@@ -63,7 +57,7 @@ def why_refused(
         )
     manual = ~record.automatic
     stuck = (saturated | manual)[kept]
-    if np.mean(stuck.any(axis=1)) <= _MOST_NOT_FREE:
+    if np.mean(stuck.any(axis=1)) <= levels.MOST_NOT_FREE:
         return None
     j = int(np.argmax(np.mean(stuck, axis=0)))
     how = "in manual" if np.mean(manual[kept, j]) > np.mean(saturated[kept, j]) else "at its limit"

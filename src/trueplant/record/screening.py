@@ -9,21 +9,14 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
-from trueplant.record import sensor
+from trueplant.record import levels, sensor
 from trueplant.record.compression import filled_in, moves
 from trueplant.record.layout import Channel, Layout
 from trueplant.record.numbers import counted
-from trueplant.record.refusal import FEWEST_USABLE, why_refused
+from trueplant.record.refusal import why_refused
 from trueplant.record.runs import equal_runs, hold_short, spans_of, spread
-from trueplant.record.segments import SHORT_GAP, SHORTEST, Clock, clock_of, segments_of
+from trueplant.record.segments import Clock, clock_of, segments_of
 from trueplant.record.types import Finding, Record, Screened
-
-_COMPRESSED = 0.05
-"""Share of filled-in samples from which on compression is said."""
-_MOST_FILLED_PV = 0.85
-"""Share from which on such a PV is left out. In simulated Wood-Berry records with more than that, a third of the
-intervals of dead times miss the truth (benchmarks/bench_compression.py)."""
-_LIMIT_TOLERANCE = 1e-4
 
 
 def screen(
@@ -62,7 +55,7 @@ def screen(
     refusal = why_refused(record, layout, usable, saturated, excluded, log.findings)
     if refusal is None and not segments:
         refusal = (
-            f"{record.name}: no stretch of {SHORTEST} samples with OP and a usable PV is left; "
+            f"{record.name}: no stretch of {levels.SHORTEST} samples with OP and a usable PV is left; "
             "export a record with fewer gaps, or at a longer interval"
         )
     return Screened(
@@ -123,7 +116,7 @@ def _report_clock(record: Record, clock: Clock, log: _Log) -> None:
         if lost > 0:
             message = f"{counted(lost, 'single row')} missing; OP and set-points hold their last value there."
             log.findings.append(Finding("gap", "time", message, samples=lost))
-    if clock.uniform and clock.jitter > 1e-3:
+    if clock.uniform and clock.jitter > levels.JITTER_SAID:
         message = f"Stamps deviate from an even {clock.h:.4g} {unit} by {100 * clock.jitter:.2g} % rms; taken as even."
         log.add("irregular", "time", message, value=clock.jitter)
     if not clock.uniform:
@@ -151,7 +144,7 @@ def _saturated(record: Record, j: int, limits: tuple[float, float] | None, chann
     if limits is None:
         at = _plateaus(record, j)
     else:
-        tolerance = _LIMIT_TOLERANCE * (limits[1] - limits[0])
+        tolerance = levels.OP_LIMIT * (limits[1] - limits[0])
         at = (u <= limits[0] + tolerance) | (u >= limits[1] - tolerance)
     if at.any():
         share = float(np.mean(at))
@@ -168,19 +161,19 @@ def _plateaus(record: Record, j: int) -> BoolArray:
     u = record.u[:, j]
     out = np.zeros(u.size, dtype=bool)
     finite = np.isfinite(u)
-    if not record.closed or np.unique(u[finite]).size < 20:
+    if not record.closed or np.unique(u[finite]).size < levels.PLATEAU_VALUES:
         return out
     begin, length = equal_runs(u)
     value = u[begin]
     usual = float(np.median(length))
     error = record.r - record.y
     for extreme in (np.nanmin(u), np.nanmax(u)):
-        run = (value == extreme) & (length >= max(5.0, 5 * usual))
+        run = (value == extreme) & (length >= levels.PLATEAU_SAMPLES * max(1.0, usual))
         plateau = spread(begin[run], length[run], u.size)
-        if np.sum(plateau) < max(5.0, 0.01 * u.size):
+        if np.sum(plateau) < max(levels.PLATEAU_SAMPLES, levels.PLATEAU_SHARE * u.size):
             continue
         with np.errstate(invalid="ignore"):
-            moved = [_std(e[plateau]) > 0.02 * _std(e) for e in error.T]
+            moved = [_std(e[plateau]) > levels.PLATEAU_ERROR * _std(e) for e in error.T]
         if any(moved):
             out |= plateau
     return out
@@ -198,7 +191,7 @@ def _report_input(record: Record, j: int, channel: Channel, log: _Log) -> None:
         log.add("manual", channel.name, message, manual, value=float(np.mean(manual)))
     u = record.u[:, j : j + 1]
     if np.isnan(u).any():
-        _, short = hold_short(u, SHORT_GAP)
+        _, short = hold_short(u, levels.SHORT_GAP)
         message = f"OP of {channel.name} is missing in {_count(np.isnan(u))}"
         if short.any():
             message += f"; over {_count(short)} in short gaps its last value was held"
@@ -214,14 +207,14 @@ def _output(
     log.missing(record.r[:, i], f"set-point of {name}")
     bad = np.zeros(y.size, dtype=bool)
     if limits is not None:
-        tolerance = 1e-6 * (limits[1] - limits[0])
+        tolerance = levels.PV_LIMIT * (limits[1] - limits[0])
         with np.errstate(invalid="ignore"):
             bad = (y <= limits[0] + tolerance) | (y >= limits[1] - tolerance)
         if bad.any():
             message = f"{name} was at or beyond its range {limits[0]:g} to {limits[1]:g} in {_count(bad)}; left out."
             log.add("out-of-range", name, message, bad, True, float(np.mean(bad)))
     at = np.flatnonzero(np.isfinite(y) & ~bad)
-    if at.size < FEWEST_USABLE:
+    if at.size < levels.FEWEST_USABLE:
         return bad, clock.h
     v = y[at]
     if np.ptp(v) == 0:
@@ -233,8 +226,8 @@ def _output(
     every, q = sensor.update_every(v), sensor.quantum(v)
     _report_sensor(every, q, name, clock, record.time_unit, log)
     share = filled_in(record.t[at], v, q)
-    if share > _COMPRESSED:
-        lost = share > _MOST_FILLED_PV
+    if share > levels.COMPRESSED:
+        lost = share > levels.MOST_FILLED_PV
         message = (
             f"{name} was compressed by its historian: {100 * share:.3g} % of its samples, where it moves, lie on "
             f"straight lines between the others, so that only {100 * (1 - share):.3g} % carry information"
@@ -268,11 +261,11 @@ def _report_compressed_op(record: Record, j: int, channel: Channel, log: _Log) -
     """Only the OP of a controller never runs in straight lines: a person may have moved that of an open loop so."""
     at = np.flatnonzero(np.isfinite(record.u[:, j]))
     alive = [i for i, y in enumerate(record.y[at].T) if np.unique(y[np.isfinite(y)]).size > 1]
-    if not record.closed or at.size < FEWEST_USABLE or not alive:
+    if not record.closed or at.size < levels.FEWEST_USABLE or not alive:
         return
     u = record.u[at, j]
     share = filled_in(record.t[at], u, sensor.quantum(u), moves(record.y[at][:, alive]))
-    if share > _COMPRESSED:
+    if share > levels.COMPRESSED:
         message = (
             f"OP of {channel.name} was compressed by its historian: {100 * share:.3g} % of its samples, where it "
             "moves, lie on straight lines between the others, and what OP really did there is not in the record."
@@ -282,11 +275,12 @@ def _report_compressed_op(record: Record, j: int, channel: Channel, log: _Log) -
 
 def _report_outliers(y: Array, known: BoolArray, name: str, log: _Log) -> None:
     v = y[np.isfinite(y) & ~known]
-    if v.size < FEWEST_USABLE:
+    if v.size < levels.FEWEST_USABLE:
         return
-    low, high = np.quantile(v, [0.05, 0.95])
+    low, high = np.quantile(v, levels.OUTLIER_QUANTILES)
+    away = levels.OUTLIER_RANGES * (high - low)
     with np.errstate(invalid="ignore"):
-        far = ((y < low - 5 * (high - low)) | (y > high + 5 * (high - low))) & ~known
-    if high > low and 0 < np.sum(far) < 0.02 * y.size:
+        far = ((y < low - away) | (y > high + away)) & ~known
+    if high > low and 0 < np.sum(far) < levels.OUTLIER_SHARE * y.size:
         message = f"{name} lies far from all its other values in {_count(far)}; declare its limits to leave them out."
         log.add("outlier", name, message, far, value=float(np.mean(far)))

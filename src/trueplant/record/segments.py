@@ -8,15 +8,9 @@ from itertools import pairwise
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.record import levels
 from trueplant.record.runs import Index, hold_short, true_runs
 from trueplant.record.types import Record, Segment
-
-SHORT_GAP = 3
-"""OP and set-point hold their last value over so many missing samples; after more a new segment begins."""
-SHORTEST = 10
-"""Shorter segments are left out."""
-_JITTER = 0.05
-_NEAR = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,29 +30,33 @@ def clock_of(t: Array) -> Clock:
     """The sample time of a record, and whether its stamps are on a grid (or only rounded, or jittering a little)."""
     steps = np.diff(t)
     middle = float(np.median(steps))
-    h = float(np.mean(steps[(steps <= 1.5 * middle) & (steps >= 0.5 * middle)]))
+    few, many = levels.EVEN_STEPS
+    h = float(np.mean(steps[(steps >= few * middle) & (steps <= many * middle)]))
     count = np.round(steps / h)
-    inner = (count >= 1) & (count <= SHORT_GAP)
+    inner = (count >= 1) & (count <= levels.SHORT_GAP)
     if inner.any():
         h = float(np.sum(steps[inner]) / np.sum(count[inner]))
         count = np.round(steps / h)
-    near = steps <= (SHORT_GAP + 0.5) * h
+    near = steps <= (levels.SHORT_GAP + 0.5) * h
     jitter = float(np.sqrt(np.mean((steps[near] / h - np.maximum(count[near], 1)) ** 2))) if near.any() else 0.0
-    uniform = jitter < _JITTER or _rounded(t, steps, h, near)
+    uniform = jitter < levels.JITTER or _rounded(t, steps, h, near)
     if uniform:
-        return Clock(float(h), True, jitter, (SHORT_GAP + 0.5) * h)
-    return Clock(middle, False, jitter, (SHORT_GAP + 0.5) * max(middle, float(np.quantile(steps, 0.9))))
+        return Clock(float(h), True, jitter, (levels.SHORT_GAP + 0.5) * h)
+    return Clock(
+        middle, False, jitter, (levels.SHORT_GAP + 0.5) * max(middle, float(np.quantile(steps, levels.LONG_STEP)))
+    )
 
 
 def _rounded(t: Array, steps: Array, h: float, near: BoolArray) -> bool:
     """True if the stamps of an even sampling were merely rounded, say to full seconds."""
     kinds = np.unique(np.round(steps[near] / h, 6)) * h
-    if kinds.size < 2 or kinds.size > 12:
+    if kinds.size < 2 or kinds.size > levels.ROUNDED_KINDS:
         return False
     q = float(np.min(np.diff(kinds)))
-    whole = np.all(np.abs(kinds / q - np.round(kinds / q)) < 1e-3)
+    whole = np.all(np.abs(kinds / q - np.round(kinds / q)) < levels.ROUNDED_WHOLE)
     drift = np.where(near, steps - h * np.maximum(np.round(steps / h), 1), 0.0)
-    return bool(whole and np.ptp(np.cumsum(drift)) <= 2.01 * q and q < 0.9 * h)
+    even = np.ptp(np.cumsum(drift)) <= levels.ROUNDED_DRIFT * q
+    return bool(whole and even and q < levels.ROUNDED_UNIT * h)
 
 
 def segments_of(
@@ -68,9 +66,9 @@ def segments_of(
 
     u and d are held, y is NaN where it is not usable, each segment begins and ends with a usable PV.
     """
-    u, _ = hold_short(record.u, SHORT_GAP)
-    d, _ = hold_short(record.d, SHORT_GAP)
-    r, _ = hold_short(record.r, SHORT_GAP)
+    u, _ = hold_short(record.u, levels.SHORT_GAP)
+    d, _ = hold_short(record.d, levels.SHORT_GAP)
+    r, _ = hold_short(record.r, levels.SHORT_GAP)
     y = np.where(usable, record.y, np.nan)
     known = np.asarray(np.isfinite(np.hstack([u, d])).all(axis=1), dtype=bool)
     cut = np.concatenate([[False], np.diff(record.t) > clock.gap])
@@ -80,11 +78,11 @@ def segments_of(
         edges = [int(begin), *map(int, inside), int(begin + length)]
         for a, b in pairwise(edges):
             some = np.flatnonzero(np.isfinite(y[a:b]).any(axis=1))
-            if some.size < SHORTEST:
+            if some.size < levels.SHORTEST:
                 continue
             piece = slice(a + int(some[0]), a + int(some[-1]) + 1)
             segment = _on_grid(record, piece, r, u, y, d, free, clock, experiment)
-            if len(segment) >= SHORTEST:
+            if len(segment) >= levels.SHORTEST:
                 out.append(segment)
     return tuple(out)
 
@@ -111,7 +109,7 @@ def _on_grid(
     else:
         grid = t[0] + clock.h * np.arange(int(np.floor((t[-1] - t[0]) / clock.h + 1e-9)) + 1)
         latest = np.searchsorted(t, grid + 1e-9 * clock.h, side="right") - 1
-        placed = np.column_stack([_between(grid, t, column, _NEAR * clock.h) for column in y[piece].T])
+        placed = np.column_stack([_between(grid, t, column, levels.NEAR * clock.h) for column in y[piece].T])
     segment = Segment(
         experiment=experiment,
         h=clock.h,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
+from trueplant.record import levels
 from trueplant.record.numbers import decimal_mark, to_numbers
 from trueplant.record.text import looks_like_data, split_cells
 from trueplant.record.types import Finding
@@ -64,7 +65,7 @@ class Table:
 def did_you_mean(name: str, names: Sequence[str]) -> str:
     """The nearest of the names as a question that ends a sentence; a full stop where none is near."""
     lower = {n.strip().casefold(): n for n in reversed(names)}
-    near = difflib.get_close_matches(name.strip().casefold(), lower, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(name.strip().casefold(), lower, n=1, cutoff=levels.NEAR_NAME)
     return f"; did you mean {lower[near[0]]!r}?" if near else "."
 
 
