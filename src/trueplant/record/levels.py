@@ -9,7 +9,7 @@ from __future__ import annotations
 NORMAL_MAD = 1.4826
 """Standard deviation of a normal variable in units of its median absolute deviation."""
 
-# -- reading ----------------------------------------------------------------------------------------------------
+# -- reading -------------------------------------------------------------------------------------------------
 
 FEWEST_ROWS = 10
 """Rows with OP and a PV, below which a file is no record. Judgement: a first-order element alone has 3 parameters."""
@@ -46,7 +46,7 @@ CLOCK_CHANGE = (1800.0, 3700.0)
 """A step back by so many seconds is offered as the autumn change of the clock: one hour (half an hour on Lord Howe
 Island), and a sample more."""
 
-# -- grid and segments ------------------------------------------------------------------------------------------
+# -- grid and segments ---------------------------------------------------------------------------------------
 
 SHORT_GAP = 3
 """OP and set-point hold their last value over so many missing samples; after more a new segment begins. Judgement: a
@@ -74,7 +74,7 @@ LONG_STEP = 0.9
 NEAR = 1.5
 """Samples between which PV is interpolated on an irregular record. Judgement: one is missing at most."""
 
-# -- what of a record can be used -------------------------------------------------------------------------------
+# -- what of a record can be used ----------------------------------------------------------------------------
 
 FEWEST_USABLE = 20
 """Usable samples of some PV, below which nothing can be said. Judgement."""
@@ -97,7 +97,7 @@ printed with two decimals."""
 PV_LIMIT = 1e-6
 """The same for the range of a PV, which a sensor reaches exactly."""
 
-# -- limits of OP that nobody declared --------------------------------------------------------------------------
+# -- limits of OP that nobody declared -----------------------------------------------------------------------
 
 PLATEAU_VALUES = 20
 """Different values of OP, below which it is switched and not limited. Judgement."""
@@ -110,7 +110,7 @@ PLATEAU_ERROR = 0.02
 """Standard deviation of the control error on the plateau, as a share of its usual one, from which the controller would
 have moved OP. Judgement."""
 
-# -- one PV: held, quantised -------------------------------------------------------------------------------------
+# -- one PV: held, quantised ---------------------------------------------------------------------------------
 
 FEWEST_UPDATES = 20
 """Changes of a PV from which its updates, its quantum and its stops can be judged. Judgement."""
@@ -145,7 +145,7 @@ WHOLE_QUANTUM, WHOLE_QUANTUM_SHARE = 0.12, 0.95
 DISTINCT_MOVES = 0.5
 """Share of different moves from which the signal is not quantised: quanta make moves repeat. Judgement."""
 
-# -- one PV: spikes ---------------------------------------------------------------------------------------------
+# -- one PV: spikes ------------------------------------------------------------------------------------------
 
 SPIKE_UPDATES = 9
 """Updates needed: three on each side of three."""
@@ -161,7 +161,7 @@ SPIKE_HELD = 1.5
 SPIKE_SMOOTH = 2.0
 """A spike must be larger than its neighbours' own differences by this factor: a smooth peak is not. Judgement."""
 
-# -- one PV: frozen ----------------------------------------------------------------------------------------------
+# -- one PV: frozen ------------------------------------------------------------------------------------------
 
 FROZEN_SAMPLES = 10
 """Shortest stop that may be a frozen sensor, in samples. Judgement."""
@@ -183,7 +183,7 @@ FROZEN_QUANTA = 2
 FROZEN_OP = 0.05
 """Share of its range that OP moves meanwhile: a plant in which nothing moves has a right to rest. Judgement."""
 
-# -- one PV: outliers -------------------------------------------------------------------------------------------
+# -- one PV: outliers ----------------------------------------------------------------------------------------
 
 OUTLIER_QUANTILES = (0.05, 0.95)
 """Between them lie the usual values. Judgement."""
@@ -193,7 +193,7 @@ of normal data."""
 OUTLIER_SHARE = 0.02
 """Share of samples from which it is no outlier but another operating point. Judgement."""
 
-# -- straight lines drawn by a historian ------------------------------------------------------------------------
+# -- straight lines drawn by a historian ---------------------------------------------------------------------
 
 ON_LINE = 2.5
 """Resolutions by which rounding alone takes a sample off its line, at most: half of one at each of the three points
@@ -208,7 +208,7 @@ SLOPES = 20
 ABOVE_CHANCE = 2
 """Samples on lines must be so many times what chance would put there. Judgement."""
 
-# -- excitation ---------------------------------------------------------------------------------------------------
+# -- excitation ----------------------------------------------------------------------------------------------
 
 SAME_PROPORTION = 0.02
 """Singular value of the scaled moves, relative to the largest, below which a direction counts as missing. Judgement: an

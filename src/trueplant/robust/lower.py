@@ -15,20 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.arrays import Array, ComplexArray
+from trueplant.robust import levels
 from trueplant.robust.blocks import Structure
 
-_TIGHT = 1e-7
 _TINY = 1e-150
 
 
-def lower_bound(M: ComplexArray, upper: Array, structure: Structure, starts: int = 6) -> tuple[Array, ComplexArray]:
+def lower_bound(
+    M: ComplexArray, upper: Array, structure: Structure, starts: int = levels.RANDOM_STARTS
+) -> tuple[Array, ComplexArray]:
     """Bound (n_s,) and Q/lambda (n_s, n_w, n_z) for the scaled matrices M (n_s, n_z, n_w) and their upper bounds.
 
     Up to `starts` random starts where the singular vectors do not reach the upper bound.
     """
     M = M / upper[:, None, None]
     vectors = np.linalg.svd(M)[2].conj().swapaxes(1, 2)
-    best, delta = _climbed(M, vectors[:, :, 0], structure, 6)
+    best, delta = _climbed(M, vectors[:, :, 0], structure, levels.FIRST_CLIMB)
     rng = np.random.default_rng(0)
 
     def equal_parts(left: NDArray[np.intp], sign: float) -> ComplexArray:
@@ -41,9 +43,10 @@ def lower_bound(M: ComplexArray, upper: Array, structure: Structure, starts: int
 
     attempts: list[tuple[Callable[[NDArray[np.intp], float], ComplexArray], float, int]] = []
     if M.shape[2] > 1:
-        attempts = [(equal_parts, 1.0, 40), (equal_parts, -1.0, 40), *[(random, 0.7, 80)] * starts]
+        attempts = [(equal_parts, 1.0, levels.SECOND_CLIMB), (equal_parts, -1.0, levels.SECOND_CLIMB)]
+        attempts += [(random, levels.RANDOM_WEIGHT, levels.RANDOM_CLIMB)] * starts
     for begin, setting, steps in attempts:
-        left = np.flatnonzero(best < 1 - _TIGHT)
+        left = np.flatnonzero(best < 1 - levels.TIGHT)
         if left.size == 0:
             break
         found, other = _climbed(M[left], begin(left, setting), structure, steps)

@@ -19,12 +19,9 @@ from trueplant.detect.change_point import switch_time
 from trueplant.detect.since import History, Series, Shift, history, slope
 from trueplant.result import Change, Moved, TrackedElement
 from trueplant.study.study import Progress
+from trueplant.tracking import levels
 from trueplant.tracking.rows import Fitted, FollowedRow
 from trueplant.tracking.series import Followed, Gap
-
-MOST_CHANGES = 20
-AROUND = 2
-"""Windows on each side of a step that date it."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,7 @@ def find_changes(
     """Drifts and undecided changes, by their adjusted p-value."""
     barred: set[Key] = set()
     """Steps that fell apart when they were dated."""
-    for _ in range(MOST_CHANGES):
+    for _ in range(levels.MOST_CHANGES):
         say("looking for changes")
         _test(followed, tests, seed)
         keys = list(tests)
@@ -101,7 +98,7 @@ def _test(followed: Sequence[Followed], tests: dict[Key, History], seed: int) ->
 
 def _told(found: History, full: Series | None) -> History:
     """The significance from the steps, the shape of a change from the full estimates, which no large change bends."""
-    if full is None or len(full) < 3:
+    if full is None or len(full) < levels.LEAST_TO_SHAPE:
         return found
     shape = history(full, draws=1)
     return replace(found, kind=shape.kind, time=shape.time, step=shape.step, drift=shape.drift)
@@ -114,7 +111,7 @@ def _dated(one: Followed, key: Key, tests: dict[Key, History], p: float, level: 
     ends = [k for k, w in enumerate(windows) if w.end <= instant + 1e-9]
     begins = [k for k, w in enumerate(windows) if w.start >= instant - 1e-9]
     last, first = ends[-1], begins[0]
-    around = windows[max(last - AROUND + 1, 0) : first + AROUND]
+    around = windows[max(last - levels.AROUND + 1, 0) : first + levels.AROUND]
     rough = (windows[last].end, windows[first].start) if first - last > 1 else _between(windows[last], windows[first])
     row, clock = one.row.row_of(around)
     before, after = windows[last].estimate.theta, windows[first].estimate.theta
@@ -125,7 +122,8 @@ def _dated(one: Followed, key: Key, tests: dict[Key, History], p: float, level: 
         near = other is not None and around[0].start <= other.time <= around[-1].end
         changing[part] = spec.column == key.column or (stepped and near)
     ar = windows[last].estimate.fit.ar
-    search = (around[0].start + one.row.settle / 5, around[-1].end - one.row.settle / 5)
+    unanswered = one.row.settle / levels.UNDATED
+    search = (around[0].start + unanswered, around[-1].end - unanswered)
     found = switch_time(row.without_unseen(before), clock, before, after, changing, ar, search, 1 - level)
     if found is None:
         return Gap((rough[0] + rough[1]) / 2, rough, key.column, p)

@@ -29,8 +29,8 @@ from trueplant.study.data.scan import without_hidden_dynamics
 from trueplant.study.data.setpoints import computed_setpoints
 from trueplant.study.data.timing import timing_error, update_interval
 from trueplant.study.study import Progress, Study
+from trueplant.tracking import levels
 from trueplant.tracking.windows import (
-    FEWEST_ERRORS,
     Blocks,
     Demand,
     Stretch,
@@ -43,8 +43,6 @@ from trueplant.tracking.windows import (
     settling,
 )
 
-PILOT = 4000
-"""Prediction errors of the first estimate, from which the windows are planned."""
 UNMOVED = (
     "what PV does after the moves of this stretch cannot be told from what disturbances do to it anyway: "
     "the moves are too small"
@@ -125,7 +123,11 @@ class FollowedRow:
         segments = self._segments(experiment)
         what = "no set-point moves" if segments[0].closed else "no OP moves"
         plan = planned(part, self.demand, experiment, self.settle, what)
-        if beside_change and all(w.refusal for w in plan) and part.errors[part.active].sum() >= FEWEST_ERRORS / 2:
+        if (
+            beside_change
+            and all(w.refusal for w in plan)
+            and part.errors[part.active].sum() >= levels.BESIDE_CHANGE * levels.FEWEST_ERRORS
+        ):
             # A change near the end leaves less than was asked for; what there is says what the change was.
             plan = [Stretch(experiment, float(part.start[0]), float(part.end[-1]))]
         out: list[Fitted | Stretch] = []
@@ -170,7 +172,7 @@ class FollowedRow:
             stride=self.pilot.row.stride,
             update=self.update,
             timing=self.timing,
-            time_scale=self.settle / 5,
+            time_scale=self.settle / levels.SETTLED,
         )
         if estimate is None:
             return replace(window, refusal="no PV can be used in this stretch")
@@ -234,7 +236,7 @@ def _pilots(
     """Estimates of all outputs on the liveliest stretch; on a longer one where a gain stays open."""
     stride = choose_stride(study.segments, list(study.specs.values()), interval)
     samples = sum(len(s) for s in study.segments)
-    wanted = PILOT * stride
+    wanted = levels.PILOT * stride
     while True:
         stretch = _liveliest(study, moves, wanted)
         found = identify_matrix(
@@ -248,7 +250,7 @@ def _pilots(
         found = {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items()}
         if wanted >= samples or (found and not any(_gain_open(e) for e in found.values())):
             return found, stretch
-        wanted *= 4
+        wanted *= levels.PILOT_GROWTH
 
 
 def _gain_open(estimate: OutputEstimate) -> bool:
@@ -264,7 +266,7 @@ def _liveliest(study: Study, moves: Mapping[int, Array], samples: int) -> tuple[
         h, first, last = segments[0].h, float(segments[0].t[0]), float(segments[-1].t[-1]) + segments[0].h
         length = samples * h
         for a in np.arange(first, max(last - length / 2, first + h), length):
-            end = last if a + 1.5 * length > last else a + length
+            end = last if a + levels.LAST_STRETCH * length > last else a + length
             count = int(np.sum((moved >= a) & (moved < end)))
             if count > most:
                 most, best = count, (k, part_of(segments, float(a), float(end)))

@@ -13,11 +13,9 @@ from trueplant.detect.since import Series
 from trueplant.identify.onestep import OneStep, one_step
 from trueplant.identify.shared_disturbance import TIMES
 from trueplant.study.study import Progress
+from trueplant.tracking import levels
 from trueplant.tracking.rows import Fitted, FollowedRow
 from trueplant.tracking.windows import Stretch
-
-ANSWERED = 0.8
-"""A parameter takes part in the history of its element if so many windows answer it."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class Followed:
             return []
         names = windows[0].spec.structure.names
         share = [np.mean([k not in f.reasons for f in windows]) for k in range(len(names))]
-        kept = [k for k in range(len(names)) if share[k] >= ANSWERED]
+        kept = [k for k in range(len(names)) if share[k] >= levels.ANSWERED]
         return kept if any(names[k].startswith(("gain", "slope")) for k in kept) else []
 
     def inside(self, section: tuple[float, float]) -> list[Fitted]:

@@ -16,21 +16,19 @@ from trueplant.study.data.prepare import prepare
 from trueplant.study.data.tables import provenance
 from trueplant.study.plant.parameters import parameters_of
 from trueplant.study.study import Progress, Study, quiet
+from trueplant.tracking import levels
 from trueplant.tracking.changes import find_changes
 from trueplant.tracking.rows import Fitted, follow_rows
 from trueplant.tracking.series import Followed
 
-PRECISION = 0.1
-"""Relative standard error of gains, time constants and dead times (of these relative to lag and dead time)."""
 
-
-def track(project: Project, precision: float = PRECISION, progress: Progress = quiet) -> Track:
+def track(project: Project, precision: float = levels.PRECISION, progress: Progress = quiet) -> Track:
     """Parameters over time, and since when they changed. Refusals are results; unusable input raises.
 
     `precision` is the relative standard error for which each window is made long enough. `progress` is told what is
     being done, in a few words, as each step begins.
     """
-    if not 0 < precision <= 0.5:
+    if not 0 < precision <= levels.LARGEST_PRECISION:
         raise UsageError(f"a precision of {100 * precision:g} % cannot be asked for: name one above 0 and up to 50 %")
     say = progress
     say("reading the data")

@@ -13,6 +13,7 @@ from trueplant.loop import PID, Controller, Linear
 from trueplant.loop.pid import Entry
 from trueplant.lti import TransferFunction, TransferMatrix, UncertainPlant
 from trueplant.robust import margins
+from trueplant.tune import levels
 from trueplant.tune.forms import converted
 from trueplant.tune.integral import Limits
 from trueplant.tune.response import axis, frequencies
@@ -25,14 +26,6 @@ from trueplant.tune.together import LoopTask, TunedTogether, bare_law, slow_down
 CERTAIN, AS_DESIGNED = "certain-share", "as-designed"
 ALL_METHODS = (CERTAIN, AS_DESIGNED, *METHODS, "blt", "sequential", *DESIGNS)
 """Ours, the loop that the model had, the rules, those for several loops, and those whose answer is no PID."""
-
-_USUAL = 2.0
-"""Sensitivity peak below which a detuned set of loops is left as it is (Astrom and Hagglund 2006, section 4.6)."""
-_SAME = 0.995
-"""A slowing down by less than this is not worth a word."""
-_WORTH = 1.1
-"""A loop whose integral gain would rise by less than this factor is left as it is, if it holds the limits."""
-_FACTORS = np.geomspace(1.0, 0.02, 40)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +50,9 @@ def propose(
     methods: Sequence[str],
     *,
     model: TransferMatrix | None = None,
-    limit: float = 1.59,
-    share: float = 0.95,
-    confidence: float = 0.95,
+    limit: float = levels.PEAK,
+    share: float = levels.SHARE,
+    confidence: float = levels.CONFIDENCE,
     seed: int = 0,
 ) -> tuple[Proposal, ...]:
     """Settings by each method, in the order asked for; model: what today's controllers were tuned on.
@@ -111,7 +104,7 @@ def _certain(
         return tune_together(uncertain, some, today, limit=limit, share=share, confidence=confidence, seed=seed)
 
     found = tuned(tasks)
-    gaining = [task for task in tasks if _gain(found.controller, task) > _WORTH * _gain(today, task)]
+    gaining = [task for task in tasks if _gain(found.controller, task) > levels.WORTH_TUNING * _gain(today, task)]
     if gaining and len(gaining) < len(tasks):
         with contextlib.suppress(LoopError):
             return _round_the_rest(tuned(gaining), tasks, gaining)
@@ -161,7 +154,7 @@ def _by_rule(
         note = [found.note] if found.note else []
         if found.pid is not None:
             laws[task], factor = _within_crossover(plant[task.output, task.input], found.pid, task)
-            if factor < _SAME:
+            if factor < levels.SAME_SPEED:
                 note.append(f"slowed down by {1 / factor:.3g} to keep its crossover")
         notes.append(note)
     if not laws:
@@ -214,7 +207,9 @@ def _several(
         law, note = _in_form(with_entries(today, {task: kept}), task)
         laws[task], factor = _within_crossover(plant[task.output, task.input], law, task)
         said = [note] if note else []
-        notes.append(said + ([f"slowed down by {1 / factor:.3g} to keep its crossover"] if factor < _SAME else []))
+        notes.append(
+            said + ([f"slowed down by {1 / factor:.3g} to keep its crossover"] if factor < levels.SAME_SPEED else [])
+        )
     return _calm_together(plant, tasks, with_entries(today, laws), laws, method, notes)
 
 
@@ -228,11 +223,11 @@ def _within_crossover(g: TransferFunction, pid: PID, task: LoopTask) -> tuple[PI
 
     def passes(factor: float) -> bool:
         law = slow_down(pid, factor) if factor < 1 else pid
-        return bool(np.max(size * np.abs(law.feedback(axis(w))), initial=0.0) <= 1 + 1e-9)
+        return bool(np.max(size * np.abs(law.feedback(axis(w))), initial=0.0) <= 1 + levels.ROUNDING)
 
     if passes(1.0):
         return pid, 1.0
-    low, high = 1e-6, 1.0
+    low, high = levels.SLOWEST_CROSSOVER, 1.0
     for _ in range(50):
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if passes(middle) else (low, middle)
@@ -251,10 +246,12 @@ def _calm_together(
     answered = tuple(task in laws for task in tasks)
     alone = [_peak(plant, controller, task, "open") for task in laws]
     factor = 1.0
-    if not all(_peak(plant, controller, t, "closed") <= max(_USUAL, a) for t, a in zip(laws, alone, strict=True)):
-        for factor in _FACTORS[1:]:
+    if not all(
+        _peak(plant, controller, t, "closed") <= max(levels.USUAL_PEAK, a) for t, a in zip(laws, alone, strict=True)
+    ):
+        for factor in levels.CALMING[1:]:
             slower = with_entries(controller, {t: slow_down(pid, float(factor)) for t, pid in laws.items()})
-            if all(_peak(plant, slower, task, "closed") <= _USUAL for task in laws):
+            if all(_peak(plant, slower, task, "closed") <= levels.USUAL_PEAK for task in laws):
                 controller = slower
                 break
         else:

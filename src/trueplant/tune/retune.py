@@ -10,7 +10,7 @@ import numpy as np
 from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, unstable_poles
 from trueplant.lti import TransferFunction, TransferMatrix
-from trueplant.tune import rules
+from trueplant.tune import levels, rules
 from trueplant.tune.forms import converted
 from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.optimal import optimal
@@ -30,7 +30,7 @@ class Retuned:
     """Why there is none, or what is different from the controller at hand; else empty."""
 
 
-_LIMITS = Limits(1.59, 1.59)
+_LIMITS = Limits(levels.PEAK, levels.PEAK)
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Choices:
     """What rules leave open."""
 
     kind: str = "PI"
-    alpha: float = 0.1
+    alpha: float = levels.ALPHA
     limits: Limits = _LIMITS
     closed_loop_time: float | None = None
     """tauc or lambda of SIMC, IMC and lambda tuning; None for each rule's own."""
@@ -74,8 +74,9 @@ def _placed(g: TransferFunction, choices: Choices) -> PID:
     if not theta > 0:
         raise LoopError("without dead time the poles can lie anywhere: use pole_placement with a frequency of your own")
     if choices.kind == "PID":
-        return pole_placement(g, 0.5 / theta, 0.7, 1 / theta, choices.alpha * theta / 3)
-    return pole_placement(g, 0.5 / theta, 0.7)
+        third = 2 * levels.PLACED / theta
+        return pole_placement(g, levels.PLACED / theta, levels.DAMPING, third, choices.alpha * theta / 3)
+    return pole_placement(g, levels.PLACED / theta, levels.DAMPING)
 
 
 METHODS: dict[str, Rule] = {
@@ -96,7 +97,7 @@ METHODS: dict[str, Rule] = {
     "optimal-ise": _optimal("ISE"),
     "max-ki": lambda g, c: max_ki(g, c.limits, c.kind, c.alpha),
     "pole-placement": _placed,
-    "loop-shaping": lambda g, c: loop_shaping(g, 60.0, None, c.kind, c.alpha),
+    "loop-shaping": lambda g, c: loop_shaping(g, levels.PHASE_MARGIN, None, c.kind, c.alpha),
 }
 """The rules by name, with their default choices. Lambda tuning always gives a PI."""
 
@@ -126,9 +127,9 @@ def retune(
     if like.pv_transform is not None:
         raise LoopError("a controller with a pv_transform is tuned at one PV: use controller.linearised(pv)")
     _, _, kd, tf = like.parallel
-    alpha = (like.alpha if like.form != "parallel" and like.Td else 0.1) or 0.1
+    alpha = (like.alpha if like.form != "parallel" and like.Td else levels.ALPHA) or levels.ALPHA
     if like.form == "parallel" and kd and tf and like.Kp:
-        alpha = float(np.clip(tf * abs(like.Kp) / abs(like.Kd), 0.01, 1.0))
+        alpha = float(np.clip(tf * abs(like.Kp) / abs(like.Kd), levels.NARROWEST_FILTER, levels.WIDEST_FILTER))
     seen = g * TransferFunction.rational([1.0], [1.0], (like.sample_time or 0.0) / 2)
     choices = Choices(kind or ("PID" if kd else "PI"), alpha, limits or _LIMITS, closed_loop_time)
     return tuple(_one(name, g, seen, like, choices) for name in chosen)
