@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
@@ -66,10 +66,8 @@ def segments_of(
 
     u and d are held, y is NaN where it is not usable, each segment begins and ends with a usable PV.
     """
-    u, _ = hold_short(record.u, levels.SHORT_GAP)
-    d, _ = hold_short(record.d, levels.SHORT_GAP)
-    r, _ = hold_short(record.r, levels.SHORT_GAP)
-    y = np.where(usable, record.y, np.nan)
+    r, u, d = (hold_short(x, levels.SHORT_GAP)[0] for x in (record.r, record.u, record.d))
+    whole = _Signals(record.t, r, u, np.where(usable, record.y, np.nan), d, free)
     known = np.asarray(np.isfinite(np.hstack([u, d])).all(axis=1), dtype=bool)
     cut = np.concatenate([[False], np.diff(record.t) > clock.gap])
     out: list[Segment] = []
@@ -77,57 +75,62 @@ def segments_of(
         inside = np.flatnonzero(cut[begin + 1 : begin + length]) + begin + 1
         edges = [int(begin), *map(int, inside), int(begin + length)]
         for a, b in pairwise(edges):
-            some = np.flatnonzero(np.isfinite(y[a:b]).any(axis=1))
+            some = np.flatnonzero(np.isfinite(whole.y[a:b]).any(axis=1))
             if some.size < levels.SHORTEST:
                 continue
             piece = slice(a + int(some[0]), a + int(some[-1]) + 1)
-            segment = _on_grid(record, piece, r, u, y, d, free, clock, experiment)
+            segment = _on_grid(whole.part(piece), clock, record, experiment)
             if len(segment) >= levels.SHORTEST:
                 out.append(segment)
     return tuple(out)
 
 
-def _on_grid(
-    record: Record,
-    piece: slice,
-    r: Array,
-    u: Array,
-    y: Array,
-    d: Array,
-    free: BoolArray,
-    clock: Clock,
-    experiment: int,
-) -> Segment:
-    t = record.t[piece]
+@dataclass(frozen=True, eq=False)
+class _Signals:
+    """What of a record can be used, on its own samples t (N,): short gaps held, PV NaN where it is not usable."""
+
+    t: Array
+    r: Array
+    u: Array
+    y: Array
+    d: Array
+    free: BoolArray
+
+    def part(self, piece: slice) -> _Signals:
+        return _Signals(*(getattr(self, f.name)[piece] for f in fields(self)))
+
+
+def _on_grid(own: _Signals, clock: Clock, record: Record, experiment: int) -> Segment:
+    """One stretch of a record without gaps."""
+    t, h = own.t, clock.h
     if clock.uniform:
         # cumulated rounding of single steps follows a clock that drifts against its own mean step
-        place = np.concatenate([[0], np.cumsum(np.maximum(np.round(np.diff(t) / clock.h), 1))]).astype(np.int64)
-        grid = t[0] + clock.h * np.arange(place[-1] + 1)
+        place = np.concatenate([[0], np.cumsum(np.maximum(np.round(np.diff(t) / h), 1))]).astype(np.int64)
+        grid = t[0] + h * np.arange(place[-1] + 1)
         latest = np.searchsorted(place, np.arange(place[-1] + 1), side="right") - 1
-        placed = np.full((grid.size, y.shape[1]), np.nan)
-        placed[place] = y[piece]
+        placed = np.full((grid.size, own.y.shape[1]), np.nan)
+        placed[place] = own.y
     else:
-        grid = t[0] + clock.h * np.arange(int(np.floor((t[-1] - t[0]) / clock.h + 1e-9)) + 1)
-        latest = np.searchsorted(t, grid + 1e-9 * clock.h, side="right") - 1
-        placed = np.column_stack([_between(grid, t, column, levels.NEAR * clock.h) for column in y[piece].T])
-    segment = Segment(
+        grid = t[0] + h * np.arange(int(np.floor((t[-1] - t[0]) / h + 1e-9)) + 1)
+        latest = np.searchsorted(t, grid + 1e-9 * h, side="right") - 1
+        placed = np.column_stack([_between(grid, t, column, levels.NEAR * h) for column in own.y.T])
+    r, u = own.r[latest], own.u[latest]
+    if not clock.uniform:
+        # what acts from one instant of the grid to the next is the mean of what was held meanwhile
+        means = (_mean_held(grid, h, t, x) for x in (own.r, own.u))
+        r, u = (np.where(np.isfinite(m), m, x) for m, x in zip(means, (r, u), strict=True))
+    return Segment(
         experiment=experiment,
-        h=clock.h,
+        h=h,
         t=grid,
-        r=r[piece][latest],
-        u=u[piece][latest],
+        r=r,
+        u=u,
         y=placed,
-        d=d[piece][latest],
-        free=free[piece][latest],
+        d=own.d[latest],
+        free=own.free[latest],
         hold=record.hold,
         closed=record.closed,
     )
-    if clock.uniform:
-        return segment
-    # What acts from one instant of the grid to the next is the mean of what was held meanwhile.
-    means = (_mean_held(grid, clock.h, t, x[piece]) for x in (u, r))
-    mean_u, mean_r = (np.where(np.isfinite(m), m, x) for m, x in zip(means, (segment.u, segment.r), strict=True))
-    return replace(segment, u=mean_u, r=mean_r)
 
 
 def _mean_held(grid: Array, h: float, t: Array, x: Array) -> Array:

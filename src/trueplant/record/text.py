@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 
 from trueplant.errors import DataError
 from trueplant.record import levels
+from trueplant.record.header import Cells, with_header
 from trueplant.record.numbers import counted
+from trueplant.record.source import Source
+from trueplant.record.table import Table
 
 if TYPE_CHECKING:
     import polars as pl
@@ -28,18 +31,6 @@ _TIME = re.compile(
     rf"^(\d{{1,4}}[-/.](\d{{1,2}}|[A-Za-z]{{3}})[-/.]\d{{2,4}}|\d{{1,2}} [A-Za-z]{{3}} \d{{2,4}})([T ]+{_CLOCK})?$"
     rf"|^{_CLOCK}$|^\d{{8}}[T ]\d{{2}}:?\d{{2}}(:?\d{{2}})?$"
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Cells:
-    """A text file cut into cells. `head` holds the lines above the data as lists, `frame` all data rows as text."""
-
-    head: list[list[str]]
-    frame: pl.DataFrame
-    lines: NDArray[np.int64]
-    """Line number in the file of each row of `frame`."""
-    separator: str
-    encoding: str
 
 
 def looks_like_data(cell: str) -> bool:
@@ -93,6 +84,11 @@ def _sniff(lines: list[str]) -> str | None:
         if score > best_score + 1e-9:
             best, best_score = separator, score
     return best
+
+
+def read_text(source: Source) -> Table:
+    """A CSV or TXT file: separator, decimal mark, encoding and header are found. Raises DataError where that fails."""
+    return with_header(split_cells(source.data, source.name, source.separator), source)
 
 
 def split_cells(data: bytes, source: str, separator: str | None = None) -> Cells:

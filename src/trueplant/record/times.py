@@ -16,7 +16,7 @@ from trueplant.errors import DataError
 from trueplant.record import levels
 from trueplant.record.numbers import counted
 from trueplant.record.table import Table
-from trueplant.record.types import Finding
+from trueplant.record.types import Finding, Kind
 
 if TYPE_CHECKING:
     import polars as pl
@@ -211,7 +211,7 @@ def _date_order(text: pl.Series, source: str) -> tuple[pl.Series, tuple[Finding,
     message = (
         f"{source}: dates such as {text.drop_nulls()[0]} were read as {'month' if chosen[1] == 'm' else 'day'} first."
     )
-    return fitting[chosen], (Finding("date-order", source, message),) if same else ()
+    return fitting[chosen], (Finding(Kind.DATE_ORDER, source, message),) if same else ()
 
 
 def _to_utc(table: Table, stamps: pl.Series, zone: str, groups: NDArray[np.int64] | None) -> pl.Series:
@@ -275,12 +275,12 @@ def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[F
                 "complete or delete them"
             )
         message = f"{counted(lost.size, 'row')} without a time left out (first: {table.where(int(lost[0]))})."
-        notes.append(Finding("missing", "time", message, samples=int(lost.size), excludes=True))
+        notes.append(Finding(Kind.MISSING, "time", message, samples=int(lost.size), excludes=True))
     steps = np.diff(t[rows])
     if steps.size and np.mean(steps < 0) > levels.MOSTLY and np.all(steps <= 0):
         rows = rows[::-1]
         notes.append(
-            Finding("backwards", "time", "The file runs from the latest to the earliest time; it was reversed.")
+            Finding(Kind.BACKWARDS, "time", "The file runs from the latest to the earliest time; it was reversed.")
         )
     late = np.flatnonzero(t[rows] < np.maximum.accumulate(t[rows]))
     if late.size > max(1, levels.LOST_TIMES * rows.size):
@@ -298,13 +298,13 @@ def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[F
     if late.size:
         rows = rows[np.argsort(t[rows], kind="stable")]
         message = f"{counted(late.size, 'row')} out of order, sorted in (first: {table.where(int(late[0]))})."
-        notes.append(Finding("backwards", "time", message, samples=int(late.size)))
+        notes.append(Finding(Kind.BACKWARDS, "time", message, samples=int(late.size)))
     keep = np.diff(t[rows], prepend=-np.inf) > 0
     if not keep.all():
         first = int(rows[np.argmin(keep)])
         count = int(np.sum(~keep))
         message = f"{counted(count, 'row')} with the time of the row before left out (first: {table.where(first)})."
-        notes.append(Finding("duplicate", "time", message, samples=count, excludes=True))
+        notes.append(Finding(Kind.DUPLICATE, "time", message, samples=count, excludes=True))
         rows = rows[keep]
     return rows, tuple(notes)
 
