@@ -1,6 +1,16 @@
 """What an analysis returns: typed, frozen, with its words and its JSON."""
 
-from trueplant.result.changes import Change, Moved, TrackedElement, TrackedExperiment, Window, WindowElement
+from trueplant.result.changes import (
+    Change,
+    ChangeKind,
+    ElementHistory,
+    Moved,
+    TrackedElement,
+    TrackedExperiment,
+    Window,
+    WindowElement,
+    WindowStatus,
+)
 from trueplant.result.curves import CoherenceCurves, Curves, MuCurves, Residuals, RetuningCurves, Trend
 from trueplant.result.document import document, plain
 from trueplant.result.element import Element, Importance, Interval, Parameter
@@ -11,9 +21,11 @@ from trueplant.result.track import Track
 
 __all__ = [
     "Change",
+    "ChangeKind",
     "CoherenceCurves",
     "Curves",
     "Element",
+    "ElementHistory",
     "Importance",
     "Interval",
     "MoreData",
@@ -32,6 +44,7 @@ __all__ = [
     "Trend",
     "Window",
     "WindowElement",
+    "WindowStatus",
     "document",
     "plain",
 ]

@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from trueplant.arrays import Array
 from trueplant.detect import holm
 from trueplant.detect.change_point import switch_time
 from trueplant.detect.since import History, Series, Shift, history, slope
-from trueplant.result import Change, Moved, TrackedElement
+from trueplant.result import Change, ChangeKind, ElementHistory, Moved, TrackedElement
 from trueplant.study.study import Progress
 from trueplant.tracking import levels
 from trueplant.tracking.rows import Fitted, FollowedRow
@@ -37,9 +36,7 @@ def find_changes(
     rows: Sequence[FollowedRow], level: float, seed: int, say: Progress
 ) -> tuple[list[Followed], list[TrackedElement], list[Change]]:
     """All changes of all rows, in order of time, and the history of every element."""
-    followed = [Followed(row) for row in rows]
-    for one in followed:
-        one.lay(say)
+    followed = [Followed.of(row, say) for row in rows]
     tests: dict[Key, History] = {}
     settled: dict[Key, float] = {}
     """Drifts and undecided changes, by their adjusted p-value."""
@@ -54,22 +51,18 @@ def find_changes(
         if not left:
             break
         key = min(left, key=lambda k: (tests[k].p_value, -max(tests[k].step, tests[k].drift)))
-        if tests[key].kind != "step":
+        if tests[key].kind != ChangeKind.STEP:
             settled[key] = float(adjusted[key])
             continue
         one = followed[key.row]
-        before = list(one.gaps)
         gap = _dated(one, key, tests, float(adjusted[key]), level)
-        one.gaps = sorted([*before, gap], key=lambda g: g.time)
-        one.lay(say)
-        if _holds(one, gap, level):
-            if one.row.planned_across(gap.time):
-                one.row.replan(max(one.fitted, key=lambda w: w.estimate.fit.count).estimate)
-                one.lay(say)
-        else:
-            one.gaps = before
-            one.lay(say)
+        split = one.with_gap(gap, say)
+        if not _holds(split, gap, level):
             barred.add(key)
+            continue
+        if split.row.planned_across(gap.time):
+            split = split.planned_anew(max(split.fitted, key=lambda w: w.estimate.fit.count).estimate, say)
+        followed[key.row] = split
     # Sections that a later step has cut are gone, and what was found in them was looked for again in their parts.
     changes = [_gradual(followed[k.row], k, tests[k], p, level) for k, p in settled.items() if k in tests]
     for one in followed:
@@ -118,11 +111,11 @@ def _dated(one: Followed, key: Key, tests: dict[Key, History], p: float, level: 
     changing = np.zeros(before.size, dtype=bool)
     for spec, part in zip(row.specs, row.slices, strict=True):
         other = tests.get(replace(key, column=spec.column))
-        stepped = other is not None and other.kind == "step" and other.p_value < level
+        stepped = other is not None and other.kind == ChangeKind.STEP and other.p_value < level
         near = other is not None and around[0].start <= other.time <= around[-1].end
         changing[part] = spec.column == key.column or (stepped and near)
     ar = windows[last].estimate.fit.ar
-    unanswered = one.row.settle / levels.UNDATED
+    unanswered = one.plan.settle / levels.UNDATED
     search = (around[0].start + unanswered, around[-1].end - unanswered)
     found = switch_time(row.without_unseen(before), clock, before, after, changing, ar, search, 1 - level)
     if found is None:
@@ -168,9 +161,7 @@ def _steps(one: Followed, gap: Gap, level: float, drifting: set[int]) -> list[Ch
     adjusted = dict(zip(others, holm([shifts[c].p_value for c in others]), strict=True)) if others else {}
     adjusted = {c: float(p) for c, p in adjusted.items() if p < level} | {gap.found_in: gap.p_adjusted}
     return [
-        _change(
-            one, c, "step", gap.time, gap.interval, p, shifts[c].before, shifts[c].after, shifts[c].covariance, level
-        )
+        _change(one, c, ChangeKind.STEP, (gap.time, gap.interval), p, shifts[c], level)
         for c, p in sorted(adjusted.items())
     ]
 
@@ -186,26 +177,29 @@ def _gradual(one: Followed, key: Key, found: History, p: float, level: float) ->
         before, after = series.theta
         covariance = series.covariance.sum(axis=0)
     interval = (windows[0].start, windows[-1].end)
-    return _change(one, key.column, found.kind, None, interval, p, before, after, covariance, level)
+    kind = ChangeKind(found.kind)
+    return _change(one, key.column, kind, (None, interval), p, Shift(before, after, covariance), level)
 
 
 def _change(
     one: Followed,
     column: int,
-    kind: str,
-    time: float | None,
-    interval: tuple[float, float],
+    kind: ChangeKind,
+    when: tuple[float | None, tuple[float, float]],
     p: float,
-    before: Array,
-    after: Array,
-    covariance: Array,
+    shift: Shift,
     level: float,
 ) -> Change:
+    """One change of one element, with the parameters that moved: by how much, and how surely beyond the whole.
+
+    when: the instant of a step (None for a drift) and its interval. p: adjusted, of the element as a whole.
+    """
     project = one.row.study.project
     structure = next(s.structure for s in one.row.specs if s.column == column)
     units = one.row.units(column)
     kept = one.kept(column)
-    sigma = np.sqrt(np.diag(covariance))
+    before, after = shift.before, shift.after
+    sigma = np.sqrt(np.diag(shift.covariance))
     rise = after - before
     raw = 2 * norm.sf(np.abs(rise) / sigma)
     adjusted = np.maximum(holm(raw), p)
@@ -228,7 +222,7 @@ def _change(
         for m, k in enumerate(kept)
     )
     names = one.row.study.columns
-    return Change(project.output_names[one.row.output], names[column], kind, time, interval, p, parameters)
+    return Change(project.output_names[one.row.output], names[column], kind, *when, p, parameters)
 
 
 def _elements(one: Followed, n: int, tests: dict[Key, History], changes: Sequence[Change]) -> list[TrackedElement]:
@@ -243,14 +237,14 @@ def _elements(one: Followed, n: int, tests: dict[Key, History], changes: Sequenc
         across = [shift.p_value for gap in one.gaps if (shift := _shift(one, spec.column, gap)) is not None]
         kinds = [c.kind for c in own]
         if kinds:
-            word = next(kind for kind in ("step", "drift", "undecided") if kind in kinds)
-            out.append(TrackedElement(output, name, word, min(c.p_adjusted for c in own), count, _scatter(tested)))
+            worst = ElementHistory(next(kind for kind in ChangeKind if kind in kinds))
+            out.append(TrackedElement(output, name, worst, min(c.p_adjusted for c in own), count, _scatter(tested)))
         elif tested or across:
             p = min([1.0, *(len(tests) * h.p_value for h in tested), *(len(one.row.specs) * p for p in across)])
-            out.append(TrackedElement(output, name, "constant", p, count, _scatter(tested)))
+            out.append(TrackedElement(output, name, ElementHistory.CONSTANT, p, count, _scatter(tested)))
         else:
             why = _why_untested(one, spec.column, count)
-            out.append(TrackedElement(output, name, "not identifiable", None, count, 1.0, why))
+            out.append(TrackedElement(output, name, ElementHistory.NOT_IDENTIFIABLE, None, count, 1.0, why))
     return out
 
 

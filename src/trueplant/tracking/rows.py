@@ -62,9 +62,20 @@ class Fitted:
     verdicts: Mapping[int, detect.Verdict]
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What windows of one output have to be like, as an estimate of it foretells."""
+
+    demand: Demand
+    settle: float
+    """Time that a move keeps showing."""
+    blocks: Mapping[int, Blocks]
+    """By experiment, in its own time: the information in each part of the record."""
+
+
+@dataclass(frozen=True, eq=False)
 class FollowedRow:
-    """One output: everything that does not depend on where its windows lie, and the windows fitted so far."""
+    """One output: everything that does not depend on where its windows lie."""
 
     study: Study
     output: int
@@ -81,12 +92,9 @@ class FollowedRow:
     """By experiment: the whole record."""
     pilot_stretch: tuple[float, float]
     """Common time."""
-    demand: Demand = field(init=False)
-    settle: float = field(init=False)
-    blocks: Mapping[int, Blocks] = field(init=False)
-    """By experiment, in its own time."""
     fits: dict[Stretch, Fitted | Stretch] = field(default_factory=dict)
-    """Those that were tried: fitted, or refused after all."""
+    """A memory of the windows that were tried, fitted or refused after all: laying windows anew meets most of them
+    again, and a fit is what tracking takes its time for."""
 
     @property
     def specs(self) -> tuple[Spec, ...]:
@@ -96,44 +104,47 @@ class FollowedRow:
         """Does the estimate that the windows are planned from rest on data from both sides of an instant?"""
         return self.pilot_stretch[0] < instant < self.pilot_stretch[1]
 
-    def replan(self, estimate: OutputEstimate) -> None:
-        """Plan windows from another estimate of this output."""
+    def plan_from(self, estimate: OutputEstimate) -> Plan:
+        """What windows have to be like if this estimate is right."""
         reasons = unanswered(estimate)
         answered = [k for k in range(estimate.theta.size) if k not in reasons]
-        self.demand = demand_of(estimate.fit, answered, self.study.columns, self.precision)
-        self.settle = settling(estimate.fit)
-        self.blocks = {
+        demand = demand_of(estimate.fit, answered, self.study.columns, self.precision)
+        blocks = {
             k: blocks_of(estimate.fit, replace(estimate.row, pieces=found), self.moves[k])
             for k, found in self.pieces.items()
         }
+        return Plan(demand, settling(estimate.fit), blocks)
 
-    def windows(self, gaps: Sequence[tuple[float, float]], say: Progress) -> list[Fitted | Stretch]:
+    def windows(self, plan: Plan, gaps: Sequence[tuple[float, float]], say: Progress) -> list[Fitted | Stretch]:
         """All windows in order of time; none reaches into one of the gaps (common time), where changes lie."""
         out: list[Fitted | Stretch] = []
-        for experiment, blocks in sorted(self.blocks.items(), key=lambda item: self.offsets[item[0]]):
+        for experiment, blocks in sorted(plan.blocks.items(), key=lambda item: self.offsets[item[0]]):
             offset = self.offsets[experiment]
             edges = [float(blocks.start[0]), *(t - offset for gap in gaps for t in gap), float(blocks.end[-1])]
             for start, end in zip(edges[::2], edges[1::2], strict=True):
                 part = cut(blocks, start, end) if end > start else None
                 if part is not None:
-                    out += self._section(part, experiment, bool(gaps), say)
+                    out += self._section(plan, part, experiment, bool(gaps), say)
         return out
 
-    def _section(self, part: Blocks, experiment: int, beside_change: bool, say: Progress) -> list[Fitted | Stretch]:
+    def _section(
+        self, plan: Plan, part: Blocks, experiment: int, beside_change: bool, say: Progress
+    ) -> list[Fitted | Stretch]:
+        """The windows of one experiment between two gaps."""
         segments = self._segments(experiment)
         what = "no set-point moves" if segments[0].closed else "no OP moves"
-        plan = planned(part, self.demand, experiment, self.settle, what)
+        laid = planned(part, plan.demand, experiment, plan.settle, what)
         if (
             beside_change
-            and all(w.refusal for w in plan)
+            and all(w.refusal for w in laid)
             and part.errors[part.active].sum() >= levels.BESIDE_CHANGE * levels.FEWEST_ERRORS
         ):
             # A change near the end leaves less than was asked for; what there is says what the change was.
-            plan = [Stretch(experiment, float(part.start[0]), float(part.end[-1]))]
+            laid = [Stretch(experiment, float(part.start[0]), float(part.end[-1]))]
         out: list[Fitted | Stretch] = []
-        for k, window in enumerate(plan, start=1):
-            say(f"{self.study.project.output_names[self.output]}: window {k} of {len(plan)}")
-            out.append(self._fit(window))
+        for k, window in enumerate(laid, start=1):
+            say(f"{self.study.project.output_names[self.output]}: window {k} of {len(laid)}")
+            out.append(self._fit(window, plan.settle))
         return out
 
     def units(self, column: int) -> tuple[str, ...]:
@@ -149,14 +160,14 @@ class FollowedRow:
     def stretch_segments(self, window: Stretch) -> list[Segment]:
         return part_of(self._segments(window.experiment), window.start, window.end)
 
-    def _fit(self, window: Stretch) -> Fitted | Stretch:
+    def _fit(self, window: Stretch, settle: float) -> Fitted | Stretch:
         if window.refusal:
             return window
         if window not in self.fits:
-            self.fits[window] = self._fitted(window)
+            self.fits[window] = self._fitted(window, settle)
         return self.fits[window]
 
-    def _fitted(self, window: Stretch) -> Fitted | Stretch:
+    def _fitted(self, window: Stretch, settle: float) -> Fitted | Stretch:
         segments = self.stretch_segments(window)
         computed = self.study.computed | computed_setpoints(segments)
         own = [replace(s, y=s.y[:, [self.output]]) for s in segments]
@@ -172,7 +183,7 @@ class FollowedRow:
             stride=self.pilot.row.stride,
             update=self.update,
             timing=self.timing,
-            time_scale=self.settle / levels.SETTLED,
+            time_scale=settle / levels.SETTLED,
         )
         if estimate is None:
             return replace(window, refusal="no PV can be used in this stretch")
@@ -218,15 +229,12 @@ def follow_rows(study: Study, offsets: Mapping[int, float], precision: float, sa
     stretch = (float(segments[0].t[0]) + offsets[where], float(segments[-1].t[-1]) + offsets[where])
     rows = []
     for i, pilot in pilots.items():
-        say(f"{study.project.output_names[i]}: planning windows")
         own = {spec.column for spec in pilot.row.specs}
         model = study.model
         held = tuple(Held(j, model[i, j]) for j in range(model.shape[1]) if j not in own and not model[i, j].is_zero)
         pieces = {k: pieces_of(study.screened[k].segments, i, held, update) for k in usable}
         pieces = {k: found for k, found in pieces.items() if found}
-        row = FollowedRow(study, i, pilot, held, update, timing, precision, offsets, moves, pieces, stretch)
-        row.replan(pilot)
-        rows.append(row)
+        rows.append(FollowedRow(study, i, pilot, held, update, timing, precision, offsets, moves, pieces, stretch))
     return rows
 
 
