@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -16,16 +17,27 @@ from trueplant.robust import margins
 from trueplant.tune import levels
 from trueplant.tune.forms import converted
 from trueplant.tune.integral import Limits
+from trueplant.tune.methods import METHODS
 from trueplant.tune.response import axis, frequencies
-from trueplant.tune.retune import METHODS, retune
-from trueplant.tune.several import blt, sequential
+from trueplant.tune.retune import retune
+from trueplant.tune.several import SEVERAL
 from trueplant.tune.shaping import shaped_like
 from trueplant.tune.state_space import DESIGNS, fastest
 from trueplant.tune.together import LoopTask, TunedTogether, bare_law, slow_down, tune_together, with_entries
 
-CERTAIN, AS_DESIGNED = "certain-share", "as-designed"
-ALL_METHODS = (CERTAIN, AS_DESIGNED, *METHODS, "blt", "sequential", *DESIGNS)
-"""Ours, the loop that the model had, the rules, those for several loops, and those whose answer is no PID."""
+
+class OwnMethod(StrEnum):
+    """Methods that use more than the plant alone."""
+
+    CERTAIN = "certain-share"
+    """The largest integral gains that hold the limits for a share of the plants that the record leaves possible."""
+    AS_DESIGNED = "as-designed"
+    """Each loop again as nearly as possible what it was on the model that its controller was tuned on."""
+
+
+CERTAIN, AS_DESIGNED = OwnMethod.CERTAIN, OwnMethod.AS_DESIGNED
+ALL_METHODS = (*OwnMethod, *METHODS, *SEVERAL, *DESIGNS)
+"""Ours, the rules, those for several loops, and those whose answer is no PID."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +210,7 @@ def _several(
     square = TransferMatrix(tuple(map(tuple, elements)), plant.time_unit)
     kinds = {task.kind for task in tasks}
     kind = kinds.pop() if len(kinds) == 1 else "PI"
-    tuned = blt(square).controller if method == "blt" else sequential(square, Limits(limit, limit), kind)
+    tuned = SEVERAL[method](square, Limits(limit, limit), kind)
     laws, notes = {}, []
     for k, task in enumerate(tasks):
         bare = tuned.entries[k, k]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,6 +106,13 @@ def sequential(
     if unstable_poles(plant, found):
         raise LoopError("the loops tuned one after the other are unstable together: change the order or the pairing")
     return found
+
+
+SEVERAL: dict[str, Callable[[TransferMatrix, Limits, str], Controller]] = {
+    "blt": lambda plant, limits, kind: blt(plant).controller,
+    "sequential": sequential,
+}
+"""The rules for several loops by name: from a square plant, pairs on its diagonal, limits and "PI" or "PID"."""
 
 
 def _period(plant: TransferMatrix, i: int) -> float:

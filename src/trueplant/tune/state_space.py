@@ -33,6 +33,10 @@ from trueplant.tune import levels
 Bandwidth = float | Sequence[float]
 
 
+class MissingSolver(LoopError):
+    """A design needs a library that is not installed: another bandwidth would not help."""
+
+
 @dataclass(frozen=True, eq=False)
 class StateSpace:
     """x' = A x + B u, y = C x + D u."""
@@ -130,9 +134,9 @@ def fastest(
             if unstable_poles(plant, found.controller):
                 continue
             reached = [margins(plant, found.controller, i) for i in range(plant.shape[1])]
+        except MissingSolver:
+            raise
         except LoopError as error:
-            if "slycot" in str(error):
-                raise
             why = str(error)
             continue
         slow = all(not m.phase_margin_frequency > w * (1 + 1e-6) for m, w in zip(reached, crossovers, strict=True))
@@ -249,7 +253,7 @@ def _h_infinity(plant: StateSpace, w: Array) -> Any:
     try:
         import slycot  # noqa: F401
     except ImportError as error:
-        raise LoopError(
+        raise MissingSolver(
             "H-infinity design needs slycot, which is not installed: pip install trueplant[hinf] (its licence is the "
             "GPL), or use lqg or h2"
         ) from error
