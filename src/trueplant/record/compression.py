@@ -24,8 +24,8 @@ def filled_in(t: Array, y: Array, step: float = 0.0, steered: BoolArray | None =
     """Share of the samples of y (N,) at t (N,), where it rises or falls, that lie on straight lines between corners.
 
     0 if chance may have done it. `step` is the quantisation of y. For the OP of a controller, `steered` (N - 1,) says
-    from which sample to the next every PV moved: only there has the controller to bend OP. While PV is held, an
-    integrating one draws straight lines of its own, which do not count.
+    from which sample to the next every PV moved: only there must the slope of OP change. While PV is held, an
+    integrating controller draws straight lines itself, which do not count.
     """
     if y.size < levels.SLOPES:
         return 0.0
@@ -55,10 +55,10 @@ def filled_in(t: Array, y: Array, step: float = 0.0, steered: BoolArray | None =
 
 
 def _unexplained(line: BoolArray, steered: BoolArray) -> BoolArray:
-    """(N - 2,) inner samples at which OP should have bent.
+    """(N - 2,) inner samples at which the slope of OP should have changed.
 
-    A move of PV bends it there or, where the controller answers one sample late, at the next: a straight line has no
-    reason where PV moves all the time, or where both are straight.
+    A move of PV changes the slope there or, where the controller answers one sample late, at the next. So a straight
+    line is unexplained where PV moves at both steps, or where it moves between two samples that both lie on lines.
     """
     out = steered[1:] & steered[:-1]
     both = line[1:] & line[:-1] & steered[1:-1]

@@ -142,9 +142,9 @@ class _Columns:
         values, words = table.numbers(column)
         values, words = values[rows], words[rows]
         with np.errstate(invalid="ignore"):
-            wild = np.isinf(values) | (np.abs(values) > levels.LARGEST_VALUE)
-        if wild.any():
-            row = int(rows[np.argmax(wild)])
+            impossible = np.isinf(values) | (np.abs(values) > levels.LARGEST_VALUE)
+        if impossible.any():
+            row = int(rows[np.argmax(impossible)])
             raise DataError(
                 f"{table.source}, {table.where(row)}, column {column!r}: {table.frame[column][row]} is not a "
                 "measurement; correct or empty that cell"

@@ -158,7 +158,7 @@ def _saturated(record: Record, j: int, limits: tuple[float, float] | None, chann
 
 
 def _plateaus(record: Record, j: int) -> BoolArray:
-    """Where OP repeats its recorded extreme for long while the control error moves: most likely a limit."""
+    """Where OP stays at its largest or smallest recorded value while the control error moves: most likely a limit."""
     u = record.u[:, j]
     out = np.zeros(u.size, dtype=bool)
     finite = np.isfinite(u)
@@ -259,7 +259,7 @@ def _report_sensor(every: float, q: float, name: str, clock: Clock, unit: str, l
 
 
 def _report_compressed_op(record: Record, j: int, channel: Channel, log: _Log) -> None:
-    """Only the OP of a controller never runs in straight lines: a person may have moved that of an open loop so."""
+    """Of closed loops only: a person may well move OP along straight lines, a controller does not."""
     at = np.flatnonzero(np.isfinite(record.u[:, j]))
     alive = [i for i, y in enumerate(record.y[at].T) if np.unique(y[np.isfinite(y)]).size > 1]
     if not record.closed or at.size < levels.FEWEST_USABLE or not alive:

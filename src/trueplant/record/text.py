@@ -149,9 +149,9 @@ def _cut(text: str, separator: str, source: str, encoding: str, shown: str) -> C
     cuts = np.flatnonzero((raw == ord(separator)) & outside)
     width = np.searchsorted(cuts, ends) - np.searchsorted(cuts, starts) + 1
     lines = _Lines(data, starts, ends, width, separator, source)
-    # blank: nothing but separators, quotes and spaces
-    ink = (raw > 34) & (raw != ord(separator)) | (raw == 33)
-    blank = ~np.logical_or.reduceat(ink[: ends[-1] + 1], starts)
+    # blank lines hold nothing but separators, quotes and spaces
+    printed = (raw > 34) & (raw != ord(separator)) | (raw == 33)
+    blank = ~np.logical_or.reduceat(printed[: ends[-1] + 1], starts)
     first, usual = _first_data_row(lines, np.flatnonzero(~blank))
     head = [lines.fields(int(k)) for k in np.flatnonzero(~blank[:first])]
     keep = ~blank & (np.arange(blank.size) >= first)
@@ -162,15 +162,15 @@ def _cut(text: str, separator: str, source: str, encoding: str, shown: str) -> C
     return Cells(head, _parse(body, separator, usual, quoted, source), rows + 1, shown, encoding)
 
 
-def _first_data_row(lines: _Lines, inked: NDArray[np.int64]) -> tuple[int, int]:
+def _first_data_row(lines: _Lines, filled: NDArray[np.int64]) -> tuple[int, int]:
     """The first line with numbers, and the usual number of fields of the lines below the top quarter."""
-    values, counts = np.unique(lines.width[inked[inked.size // 4 :]], return_counts=True)
+    values, counts = np.unique(lines.width[filled[filled.size // 4 :]], return_counts=True)
     usual = int(values[np.argmax(counts)])
     if usual < 2:
         raise DataError(
             f"{lines.source} has only one column when cut at {lines.separator!r}; name its separator in `separator`"
         )
-    for k in inked[: levels.SNIFFED_LINES]:
+    for k in filled[: levels.SNIFFED_LINES]:
         comment = lines.text(k).startswith(("#", "//"))
         if lines.width[k] == usual and not comment and any(map(looks_like_data, lines.fields(k))):
             return int(k), usual

@@ -47,7 +47,7 @@ def balanced(M: ComplexArray, structure: Structure, sweeps: int = levels.SWEEPS)
     for _ in range(sweeps if count > 1 else 0):
         for k in range(count):
             now = logs + 2 * (x[:, :, None] - x[:, None, :])
-            # a floor lets blocks without way back be scaled away, sweep by sweep
+            # zeros are lifted to a floor, so that blocks of a reducible matrix are scaled apart sweep by sweep
             floor = np.max(now, axis=(1, 2), keepdims=True) - levels.BALANCING_FLOOR
             now = np.maximum(now, np.where(np.isfinite(floor), floor, 0.0))
             others = np.arange(count) != k

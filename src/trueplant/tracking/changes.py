@@ -1,8 +1,8 @@
 """From windows to changes: which elements changed, since when, in a step or little by little.
 
 All elements of all outputs are tested together, and Holm's procedure keeps the chance of a single false alarm at the
-level asked for. The clearest step is dated on the raw record, the windows are laid anew on both sides of it, so that
-none reaches across, and the tests are repeated, until nothing is left.
+requested level. The time of the most significant step is estimated from the raw record, new windows are placed on both
+sides of it, so that none contains it, and the tests are repeated until none is significant.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ def find_changes(
     tests: dict[Key, History] = {}
     settled: dict[Key, float] = {}
     """Drifts and undecided changes, by their adjusted p-value."""
-    barred: set[Key] = set()
-    """Steps that fell apart when they were dated."""
+    rejected: set[Key] = set()
+    """Steps that are not significant any more with windows that end at them."""
     for _ in range(levels.MOST_CHANGES):
         say("looking for changes")
         _test(followed, tests, seed)
         keys = list(tests)
         adjusted = dict(zip(keys, holm([tests[k].p_value for k in keys]), strict=True)) if keys else {}
-        left = [k for k in keys if adjusted[k] < level and k not in settled and k not in barred]
+        left = [k for k in keys if adjusted[k] < level and k not in settled and k not in rejected]
         if not left:
             break
         key = min(left, key=lambda k: (tests[k].p_value, -max(tests[k].step, tests[k].drift)))
@@ -58,12 +58,12 @@ def find_changes(
         gap = _dated(one, key, tests, float(adjusted[key]), level)
         split = one.with_gap(gap, say)
         if not _holds(split, gap, level):
-            barred.add(key)
+            rejected.add(key)
             continue
         if split.row.planned_across(gap.time):
             split = split.planned_anew(max(split.fitted, key=lambda w: w.estimate.fit.count).estimate, say)
         followed[key.row] = split
-    # Sections that a later step has cut are gone, and what was found in them was looked for again in their parts.
+    # a section that a later step divides is no longer there: its two parts were tested instead
     changes = [_gradual(followed[k.row], k, tests[k], p, level) for k, p in settled.items() if k in tests]
     for one in followed:
         for gap in one.gaps:
@@ -84,13 +84,13 @@ def _test(followed: Sequence[Followed], tests: dict[Key, History], seed: int) ->
                 if series is not None:
                     wanted.add(key)
                     if key not in tests:
-                        tests[key] = _told(history(series, seed=seed), one.estimates(spec.column, section))
+                        tests[key] = _with_shape(history(series, seed=seed), one.estimates(spec.column, section))
     for key in set(tests) - wanted:
         del tests[key]
 
 
-def _told(found: History, full: Series | None) -> History:
-    """The significance from the steps, the shape of a change from the full estimates, which no large change bends."""
+def _with_shape(found: History, full: Series | None) -> History:
+    """Significance by the one-step estimates; kind, time and size by the full ones, valid for large changes as well."""
     if full is None or len(full) < levels.LEAST_TO_SHAPE:
         return found
     shape = history(full, draws=1)
@@ -98,7 +98,7 @@ def _told(found: History, full: Series | None) -> History:
 
 
 def _dated(one: Followed, key: Key, tests: dict[Key, History], p: float, level: float) -> Gap:
-    """The step of a test, dated on the raw record; where that fails, as far as whole windows can tell."""
+    """The time of a step, estimated from the raw record around it; where that fails, between two windows."""
     windows = one.inside(key.section)
     instant = tests[key].time
     ends = [k for k, w in enumerate(windows) if w.end <= instant + 1e-9]
@@ -141,7 +141,7 @@ def _shift(one: Followed, column: int, gap: Gap) -> Shift | None:
 
 
 def _holds(one: Followed, gap: Gap, level: float) -> bool:
-    """Do the windows laid anew still differ across the step, in the element in which it was found?"""
+    """Is the step still significant with the new windows, in the element in which it was found?"""
     shift = _shift(one, gap.found_in, gap)
     return shift is not None and shift.p_value < level
 
@@ -205,7 +205,7 @@ def _change(
     adjusted = np.maximum(holm(raw), p)
     changed = adjusted < level
     if not changed.any():
-        changed[int(np.argmin(raw))] = True  # jointly beyond doubt, singly not
+        changed[int(np.argmin(raw))] = True  # significant jointly, though none is by itself
     half = norm.ppf(1 - level / 2) * sigma
     parameters = tuple(
         Moved(

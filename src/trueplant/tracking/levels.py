@@ -20,7 +20,8 @@ SETTLED = 5.0
 LEAST_SETTLINGS = 3.0
 """Settling times in a window: in less its unknown initial state costs more than SHORTFALL allows for."""
 SHORTFALL = 1.1
-"""Unknown initial states cost a window that much of its standard errors on top of what the information foretells."""
+"""Unknown initial states cost a window that much of its standard errors on top of those that the information
+predicts."""
 LONGEST = 0.25
 """Share of an experiment's time that a window may take where single moves do not suffice. Judgement: a history has four
 windows at least."""
@@ -39,9 +40,9 @@ IDLE = 2.0
 PILOT = 4000
 """Prediction errors of the first estimate, from which the windows are planned. Judgement."""
 PILOT_GROWTH = 4
-"""Factor on its length where a gain stays open."""
+"""Factor on its length where a gain is not identifiable yet."""
 LAST_STRETCH = 1.5
-"""A rest shorter than half a stretch is put to the one before when the liveliest is looked for."""
+"""A rest shorter than half a stretch is put to the one before when the one with most moves is looked for."""
 BLOCKS_PER_SETTLING, SHORTEST_BLOCK = 10, 16
 """Blocks of the information in a settling time, and the prediction errors of the shortest one."""
 CHUNK = 20_000

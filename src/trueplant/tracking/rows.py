@@ -64,7 +64,7 @@ class Fitted:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What windows of one output have to be like, as an estimate of it foretells."""
+    """What windows of one output have to be like, as predicted from an estimate of it."""
 
     demand: Demand
     settle: float
@@ -101,7 +101,7 @@ class FollowedRow:
         return self.pilot.row.specs
 
     def planned_across(self, instant: float) -> bool:
-        """Does the estimate that the windows are planned from rest on data from both sides of an instant?"""
+        """Does the pilot estimate use data from both sides of an instant?"""
         return self.pilot_stretch[0] < instant < self.pilot_stretch[1]
 
     def plan_from(self, estimate: OutputEstimate) -> Plan:
@@ -139,7 +139,7 @@ class FollowedRow:
             and all(w.refusal for w in laid)
             and part.errors[part.active].sum() >= levels.BESIDE_CHANGE * levels.FEWEST_ERRORS
         ):
-            # A change near the end leaves less than was asked for; what there is says what the change was.
+            # little is left beside a change near the end: it is used all the same, to tell what the change was
             laid = [Stretch(experiment, float(part.start[0]), float(part.end[-1]))]
         out: list[Fitted | Stretch] = []
         for k, window in enumerate(laid, start=1):
@@ -241,12 +241,12 @@ def follow_rows(study: Study, offsets: Mapping[int, float], precision: float, sa
 def _pilots(
     study: Study, moves: Mapping[int, Array], interval: float, timing: float
 ) -> tuple[dict[int, OutputEstimate], tuple[int, list[Segment]]]:
-    """Estimates of all outputs on the liveliest stretch; on a longer one where a gain stays open."""
+    """Estimates of all outputs from the stretch with most moves; from a longer one while a gain is not identifiable."""
     stride = choose_stride(study.segments, list(study.specs.values()), interval)
     samples = sum(len(s) for s in study.segments)
     wanted = levels.PILOT * stride
     while True:
-        stretch = _liveliest(study, moves, wanted)
+        stretch = _most_moves(study, moves, wanted)
         found = identify_matrix(
             stretch[1],
             study.model,
@@ -256,17 +256,17 @@ def _pilots(
             timing=timing,
         )
         found = {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items()}
-        if wanted >= samples or (found and not any(_gain_open(e) for e in found.values())):
+        if wanted >= samples or (found and not any(_gain_unknown(e) for e in found.values())):
             return found, stretch
         wanted *= levels.PILOT_GROWTH
 
 
-def _gain_open(estimate: OutputEstimate) -> bool:
+def _gain_unknown(estimate: OutputEstimate) -> bool:
     names = estimate.row.names
     return any(names[k].startswith(("gain", "slope")) for k in unanswered(estimate))
 
 
-def _liveliest(study: Study, moves: Mapping[int, Array], samples: int) -> tuple[int, list[Segment]]:
+def _most_moves(study: Study, moves: Mapping[int, Array], samples: int) -> tuple[int, list[Segment]]:
     """The experiment, and its stretch of so many samples, in which most moves are made."""
     best, most = (0, list(study.segments[:1])), -1
     for k, moved in moves.items():

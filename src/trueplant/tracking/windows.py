@@ -1,8 +1,8 @@
-"""Windows of a long record, each as long as its excitation needs for the precision asked for.
+"""Windows of a long record, each as long as the requested precision needs.
 
-How sure an estimate will be is told beforehand by the Fisher information of the plant's parameters on the recorded
-inputs, in blocks that can be added. In closed loop only blocks count in which a set-point moves or has just moved:
-what the noise alone stirs up shows the controller as much as the plant.
+The Fisher information of the plant's parameters for the recorded inputs predicts the standard errors of an estimate. It
+is computed in blocks, which can be added. In closed loop only blocks count in which a set-point moves or has just moved:
+what noise alone does to OP and PV depends on the controller as much as on the plant.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Blocks:
 
 @dataclass(frozen=True, eq=False)
 class Demand:
-    """Which standard errors are asked for, in units of the parameters; infinite where none is."""
+    """Requested standard errors, in units of the parameters; infinite where none is requested."""
 
     limits: Array
     names: tuple[str, ...]

@@ -92,7 +92,7 @@ ROUNDS = 3
 """Times that the loops are tuned one after the other. Judgement."""
 SLOWDOWNS = np.concatenate([np.arange(0.4, 0.8, 0.05), np.arange(0.8, 1.0001, 0.01)])
 """Factors on kp that are proved, from the slowest on. Judgement: settings that need more are better not trusted."""
-CALMEST = 2.0**-12
+SLOWEST_START = 2.0**-12
 """Factor on today's gains at which the search for a stable start ends."""
 SLOW_START = 10.0
 """A loop without a usable controller starts with a tenth of the gain 1 at its crossover, and with ten times its
@@ -111,7 +111,7 @@ SAME_SPEED = 0.995
 WORTH_TUNING = 1.1
 """A loop whose integral gain would rise by less than this factor is left as it is, if it holds the limits. Judgement:
 less is not seen in operation."""
-CALMING = np.geomspace(1.0, 0.02, 40)
+COMMON_SLOWDOWNS = np.geomspace(1.0, 0.02, 40)
 """Factors by which loops that disturb each other are slowed down together."""
 SLOWEST_CROSSOVER = 1e-6
 """Factor at which the search for a law within the crossover begins."""

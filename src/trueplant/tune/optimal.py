@@ -36,7 +36,7 @@ def optimal(
 
     The loop is simulated; Nelder and Mead's simplex starts from SIMC, in the logarithms of Kc, Ti and Td. limits:
     peaks of S and T that must not be passed (on a grid of frequencies); without them the optimum is often too
-    lively to be used (Ms about 2 and more for load steps).
+    oscillatory to be used (Ms about 2 and more for load steps).
 
     Raises LoopError for a plant without effective dead time, whose errors have no least value.
     """

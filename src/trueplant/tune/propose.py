@@ -67,12 +67,12 @@ def propose(
     confidence: float = levels.CONFIDENCE,
     seed: int = 0,
 ) -> tuple[Proposal, ...]:
-    """Settings by each method, in the order asked for; model: what today's controllers were tuned on.
+    """Settings by each method, in the given order; model: what today's controllers were tuned on.
 
     The rules see each loop's own element, later by what the task calls unseen or by the error of its dead time,
     whichever is longer. Whatever they say is slowed down until the loop's gain is below 1 beyond the task's
-    crossover, and, where the loops together are not stable or have a sensitivity peak above 2 that none has alone,
-    until they are calm. The notes say so.
+    crossover, and, where the loops together are unstable or have a sensitivity peak above 2 that none has alone, until
+    they have not. The notes say so.
 
     Raises LoopError for unknown methods.
     """
@@ -171,7 +171,7 @@ def _by_rule(
         notes.append(note)
     if not laws:
         return _none(method, tasks, "; ".join(notes[0]))
-    return _calm_together(plant, tasks, with_entries(today, laws), laws, method, notes)
+    return _slowed_together(plant, tasks, with_entries(today, laws), laws, method, notes)
 
 
 def _as_designed(
@@ -195,7 +195,7 @@ def _as_designed(
         notes.append([note] if note else [])
     if not laws:
         return _none(AS_DESIGNED, tasks, "; ".join(notes[0]))
-    return _calm_together(plant, tasks, with_entries(today, laws), laws, AS_DESIGNED, notes)
+    return _slowed_together(plant, tasks, with_entries(today, laws), laws, AS_DESIGNED, notes)
 
 
 def _several(
@@ -222,7 +222,7 @@ def _several(
         notes.append(
             said + ([f"slowed down by {1 / factor:.3g} to keep its crossover"] if factor < levels.SAME_SPEED else [])
         )
-    return _calm_together(plant, tasks, with_entries(today, laws), laws, method, notes)
+    return _slowed_together(plant, tasks, with_entries(today, laws), laws, method, notes)
 
 
 def _within_crossover(g: TransferFunction, pid: PID, task: LoopTask) -> tuple[PID, float]:
@@ -246,7 +246,7 @@ def _within_crossover(g: TransferFunction, pid: PID, task: LoopTask) -> tuple[PI
     return slow_down(pid, low), low
 
 
-def _calm_together(
+def _slowed_together(
     plant: TransferMatrix,
     tasks: Sequence[LoopTask],
     controller: Controller,
@@ -261,7 +261,7 @@ def _calm_together(
     if not all(
         _peak(plant, controller, t, "closed") <= max(levels.USUAL_PEAK, a) for t, a in zip(laws, alone, strict=True)
     ):
-        for factor in levels.CALMING[1:]:
+        for factor in levels.COMMON_SLOWDOWNS[1:]:
             slower = with_entries(controller, {t: slow_down(pid, float(factor)) for t, pid in laws.items()})
             if all(_peak(plant, slower, task, "closed") <= levels.USUAL_PEAK for task in laws):
                 controller = slower

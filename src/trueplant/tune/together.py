@@ -56,7 +56,7 @@ class TunedTogether:
     nominal: Controller
     """The same rounds on the nominal plant alone."""
     slowed: float
-    """Factor on kp (its square on ki) that the proof has asked for; 1: none."""
+    """Factor on kp (its square on ki) by which the proof slows the loops down; 1: not at all."""
     price: tuple[float, ...]
     """For each task the part of the nominal integral gain that is given up."""
 
@@ -83,12 +83,12 @@ def tune_together(
     _check_plant(uncertain.nominal, tasks)
     half = count // 2
     rank = most_failures(count - half, share, confidence)
-    calm = _calmed(uncertain.nominal, tasks, start)
-    w = common_grid(uncertain.nominal, calm, max(task.crossover for task in tasks))
+    stable = _stable_start(uncertain.nominal, tasks, start)
+    w = common_grid(uncertain.nominal, stable, max(task.crossover for task in tasks))
     drawn = uncertain.draw(count, seed).response(w)
     choosing, proving = (_with_unseen(part, tasks, w) for part in (drawn[:half], drawn[half:]))
     nominal = _with_unseen(uncertain.nominal(axis(w))[None], tasks, w)
-    alone = _rounds(nominal, nominal, tasks, calm, w, limit, 0.5, {})
+    alone = _rounds(nominal, nominal, tasks, stable, w, limit, 0.5, {})
     if unstable_poles(uncertain.nominal, alone):
         raise LoopError("the loops tuned one after the other are unstable together: check the pairing")
     # the derivative times are those of the nominal plant: what is uncertain takes gain, not shape
@@ -169,7 +169,7 @@ def _check_plant(plant: TransferMatrix, tasks: Sequence[LoopTask]) -> None:
             )
 
 
-def _calmed(plant: TransferMatrix, tasks: Sequence[LoopTask], start: Controller) -> Controller:
+def _stable_start(plant: TransferMatrix, tasks: Sequence[LoopTask], start: Controller) -> Controller:
     """Integral laws for all tasks with which the loops are stable: today's, made slower where need be."""
     laws: dict[LoopTask, Entry] = {}
     for task in tasks:
@@ -185,10 +185,10 @@ def _calmed(plant: TransferMatrix, tasks: Sequence[LoopTask], start: Controller)
             pid = replace(bare_law(task), Kc=sign / (levels.SLOW_START * size), Ti=levels.SLOW_START / task.crossover)
         laws[task] = pid
     factor = 1.0
-    while factor >= levels.CALMEST:
-        calm = with_entries(start, {t: slow_down(_as_pid(law), factor) for t, law in laws.items()})
-        if not unstable_poles(plant, calm):
-            return calm
+    while factor >= levels.SLOWEST_START:
+        slower = with_entries(start, {t: slow_down(_as_pid(law), factor) for t, law in laws.items()})
+        if not unstable_poles(plant, slower):
+            return slower
         factor /= 2
     raise LoopError("even very slow controllers leave these loops unstable together: check the pairing and the actions")
 

@@ -31,7 +31,7 @@ class UncertainTuning:
     nominal: PID
     """Largest integral gain for the nominal plant alone."""
     share: float
-    """Share of the drawn plants that was asked for."""
+    """Requested share of all plants."""
     confidence: float
     """Probability with which at least that share of all plants holds the limits."""
     nominal_share: float
@@ -189,7 +189,7 @@ def tune_uncertain(
 
 
 def _proven(discs: Discs, kp: float, ki: float, shape: ComplexArray, rank: int) -> tuple[float, float]:
-    """The liveliest of these settings, slowed down step by step, that no more than `rank` plants fail; ki 0 if none.
+    """The fastest of these settings, slowed down step by step, that no more than `rank` plants fail; ki 0 if none.
 
     The steps are tested from the slowest on and the first failure ends it, so that testing many costs no
     confidence (fixed sequence). Slowing down keeps the damping: kp falls with the factor and ki with its square.
