@@ -17,3 +17,7 @@ SETTLED = 25
 """Samples until the inverse of the coloured noise model has forgotten its start: 0.818^25 is 0.7 %."""
 OFF_GRID = 1e-4
 """Min. At a dead time of whole samples the response has one derivative on either side: this is the later one."""
+OFTEN = 3
+"""Notes of a table in which a clause stands, from which it is said once above the table. Judgement."""
+LONG_CLAUSE = 15
+"""Characters from which that is worth a letter. Judgement."""

@@ -216,3 +216,9 @@ estimate in that direction has 50 times the standard error of the others."""
 WELCH_WINDOWS = 8
 """Windows of the averaged spectral matrix, at least twice the number of signals: its condition number needs more
 averages than signals. Judgement."""
+
+# -- transforms -----------------------------------------------------------------------------------------------
+
+SERIES_BELOW = 1.0
+"""Size of s h below which the moments of a step are taken from their power series: the recursion loses digits there,
+and 18 terms of the series give all of them."""

@@ -82,6 +82,9 @@ RANDOM_STARTS = 6
 RANDOM_WEIGHT = 0.7
 """Factor from one singular vector to the next in a random start: the larger ones are more likely. Judgement."""
 
+TINY = 1e-150
+"""Norm below which a vector is 0: its square is still a number."""
+
 # -- skewed mu -----------------------------------------------------------------------------------------------
 
 WORST_GAIN = 1e-7

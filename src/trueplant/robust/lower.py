@@ -18,8 +18,6 @@ from trueplant.arrays import Array, ComplexArray
 from trueplant.robust import levels
 from trueplant.robust.blocks import Structure
 
-_TINY = 1e-150
-
 
 def lower_bound(
     M: ComplexArray, upper: Array, structure: Structure, starts: int = levels.RANDOM_STARTS
@@ -57,7 +55,7 @@ def lower_bound(
 
 def _climbed(M: ComplexArray, b: ComplexArray, structure: Structure, steps: int) -> tuple[Array, ComplexArray]:
     """The power iteration from b (n_s, n_w), and what its end proves."""
-    b = b / np.maximum(np.linalg.norm(b, axis=1, keepdims=True), _TINY)
+    b = b / np.maximum(np.linalg.norm(b, axis=1, keepdims=True), levels.TINY)
     w, adjoint = b, M.conj().swapaxes(1, 2)
     for _ in range(steps):
         a = _unit(_times(M, b))
@@ -72,7 +70,7 @@ def _times(M: ComplexArray, v: ComplexArray) -> ComplexArray:
 
 
 def _unit(v: ComplexArray) -> ComplexArray:
-    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), _TINY))
+    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), levels.TINY))
 
 
 def _towards(own: ComplexArray, other: ComplexArray, structure: Structure, from_rows: bool) -> ComplexArray:
@@ -89,7 +87,7 @@ def _towards(own: ComplexArray, other: ComplexArray, structure: Structure, from_
             value[:, here] = _unit(mine) * np.linalg.norm(theirs, axis=1, keepdims=True)
         else:
             inner = np.sum(mine.conj() * theirs, axis=1)
-            value[:, here] = theirs * (inner.conj() / np.maximum(np.abs(inner), _TINY))[:, None]
+            value[:, here] = theirs * (inner.conj() / np.maximum(np.abs(inner), levels.TINY))[:, None]
     return value
 
 
@@ -103,7 +101,7 @@ def _aligned(a: ComplexArray, w: ComplexArray, structure: Structure) -> ComplexA
             Q[:, side, z] = _unit(theirs)[:, :, None] * _unit(mine).conj()[:, None, :]
         else:
             inner = np.sum(mine.conj() * theirs, axis=1)
-            Q[:, side, z] = (inner / np.maximum(np.abs(inner), _TINY))[:, None, None] * np.eye(block.rows)
+            Q[:, side, z] = (inner / np.maximum(np.abs(inner), levels.TINY))[:, None, None] * np.eye(block.rows)
     return Q
 
 
@@ -123,7 +121,7 @@ def _equal_parts(M: ComplexArray, vectors: ComplexArray, structure: Structure, s
     """
     right = vectors[:, :, :2]
     image = M @ right
-    left = image / np.maximum(np.linalg.norm(image, axis=1, keepdims=True), _TINY)
+    left = image / np.maximum(np.linalg.norm(image, axis=1, keepdims=True), levels.TINY)
     planes, heights = [], []
     for _, z, w in structure.places():
         form = left[:, z].conj().swapaxes(1, 2) @ left[:, z] - right[:, w].conj().swapaxes(1, 2) @ right[:, w]
@@ -134,11 +132,11 @@ def _equal_parts(M: ComplexArray, vectors: ComplexArray, structure: Structure, s
     u, s, vt = np.linalg.svd(normal)
     rank = min(2, s.shape[1])
     projected = np.einsum("sfi,sf->si", u, height)[:, :rank]
-    kept = s[:, :rank] > 1e-9 * np.maximum(s[:, :1], _TINY)
+    kept = s[:, :rank] > 1e-9 * np.maximum(s[:, :1], levels.TINY)
     inside = np.where(kept, projected / np.where(kept, s[:, :rank], 1.0), 0.0)
     point = np.einsum("sr,sri->si", inside, vt[:, :rank])
     length = np.linalg.norm(point, axis=1, keepdims=True)
-    point = np.where(length > 1, point / np.maximum(length, _TINY), point)
+    point = np.where(length > 1, point / np.maximum(length, levels.TINY), point)
     rest = np.sqrt(np.maximum(1 - np.sum(point**2, axis=1, keepdims=True), 0.0))
     point = point + sign * rest * vt[:, 2]
     # back from the sphere: (cos, e^(j phi) sin) of half the angle

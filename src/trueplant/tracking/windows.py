@@ -1,8 +1,8 @@
 """Windows of a long record, each as long as the requested precision needs.
 
 The Fisher information of the plant's parameters for the recorded inputs predicts the standard errors of an estimate. It
-is computed in blocks, which can be added. In closed loop only blocks count in which a set-point moves or has just moved:
-what noise alone does to OP and PV depends on the controller as much as on the plant.
+is computed in blocks, which can be added. In closed loop only blocks count in which a set-point moves or has just
+moved: what noise alone does to OP and PV depends on the controller as much as on the plant.
 """
 
 from __future__ import annotations

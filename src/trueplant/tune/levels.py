@@ -159,3 +159,6 @@ UNSTABLE = 1e-9
 """Real part of a pole, relative to its size, from which the plant is unstable and not integrating."""
 ROUNDING = 1e-9
 """By which a limit may be passed in proofs: rounding of the response."""
+DOUBLE_ROOT = 1e-12
+"""Rounding that a double root of the series form may leave in its discriminant, relative to the product of the
+roots."""

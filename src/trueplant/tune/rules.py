@@ -41,8 +41,8 @@ def ziegler_nichols(ku: float, pu: float, kind: str = "PI", alpha: float = ALPHA
 
 
 def tyreus_luyben(ku: float, pu: float, kind: str = "PI", alpha: float = ALPHA) -> PID:
-    """Slower and better damped than Ziegler-Nichols (Tyreus and Luyben, Ind. Eng. Chem. Res. 31, 1992, 2625-2628; PID as in
-    Luyben and Luyben, Essentials of Process Control, 1997)."""
+    """Slower and better damped than Ziegler-Nichols (Tyreus and Luyben, Ind. Eng. Chem. Res. 31, 1992, 2625-2628; PID
+    as in Luyben and Luyben, Essentials of Process Control, 1997)."""
     if _kind(kind):
         return PID(Kc=ku / 2.2, Ti=2.2 * pu, Td=pu / 6.3, alpha=alpha)
     return PID(Kc=ku / 3.2, Ti=2.2 * pu)
