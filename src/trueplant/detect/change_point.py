@@ -138,10 +138,10 @@ def _parts(row: Row, clock: Array, before: Array, after: Array, changing: BoolAr
     t, piece_of, valid, target, difference, common = (np.concatenate(part) for part in columns[:6])
     old, new = np.concatenate(columns[6], axis=1)
     lags = [
-        after[part.start + m]
+        float(lag)
         for spec, part in zip(row.specs, row.slices, strict=True)
-        for m, name in enumerate(spec.structure.names)
-        if name.startswith("tau") and changing[part].any()
+        if changing[part].any()
+        for lag in after[part][spec.structure.is_lag]
     ]
     return _Parts(t, piece_of, valid, target, difference, common, old, new, tuple(lags))
 

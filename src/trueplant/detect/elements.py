@@ -61,13 +61,12 @@ def elements_found(model: TransferMatrix, estimates: Mapping[int, OutputEstimate
 
 def _model_values(model: TransferMatrix, i: int, spec: Spec) -> tuple[float | None, ...]:
     """What the model says of each parameter; an element that it lacks has no gain and no dynamics."""
-    names = spec.structure.names
     system = model[i, spec.column]
     if system.is_zero:
-        return tuple(0.0 if name.startswith(("gain", "slope")) else None for name in names)
+        return tuple(0.0 if gain else None for gain in spec.structure.is_gain)
     own, values = structure_of(system)
     known = dict(zip(own.names, values, strict=True))
-    return tuple(float(known[name]) if name in known else None for name in names)
+    return tuple(float(known[name]) if name in known else None for name in spec.structure.names)
 
 
 def judge_elements(

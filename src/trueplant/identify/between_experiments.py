@@ -16,7 +16,6 @@ from trueplant.arrays import Array
 from trueplant.identify.estimate import noise_signals
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.noise import fit_ar
-from trueplant.identify.search import felt_lag
 
 INFORMATIVE = 0.5
 """A run takes part for a parameter if its standard error is below this share of the parameter's size."""
@@ -62,7 +61,7 @@ def compare_runs(pooled: RowFit, significance: float = 0.05) -> Runs | None:
     covariance = np.array([fit.covariance for _, fit in fits])
     n = theta.shape[1]
     variance = np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 1e-300)
-    scale = np.abs(pooled.theta) + felt_lag(pooled)
+    scale = np.abs(pooled.theta) + pooled.row.lag_of_dead_times(pooled.theta)
     p_value, between = np.ones(n), np.zeros(n)
     for j in range(n):
         take = np.sqrt(variance[:, j]) < INFORMATIVE * scale[j]

@@ -96,7 +96,7 @@ def _searched(row: Row, time_scale: float, options: Options) -> RowFit:
 def _on_the_whole(row: Row, part: RowFit, options: Options) -> RowFit:
     """The fit of a long record, started from that of a part of it: only dead times within reach are tried again."""
     limit = largest_order(row, options.largest_order)
-    sigma = np.sqrt(np.diag(part.covariance)[row.dead])
+    sigma = np.sqrt(np.diag(part.covariance)[row.is_dead_time])
     reach = min(REACH, 1 + int(np.ceil(4 * float(np.max(sigma, initial=0.0)) / row.pieces[0].h)))
     fit = fit_row(row.without_unseen(part.theta), part.theta, part.ar)
     return _best_dead_times(_with_noise(fit, options.order, limit, iterations=60), reach)

@@ -148,7 +148,7 @@ def fit_row(
     low, high = row.bounds()
     moving = np.concatenate([free, np.ones(ar.size, dtype=bool)])
     n = theta.size
-    dead = np.concatenate([row.dead, np.zeros(ar.size, dtype=bool)])
+    dead = np.concatenate([row.is_dead_time, np.zeros(ar.size, dtype=bool)])
     damping = 1e-3
     point = evaluate(row, theta, ar, weights)
     converged = False

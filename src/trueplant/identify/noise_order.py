@@ -9,7 +9,6 @@ from trueplant.identify.between_experiments import refit_noise
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import UNDERMODELLED
 from trueplant.identify.fit import RowFit, fit_row
-from trueplant.identify.search import felt_lag
 from trueplant.identify.validate import ResidualTests
 
 PLAUSIBLE = 2.0
@@ -29,7 +28,7 @@ def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tu
     limit = max(fit.row.measured(k)[0].size for k in range(len(fit.row.pieces))) // 20
     orders = {used // 2, min(used, 1), 2 * used + 2} | ({0} if undermodelled else set())
     sigma = np.sqrt(np.diag(covariance))
-    scale = np.maximum(np.abs(fit.theta), felt_lag(fit))
+    scale = np.maximum(np.abs(fit.theta), fit.row.lag_of_dead_times(fit.theta))
     moved: dict[int, str] = {}
     shifts = np.zeros(fit.theta.size)
     for order in sorted(orders - {used}):

@@ -18,7 +18,6 @@ from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.noise_order import order_dependence
 from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.sandwich import asks_for_sandwich, sandwich
-from trueplant.identify.search import dead_time_of, lag_of
 from trueplant.identify.slow_tail import slow_errors, slow_p
 from trueplant.identify.small import inflation, widening_by_starts, without_unseen_dead_times
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
@@ -167,17 +166,17 @@ def identify_output(
 
 def least_variance(row: Row, theta: Array, timing: float) -> Array:
     """(size,) variance below which no parameter is known: numbers are rounded, and so are instants (`timing`)."""
-    return np.asarray((ROUNDING * np.abs(theta)) ** 2 + np.where(row.dead, timing**2, 0.0))
+    return np.asarray((ROUNDING * np.abs(theta)) ** 2 + np.where(row.is_dead_time, timing**2, 0.0))
 
 
 def _profiled(fit: RowFit) -> list[int]:
     """Dead times, and parameters that are known poorly but not hopelessly."""
     chosen = []
     sigma = np.sqrt(np.diag(fit.covariance))
-    for index, name in enumerate(fit.row.names):
+    for index in np.flatnonzero(~fit.row.is_gain):
         relative = sigma[index] / max(abs(fit.theta[index]), 1e-300) if fit.free[index] else WEAK
-        if (name.startswith("dead") or relative > WEAK) and relative < 1e3 and not name.startswith(("gain", "slope")):
-            chosen.append(index)
+        if (fit.row.is_dead_time[index] or relative > WEAK) and relative < 1e3:
+            chosen.append(int(index))
     return chosen
 
 
@@ -188,31 +187,29 @@ def unanswered(estimate: OutputEstimate) -> dict[int, str]:
     h = fit.row.pieces[0].h
     reasons: dict[int, str] = {}
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        names = spec.structure.names
-        p, s = theta[part], sigma[part]
-        lag = lag_of(names, p)
-        dead = dead_time_of(names, p)
-        gains = [k for k, name in enumerate(names) if name.startswith(("gain", "slope"))]
+        structure, p, s = spec.structure, theta[part], sigma[part]
+        lag, dead = structure.lag(p), structure.longest_dead_time(p)
+        gains = np.flatnonzero(structure.is_gain)
         silent = all(not np.any(piece.inputs[spec.column]) for piece in fit.row.pieces)
         within = estimate.covariance[part, part][np.ix_(gains, gains)]
         no_gain = chi2.sf(p[gains] @ inverse(within) @ p[gains], len(gains)) > NOTHING
-        fast = not spec.structure.integrators and lag + dead < FEWEST_SAMPLES * h
-        for k, name in enumerate(names):
+        fast = not structure.integrators and lag + dead < FEWEST_SAMPLES * h
+        for k, gain in enumerate(structure.is_gain):
             index = part.start + k
             moved = estimate.order_dependence.get(index)
-            model = abs(spec.start[k]) if spec.start is not None and k in gains else 0.0
-            size = max(abs(p[k]), model, lag if name.startswith("dead") else 0.0)
+            model = abs(spec.start[k]) if spec.start is not None and gain else 0.0
+            size = max(abs(p[k]), model, lag if structure.is_dead_time[k] else 0.0)
             if silent:
                 reasons[index] = "its input does not move in these data"
-            elif fast and k not in gains and not name.startswith("lead"):
+            elif fast and not gain and not structure.is_lead[k]:
                 reasons[index] = (
                     f"the loop answers within about {max(lag + dead, h) / h:.0f} sample(s) of {h:g}: what happens "
                     "between samples is not in the record, and time constant and dead time cannot be told apart"
                 )
             elif moved:
                 reasons[index] = moved
-            elif k not in gains and no_gain:
+            elif not gain and no_gain:
                 reasons[index] = "the gain of this element cannot be told from zero, so it has no dynamics to measure"
-            elif s[k] > 0.5 * size and (k not in gains or model > 0 or s[k] > UNKNOWN):
+            elif s[k] > 0.5 * size and (not gain or model > 0 or s[k] > UNKNOWN):
                 reasons[index] = WEAKLY_KNOWN
     return reasons

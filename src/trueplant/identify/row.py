@@ -7,7 +7,7 @@ free response of every lag.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -221,17 +221,48 @@ class Row:
         return len(self.names)
 
     @property
-    def dead(self) -> BoolArray:
-        """(size,) which parameters are dead times."""
-        return np.array([name.startswith("dead") for name in self.names], dtype=bool)
+    def is_gain(self) -> BoolArray:
+        """(size,) masks over theta: gains and slopes."""
+        return self._joined(spec.structure.is_gain for spec in self.specs)
+
+    @property
+    def is_lag(self) -> BoolArray:
+        """(size,) time constants of real poles."""
+        return self._joined(spec.structure.is_lag for spec in self.specs)
+
+    @property
+    def is_frequency(self) -> BoolArray:
+        """(size,) natural frequencies of complex pairs."""
+        return self._joined(spec.structure.is_frequency for spec in self.specs)
+
+    @property
+    def is_lead(self) -> BoolArray:
+        """(size,) time constants of zeros."""
+        return self._joined(spec.structure.is_lead for spec in self.specs)
+
+    @property
+    def is_dead_time(self) -> BoolArray:
+        """(size,)"""
+        return self._joined(spec.structure.is_dead_time for spec in self.specs)
+
+    @staticmethod
+    def _joined(masks: Iterable[BoolArray]) -> BoolArray:
+        return np.concatenate([np.zeros(0, dtype=bool), *masks])
+
+    def lag_of_dead_times(self, theta: Array) -> Array:
+        """(size,) for each dead time the lag of its element, against which an error in it shows; 0 for the rest."""
+        lags = np.zeros(self.size)
+        for spec, part in zip(self.specs, self.slices, strict=True):
+            lags[part] = np.where(spec.structure.is_dead_time, spec.structure.lag(theta[part]), 0.0)
+        return lags
 
     def bounds(self) -> tuple[Array, Array]:
         """Bounds of theta; lags far shorter than a sample cannot be told from none and end at a twentieth of one."""
         pairs = [(np.zeros(0), np.zeros(0)), *(s.structure.bounds() for s in self.specs)]
         low, high = np.concatenate([low for low, _ in pairs]), np.concatenate([high for _, high in pairs])
         h = self.pieces[0].h
-        low[[name.startswith("tau") for name in self.names]] = FASTEST_LAG * h
-        high[[name.startswith("omega0") for name in self.names]] = 1 / (FASTEST_LAG * h)
+        low[self.is_lag] = FASTEST_LAG * h
+        high[self.is_frequency] = 1 / (FASTEST_LAG * h)
         return low, high
 
     def measured(self, k: int) -> tuple[Array, BoolArray]:
@@ -243,7 +274,7 @@ class Row:
 
         What OP did in the last dead time before the record is not in it, and no free response makes up for it.
         """
-        dead = float(np.max(theta[self.dead], initial=0.0))
+        dead = float(np.max(theta[self.is_dead_time], initial=0.0))
         pieces = []
         for piece in self.pieces:
             unseen = int(np.ceil(dead / piece.h)) + 1  # the dead time may turn out a little longer
@@ -308,14 +339,12 @@ class Row:
         found: list[Mode] = []
         for spec, part in zip(self.specs, self.slices, strict=True):
             driven = float(np.sum(np.abs(theta[part][: spec.structure.delayed]))) * piece.input_spread[spec.column]
-            for m, name in enumerate(spec.structure.names):
-                index = part.start + m
-                does = driven * theta[index] if spec.structure.integrators and name.startswith("tau") else driven
-                largest = max(LARGE * does, piece.spread)
-                if name.startswith("tau"):
-                    found.append(lag_mode(theta[index], index, clock, began, largest))
-                elif name.startswith("omega0"):
-                    found += pair_modes(theta[index], theta[index + 1], index, clock, began, largest)
+            for index in (int(k) for k in part.start + np.flatnonzero(spec.structure.is_lag)):
+                does = driven * theta[index] if spec.structure.integrators else driven
+                found.append(lag_mode(theta[index], index, clock, began, max(LARGE * does, piece.spread)))
+            for index in (int(k) for k in part.start + np.flatnonzero(spec.structure.is_frequency)):
+                largest = max(LARGE * driven, piece.spread)
+                found += pair_modes(theta[index], theta[index + 1], index, clock, began, largest)
             if spec.structure.integrators:
                 # At the start OP's operating point is not known; after a gap the level.
                 after_gap = not began.all()

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from trueplant.arrays import Array
-from trueplant.identify.fit import RowFit
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.row import Row
@@ -26,40 +25,9 @@ def initial_theta(row: Row, time_scale: float) -> Array:
         if spec.start is not None:
             parts.append(np.array(spec.start, dtype=float))
             continue
-        values = {"gain": 1.0, "slope": 1.0, "tau": time_scale, "omega": 2.0 / time_scale, "zeta": 0.7}
-        values |= {"lead": time_scale / 10, "dead": 0.0}
-        names = spec.structure.names
-        start = np.array([next(v for key, v in values.items() if name.startswith(key)) for name in names])
-        for k, name in enumerate(names):
-            if name.startswith("tau"):
-                start[k] /= int(name[3:])
-        parts.append(start)
+        lags = time_scale / np.arange(1, spec.structure.lags + 1)
+        parts.append(spec.structure.parameters(1.0, lags, 2.0 / time_scale, 0.7, time_scale / 10, 0.0))
     return np.concatenate(parts)
-
-
-def lag_of(names: tuple[str, ...], p: Array) -> float:
-    """Sum of the lags of an element: how long it takes to answer, without its dead time."""
-    total = 0.0
-    for name, value in zip(names, p, strict=True):
-        if name.startswith("tau"):
-            total += value
-        elif name.startswith("omega0"):
-            total += 1 / value
-    return total
-
-
-def dead_time_of(names: tuple[str, ...], p: Array) -> float:
-    """Longest dead time of an element; 0 without one."""
-    return max((float(value) for name, value in zip(names, p, strict=True) if name.startswith("dead")), default=0.0)
-
-
-def felt_lag(fit: RowFit) -> Array:
-    """(n,) for each dead time the lag of its element, against which an error in it is felt; 0 for the rest."""
-    out = np.zeros(fit.theta.size)
-    for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        lag = lag_of(spec.structure.names, fit.theta[part])
-        out[part] = [lag if name.startswith("dead") else 0.0 for name in spec.structure.names]
-    return out
 
 
 def grid_start(row: Row, theta: Array, ar: Array, rounds: int = 2, largest: int = 20_000) -> Array:
@@ -103,8 +71,9 @@ def _columns(row: Row, theta: Array, skip: int | None = None) -> list[Array]:
 
 def dead_time_grid(row: Row, m: int, p: Array, h: float, finest: int = 48) -> Array:
     """Dead times to try for element m, in whole samples of the record."""
-    names = row.specs[m].structure.names
-    longest = min(max(3 * dead_time_of(names, p), lag_of(names, p), 10 * h), max(q.span for q in row.pieces) / 4)
+    structure = row.specs[m].structure
+    longest = max(3 * structure.longest_dead_time(p), structure.lag(p), 10 * h)
+    longest = min(longest, max(q.span for q in row.pieces) / 4)
     count = max(int(longest / h), 1)
     return np.unique(np.round(np.linspace(0, count, min(count + 1, finest))).astype(int))
 
@@ -113,7 +82,7 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
     structure, part = row.specs[m].structure, row.slices[m]
     unit = _unit(row, theta, m)
     exponents = structure.time_scales
-    dead = np.array([name.startswith("dead") for name in structure.names])
+    dead = structure.is_dead_time
     h = row.pieces[0].h
     shifts = dead_time_grid(row, m, unit, h) if dead.any() else np.zeros(1, dtype=int)
     others = _columns(row, theta, skip=m)
@@ -189,11 +158,8 @@ def rival_dead_times(row: Row, theta: Array, ar: Array, weights: Array, reach: i
     interval. For the middle of each interval nearby, the cost is minimised over all other parameters to
     first order; what comes within a few units of the likelihood of the best is worth a fit of its own.
     """
-    rivals = []
-    for spec, part in zip(row.specs, row.slices, strict=True):
-        for k, name in enumerate(spec.structure.names):
-            if name.startswith("dead"):
-                rivals += _rivals(row, theta, ar, weights, part.start + k, reach)
+    places = np.flatnonzero(row.is_dead_time)
+    rivals = [rival for k in places for rival in _rivals(row, theta, ar, weights, int(k), reach)]
     return sorted(rivals, key=lambda rival: rival[0])
 
 

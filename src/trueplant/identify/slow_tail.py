@@ -18,7 +18,6 @@ from trueplant.identify.estimate import UNDERMODELLED
 from trueplant.identify.fit import RowFit, evaluate, fit_row
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.row import Row
-from trueplant.identify.search import dead_time_of, lag_of
 
 Indices = NDArray[np.intp]
 
@@ -43,7 +42,7 @@ def slow_p(fit: RowFit) -> Array:
 def slow_lags(fit: RowFit, m: int) -> list[float]:
     """The slow lags to try beside element m."""
     spec, p = fit.row.specs[m], fit.theta[fit.row.slices[m]]
-    own = lag_of(spec.structure.names, p) + dead_time_of(spec.structure.names, p)
+    own = spec.structure.lag(p) + spec.structure.longest_dead_time(p)
     longest = max(piece.span for piece in fit.row.pieces) / SPANS
     if spec.structure.integrators or own <= 0 or SLOWER[0] * own > longest:
         return []
@@ -56,7 +55,7 @@ def _score_p(fit: RowFit, m: int, lags: list[float]) -> float:
     point = evaluate(row, theta, fit.ar, fit.weights)
     noise = np.arange(theta.size, theta.size + fit.ar.size)
     known = np.concatenate([own[fit.free], noise])
-    leads = np.setdiff1d(np.flatnonzero([name.startswith("lead") for name in row.names]), own)
+    leads = np.setdiff1d(np.flatnonzero(row.is_lead), own)
     explained = [
         point.slope[of] @ inverse(point.information[np.ix_(of, of)]) @ point.slope[of]
         for of in (known, np.concatenate([known, leads]))
@@ -103,9 +102,7 @@ def slow_errors(fit: RowFit, p: Array, confidence: float) -> Array:
 
 def _slowest(fit: RowFit, m: int) -> float:
     """The largest lag of element m."""
-    part = fit.row.slices[m]
-    named = zip(fit.row.names[part], fit.theta[part], strict=True)
-    return max(float(value) for name, value in named if name.startswith("tau"))
+    return float(np.max(fit.theta[fit.row.slices[m]][fit.row.specs[m].structure.is_lag]))
 
 
 def _refitted(fit: RowFit, m: int) -> tuple[RowFit, Indices]:

@@ -39,9 +39,8 @@ def _undeclared(fit: RowFit) -> list[int]:
     places = []
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
         if spec.start is not None:
-            names = spec.structure.names
-            dead = [k for k, name in enumerate(names) if name.startswith("dead") and spec.start[k] == 0]
-            places += [part.start + k for k in dead]
+            absent = spec.structure.is_dead_time & (np.array(spec.start) == 0)
+            places += [int(k) for k in part.start + np.flatnonzero(absent)]
     return places
 
 

@@ -14,7 +14,6 @@ from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.linear_algebra import eliminated
 from trueplant.identify.noise import fit_ar, whiten
 from trueplant.identify.row import Piece, Row
-from trueplant.identify.search import lag_of
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction
 
@@ -84,7 +83,7 @@ def validate(fit: RowFit) -> Validation | None:
 def _score(fit: RowFit, theta: Array, pieces: tuple[Piece, ...]) -> float:
     row = fit.row
     systems = row_systems(row, theta)
-    lags = [lag_of(s.structure.names, theta[part]) for s, part in zip(row.specs, row.slices, strict=True)]
+    lags = [s.structure.lag(theta[part]) for s, part in zip(row.specs, row.slices, strict=True)]
     measured = np.concatenate([np.where(p.valid, p.y, np.nan) for p in pieces])
     return fit_percent(measured, np.concatenate([simulate_piece(p, systems, lags) for p in pieces]))
 

@@ -165,6 +165,5 @@ def _grid(structure: Structure, w: Array, value: ComplexArray, std: Array, h: fl
 
 
 def _guess(structure: Structure, scale: float) -> Array:
-    values = {"gain": 1.0, "slope": 1.0, "omega": 1 / scale, "zeta": 0.7, "lead": scale / 3, "dead": 0.0}
-    values |= {f"tau{k + 1}": scale * 0.5**k for k in range(structure.lags)}
-    return np.array([next(v for key, v in values.items() if name.startswith(key)) for name in structure.names])
+    lags = scale * 0.5 ** np.arange(structure.lags)
+    return structure.parameters(1.0, lags, 1 / scale, 0.7, scale / 3, 0.0)

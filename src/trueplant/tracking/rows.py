@@ -252,8 +252,7 @@ def _pilots(
 
 
 def _gain_open(estimate: OutputEstimate) -> bool:
-    names = estimate.row.names
-    return any(names[k].startswith(("gain", "slope")) for k in unanswered(estimate))
+    return bool(np.any(estimate.row.is_gain[list(unanswered(estimate))]))
 
 
 def _liveliest(study: Study, moves: Mapping[int, Array], samples: int) -> tuple[int, list[Segment]]:

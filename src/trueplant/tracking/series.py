@@ -56,10 +56,10 @@ class Followed:
         windows = [w.found[column] for w in self.fitted if column in w.found]
         if not windows:
             return []
-        names = windows[0].spec.structure.names
-        share = [np.mean([k not in f.reasons for f in windows]) for k in range(len(names))]
-        kept = [k for k in range(len(names)) if share[k] >= ANSWERED]
-        return kept if any(names[k].startswith(("gain", "slope")) for k in kept) else []
+        is_gain = windows[0].spec.structure.is_gain
+        share = [np.mean([k not in f.reasons for f in windows]) for k in range(is_gain.size)]
+        kept = [k for k in range(is_gain.size) if share[k] >= ANSWERED]
+        return kept if np.any(is_gain[kept]) else []
 
     def inside(self, section: tuple[float, float]) -> list[Fitted]:
         return [w for w in self.fitted if w.start >= section[0] and w.end <= section[1]]

@@ -108,9 +108,9 @@ def _grid(structure: Structure, parameters: Array) -> Array:
     except LoopError:
         return frequencies(plants, per_decade=_PER_DECADE)
     low, high = found.min() / 300, found.max() * 20
-    damping = [parameters[:, k].min() for k, name in enumerate(structure.names) if name.startswith("zeta")]
+    damping = float(np.min(parameters[:, structure.is_damping], initial=1.0))
     # half the width of the sharpest resonance
-    density = max(_PER_DECADE, 2 * np.log(10) / max(min(damping, default=1.0), 0.005))
+    density = max(_PER_DECADE, 2 * np.log(10) / max(damping, 0.005))
     return np.geomspace(low, high, int(np.ceil(density * np.log10(high / low))))
 
 

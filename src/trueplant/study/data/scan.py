@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from trueplant.identify import OutputEstimate
 from trueplant.project.tables import Controller
 from trueplant.study.data.op_law import written_from_samples
@@ -64,7 +66,7 @@ def without_hidden_dynamics(hidden: Mapping[int, str], i: int, found: OutputEsti
     """The estimate of output i without the dynamics that the record cannot tell."""
     if i not in hidden:
         return found
-    moved = {k: hidden[i] for k, n in enumerate(found.row.names) if not n.startswith(("gain", "slope"))}
+    moved = {int(k): hidden[i] for k in np.flatnonzero(~found.row.is_gain)}
     return replace(found, order_dependence=moved | found.order_dependence)
 
 

@@ -16,7 +16,6 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.errors import LoopError
 from trueplant.identify import OutputEstimate, unanswered
-from trueplant.identify.search import dead_time_of, lag_of
 from trueplant.lti import TransferMatrix
 from trueplant.project.simulation import steps_per_sample
 from trueplant.project.tables import Simulate
@@ -98,13 +97,13 @@ def _open_parameters(study: Study, estimates: Mapping[int, OutputEstimate], conf
         for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
             if spec.column >= len(project.inputs):
                 continue  # nobody moves a disturbance
-            names, p = spec.structure.names, theta[part]
-            units = spec.structure.units(project.outputs[i].unit, project.inputs[spec.column].unit, project.time_unit)
-            for k, name in enumerate(names):
+            structure, p = spec.structure, theta[part]
+            units = structure.units(project.outputs[i].unit, project.inputs[spec.column].unit, project.time_unit)
+            for k, name in enumerate(structure.names):
                 index = part.start + k
                 model = abs(spec.start[k]) if spec.start is not None else 0.0
-                size = max(abs(p[k]), model if name.startswith(("gain", "slope")) else 0.0)
-                size += lag_of(names, p) if name.startswith("dead") else 0.0
+                size = max(abs(p[k]), model if structure.is_gain[k] else 0.0)
+                size += structure.lag(p) if structure.is_dead_time[k] else 0.0
                 low, high = estimate.intervals[index]
                 now = max(z * float(sigma[index]), (high - low) / 2 if np.isfinite(high - low) else np.inf)
                 hopeless = reasons.get(index, "").startswith(BEYOND)
@@ -143,9 +142,9 @@ def _slowest(study: Study, estimates: Mapping[int, OutputEstimate]) -> float:
         reasons = unanswered(estimate)
         theta = fit_at(estimate, reasons).theta
         for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
-            names, p = spec.structure.names, theta[part]
+            p = theta[part]
             if spec.start is not None or not all(k in reasons for k in range(part.start, part.stop)):
-                times.append(lag_of(names, p) + dead_time_of(names, p))
+                times.append(spec.structure.lag(p) + spec.structure.longest_dead_time(p))
     return float(max(times))
 
 
