@@ -10,11 +10,11 @@ Where their size changes, or something is left of their colour, the curvature of
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify.fit import RowFit, linearised
 from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.portmanteau import correlogram
 from trueplant.identify.validate import LAGS, ResidualTests
 
 SIGNIFICANT = 0.01
@@ -27,16 +27,10 @@ def evenness_p(e: Array, lags: int = LAGS) -> float:
     Squares of errors whose size changes are correlated over time.
     """
     there = np.isfinite(e)
-    squares = np.where(there, e, 0.0) ** 2
-    count = int(there.sum())
-    if count <= 2 * lags:
+    if int(there.sum()) <= 2 * lags:
         return 1.0
-    squares = np.where(there, squares - squares.sum() / count, 0.0)
-    power = float(squares @ squares)
-    if power <= 0:
-        return 1.0
-    acf = np.array([squares[k:] @ squares[:-k] for k in range(1, lags + 1)]) / power
-    return float(chi2.sf(count * float(np.sum(acf**2)), lags))
+    squares = e**2 - np.mean(e[there] ** 2)
+    return correlogram([squares], lags).p_value()
 
 
 def asks_for_sandwich(tests: ResidualTests) -> bool:

@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify.intervals import normal_intervals, widened
 from trueplant.identify.joint import fit_until_white
 from trueplant.identify.output import OutputEstimate
+from trueplant.identify.portmanteau import correlogram
 
 LAGS = 8
 """Past prediction errors, at the stride of the estimate, that are looked at."""
@@ -44,10 +44,7 @@ def _foretells(t: Array, e: Array, s: Array, x: Array) -> float:
     common, at, of = np.intersect1d(np.round(t, 9), np.round(s, 9), return_indices=True)
     if common.size < 10 * LAGS:
         return 1.0
-    a, b = np.nan_to_num(e[at]), np.nan_to_num(x[of])
-    a, b = a / max(float(np.std(a)), 1e-300), b / max(float(np.std(b)), 1e-300)
-    correlation = np.array([a[k:] @ b[: a.size - k] for k in range(1, LAGS + 1)]) / a.size
-    return float(chi2.sf(a.size * float(np.sum(correlation**2)), LAGS))
+    return correlogram([e[at]], LAGS, [x[of]]).p_value()
 
 
 def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate] | None:

@@ -17,14 +17,13 @@ from scipy.stats import beta
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import Refused, UsageError
 from trueplant.mismatch.local import gathered, moved
+from trueplant.record.spectra import window_spectra
 from trueplant.record.types import Segment
 
 AVERAGES = 4
 """Windows without overlap for each set-point, and as many more."""
 SHORTEST = 16
 """Samples of a window."""
-BATCH = 2**16
-"""Samples that are transformed at once."""
 OVERLAP = 1 / 36
 """Squared correlation of Hann windows that overlap by half."""
 ABSENT = 1e-14
@@ -98,17 +97,14 @@ def coherence(
 def _powers(x: Array, length: int) -> tuple[ComplexArray, int]:
     """(length // 2 + 1, n, n) spectral matrix summed over Hann windows of half overlap without their means, and how
     many they are."""
-    total = np.zeros((length // 2 + 1, x.shape[1], x.shape[1]), dtype=complex)
-    if not SHORTEST <= length <= len(x):
-        return total, 0
-    cut = np.lib.stride_tricks.sliding_window_view(x, length, axis=0)[:: length - length // 2].transpose(0, 2, 1)
-    hann = (0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length))[:, None]
-    batch = max(1, BATCH // length)
-    for k in range(0, len(cut), batch):
-        some = cut[k : k + batch]
-        spectra = np.fft.rfft((some - some.mean(axis=1, keepdims=True)) * hann, axis=1)
+    total, windows = np.zeros((length // 2 + 1, x.shape[1], x.shape[1]), dtype=complex), 0
+    if length < SHORTEST:
+        return total, windows
+    hann = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)
+    for spectra in window_spectra(x, hann, length - length // 2):
         total += np.einsum("kfi,kfj->fij", spectra.conj(), spectra)
-    return total, len(cut)
+        windows += len(spectra)
+    return total, windows
 
 
 def _explained(S: ComplexArray, chosen: Sequence[int], n_r: int) -> Array:
