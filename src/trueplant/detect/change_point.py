@@ -81,8 +81,8 @@ def switch_time(
 ) -> Switch | None:
     """The best instant within `search` and its interval; None where the record has no place for one.
 
-    `clock` (n_pieces,) is added to each piece's own time. `before` and `after` (size,) are where the parameters start,
-    `changing` marks those that may differ, `ar` is where the noise model starts.
+    `clock` (n_pieces,) is added to each piece's own time. `before` and `after` (size,) are initial guesses,
+    `changing` marks those that may differ, `ar` is that of the noise model.
     """
     low, high = row.bounds()
     before, after = before.copy(), np.where(changing, after, before)

@@ -99,7 +99,7 @@ def _other_p(estimate: OutputEstimate, found: Found) -> float | None:
     """
     fit = estimate.fit
     m = next(m for m, spec in enumerate(fit.row.specs) if spec is found.spec)
-    if found.spec.start is None:
+    if found.spec.initial is None:
         return absence_p(fit, m)
     told = [k for k, value in enumerate(found.model) if value is not None]
     index = fit.row.slices[m].start + np.array(told)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
+from scipy.stats import chi2
 
-from trueplant.detect.causes import Sticking, searched_p, stuck
+from trueplant.arrays import Array
 from trueplant.identify import OutputEstimate, fit_row
 
 BANDS = np.array([0.04, 0.08, 0.12, 0.18, 0.25, 0.35, 0.5])
@@ -15,6 +17,41 @@ BANDS = np.array([0.04, 0.08, 0.12, 0.18, 0.25, 0.35, 0.5])
 LARGEST = 10_000
 """Longer records are left out: each band costs a fit."""
 ITERATIONS = 3
+
+
+@dataclass(frozen=True)
+class Sticking:
+    """A valve that stays until OP is farther away than a band, and then jumps to it."""
+
+    band: float
+    """In the unit of OP."""
+    p_value: float
+    """That there is none, with what a search over bands finds in noise taken off."""
+
+
+def stuck(op: Array, band: float) -> Array:
+    """Position (N,) of a valve that follows OP (N,) only when it is farther than `band` away, and then fully.
+
+    The model with one parameter of Stenman, Gustafsson and Forsman (2003), Int. J. Adapt. Control Signal Process. 17.
+    """
+    return np.asarray(_follow(np.ascontiguousarray(op, dtype=float), float(band)))
+
+
+def searched_p(gain: float, tried: int, degrees: int = 1) -> float:
+    """p-value of the largest of `tried` likelihood-ratio statistics (Bonferroni)."""
+    return float(min(1.0, tried * chi2.sf(max(gain, 0.0), degrees)))
+
+
+@njit(cache=True)
+def _follow(op: Array, band: float) -> Array:
+    """Position (N,) that takes OP's value whenever it is farther than `band` from it, and stays otherwise."""
+    out = np.empty(op.size)
+    at = op[0]
+    for k in range(op.size):
+        if abs(op[k] - at) > band:
+            at = op[k]
+        out[k] = at
+    return out
 
 
 def sticking(estimates: Sequence[OutputEstimate], column: int) -> Sticking | None:

@@ -75,14 +75,14 @@ class DisturbedFit:
 def fit_with_disturbance(fit: RowFit, declared: Sequence[Part]) -> DisturbedFit:
     """Estimate the row of `fit` again, with the declared disturbance in its noise model.
 
-    Starts from the fit's parameters and from the model's, and returns the better end of both.
+    The fit's parameters and the model's are both initial guesses; the better end of the two is returned.
     """
     row = replace(fit.row, pieces=tuple(replace(piece, jumps=()) for piece in fit.row.pieces))
-    starts = [fit.theta]
-    known = [spec.start for spec in row.specs if spec.start is not None]
+    guesses = [fit.theta]
+    known = [spec.initial for spec in row.specs if spec.initial is not None]
     if len(known) == len(row.specs):
-        starts.append(np.concatenate([np.array(start, dtype=float) for start in known]))
-    ends = [_alternated(row, np.clip(start, *row.bounds()), tuple(declared)) for start in starts]
+        guesses.append(np.concatenate([np.array(initial, dtype=float) for initial in known]))
+    ends = [_alternated(row, np.clip(guess, *row.bounds()), tuple(declared)) for guess in guesses]
     return _finished(row, *min(ends, key=lambda end: end[3]))
 
 

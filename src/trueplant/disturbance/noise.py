@@ -129,16 +129,16 @@ def fit_noise(declared: Sequence[Part], signals: Sequence[Signal], before: Noise
         return deviance(noise(np.clip(x, low, high)), signals) + 10 * beyond
 
     if before is None:
-        start = np.log([typical / 2, typical, 5 * h, 1.0])
+        initial = np.log([typical / 2, typical, 5 * h, 1.0])
     else:
-        start = np.log([before.white, before.std, before.time_constant, before.scale])
+        initial = np.log([before.white, before.std, before.time_constant, before.scale])
     size = 4 if declared else 3
     steps = np.diag([1.0, 0.7, 0.7, -1.0])[:size]
-    simplex = start[:size] + np.vstack([np.zeros(size), steps[:, :size]])
+    simplex = initial[:size] + np.vstack([np.zeros(size), steps[:, :size]])
     fixed = np.zeros(4 - size)
     found = minimize(
         lambda x: cost(np.concatenate([x, fixed])),
-        start[:size],
+        initial[:size],
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 0.1, "fatol": 0.1, "maxiter": 200},
     )

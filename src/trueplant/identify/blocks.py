@@ -15,7 +15,7 @@ BLOCK = 65_536
 LAGS_A_BLOCK = 300
 """Each block has an operating point and an initial state of its own: so many lags long, it loses next to nothing."""
 SEARCHED = 20_000
-"""Prediction errors among which starting points, dead times and noise models are searched."""
+"""Prediction errors among which initial guesses, dead times and noise models are searched."""
 
 
 def block_length(longest: float, h: float) -> int:

@@ -1,4 +1,4 @@
-"""From a row of elements and data to the fitted row: starting point, noise model, initial state, minimum."""
+"""From a row of elements and data to the fitted row: initial guess, noise model, initial state, minimum."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify.blocks import most_moved
+from trueplant.identify.dead_times import rival_dead_times
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.noise import choose_order, fit_ar
 from trueplant.identify.row import Row
-from trueplant.identify.search import grid_start, initial_theta, rival_dead_times
+from trueplant.identify.search import grid_guess, initial_theta
 from trueplant.identify.validate import residual_tests
 
 NOT_WHITE = 0.05
@@ -79,13 +80,12 @@ def _searched(row: Row, time_scale: float, options: Options) -> RowFit:
     """The best minimum, from the grid and from the model."""
     limit = largest_order(row, options.largest_order)
     model = initial_theta(row, time_scale)
-    start = grid_start(row, model, np.zeros(0))
-    fit = fit_row(row, start, np.zeros(0))
+    fit = fit_row(row, grid_guess(row, model, np.zeros(0)), np.zeros(0))
     row = row.without_unseen(fit.theta)
     fit = fit_row(row, fit.theta, np.zeros(0))
     fit = _with_noise(fit, options.order, limit, iterations=25)
-    # The grid again, now weighted by the noise model, and the model itself as another start.
-    again = grid_start(row, fit.theta, fit.ar, rounds=1)
+    # The grid again, now weighted by the noise model, and the model itself as another initial guess.
+    again = grid_guess(row, fit.theta, fit.ar, rounds=1)
     for other in (again, model):
         rival = fit_row(row, other, fit.ar, weights=fit.weights, reweight=False, iterations=25)
         if rival.cost < fit.cost * (1 - 1e-9):
@@ -127,8 +127,7 @@ def _best_dead_times(fit: RowFit, reach: int = REACH, rounds: int = 4) -> RowFit
     for _ in range(rounds):
         best = fit
         for _, theta in rival_dead_times(row, fit.theta, fit.ar, fit.weights, reach):
-            start = np.clip(theta, low, high)
-            rival = fit_row(row, start, fit.ar, weights=fit.weights, reweight=False, iterations=25)
+            rival = fit_row(row, np.clip(theta, low, high), fit.ar, weights=fit.weights, reweight=False, iterations=25)
             if rival.cost < best.cost * (1 - 1e-9):
                 best = rival
         if best is fit:

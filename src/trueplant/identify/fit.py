@@ -143,7 +143,7 @@ def fit_row(
     reweight: bool = True,
     iterations: int = 100,
 ) -> RowFit:
-    """Least prediction errors from the given start.
+    """Least prediction errors from an initial guess.
 
     `free` marks the parameters of theta that may move. With several pieces, each is weighted by its own
     prediction-error level, re-estimated as the fit proceeds unless `reweight` is False.

@@ -67,10 +67,10 @@ def _end(fit: RowFit, index: int, side: int, z: float, sigma: float, low: float,
     inside, inside_root = 0.0, 0.0
     outside, outside_root = None, None
     distance = min(z * sigma, furthest)
-    start = fit
+    nearest = fit
     for _ in range(rounds):
-        start = _constrained(start, index, centre + side * distance)
-        root = float(np.sqrt(max(start.deviance - fit.deviance, 0.0)))
+        nearest = _constrained(nearest, index, centre + side * distance)
+        root = float(np.sqrt(max(nearest.deviance - fit.deviance, 0.0)))
         if abs(root - z) < 0.01 * z:
             return centre + side * distance
         if root < z:

@@ -130,8 +130,8 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
     def at(x: Array, root: Array) -> _Point:
         return _Point.at(rows, x[: theta.size], x[theta.size :].reshape(ar.shape), root)
 
-    start = np.concatenate([theta, ar.ravel()])
-    point = at(start, np.eye(n))
+    initial = np.concatenate([theta, ar.ravel()])
+    point = at(initial, np.eye(n))
     if point.count < 2 * size:
         return None
     problem = Problem(
@@ -141,7 +141,7 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
         np.ones(size, dtype=bool),
         np.concatenate([*(row.is_dead_time for row in rows), np.zeros(ar.size, dtype=bool)]),
     )
-    found = descend(problem, start, at(start, point.root), ITERATIONS)
+    found = descend(problem, initial, at(initial, point.root), ITERATIONS)
     return _finished(rows, found)
 
 

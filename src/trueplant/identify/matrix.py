@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from trueplant.identify.instrumental import started
+from trueplant.identify.instrumental import with_initial_guess
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
 from trueplant.identify.row import Held, Spec
@@ -20,7 +20,7 @@ from trueplant.record.types import Segment
 
 
 def specs_of(model: TransferMatrix) -> dict[tuple[int, int], Spec]:
-    """Every element that the model has, in the model's own structure and starting from its parameters."""
+    """Every element that the model has, in the model's own structure, with its parameters for the initial guess."""
     specs = {}
     for i, row in enumerate(model.elements):
         for j, system in enumerate(row):
@@ -72,7 +72,7 @@ def identify_matrix(
             timing=timing,
             time_scale=time_scale,
         )
-        estimate = partial(_from_both_starts, once, partial(started, segments, i, held=held))
+        estimate = partial(_from_both_guesses, once, partial(with_initial_guess, segments, i, held=held))
         found = estimate(own)
         if found is not None:
             estimates[i] = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
@@ -81,19 +81,19 @@ def identify_matrix(
     return estimates
 
 
-def _from_both_starts(
+def _from_both_guesses(
     estimate: Callable[[Sequence[Spec]], OutputEstimate | None],
     restarted: Callable[[Sequence[Spec]], tuple[Spec, ...]],
     specs: Sequence[Spec],
 ) -> OutputEstimate | None:
-    """The estimate from the declared starts or, where that fits better, from those of SRIVC for elements with leads."""
+    """The estimate from the declared initial guess or, where that fits better, from SRIVC's for elements with leads."""
     found, others = estimate(specs), restarted(specs)
     if found is None or others == tuple(specs):
         return found
     rival = estimate(others)
     if rival is None or _criterion(rival) >= _criterion(found):
         return found
-    # A start is also the model that the estimate is compared with: it stays the declared one.
+    # The initial guess is also the model that the estimate is compared with: it stays the declared one.
     return replace(rival, fit=replace(rival.fit, row=replace(rival.fit.row, specs=tuple(specs))))
 
 

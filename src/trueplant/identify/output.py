@@ -11,26 +11,25 @@ from scipy.stats import chi2
 from trueplant.arrays import Array
 from trueplant.identify.between_experiments import Runs, combine_runs, compare_runs
 from trueplant.identify.blocks import in_blocks
+from trueplant.identify.covariance import inflation, initial_state_share, least_variance
+from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import UNDERMODELLED, Options, estimate_row
 from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval, widened
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.noise_order import order_dependence
 from trueplant.identify.row import Held, Row, Spec, pieces_of
-from trueplant.identify.sandwich import asks_for_sandwich, sandwich
+from trueplant.identify.sandwich import needs_sandwich, sandwich_covariance
 from trueplant.identify.slow_tail import slow_errors, slow_p
-from trueplant.identify.small import inflation, widening_by_starts, without_unseen_dead_times
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
 
 FEWEST_SAMPLES = 2.5
 """Lag and dead time together must span this many samples to be told from each other and from none."""
-ROUNDING = 1e-6
-"""Relative standard error below which no estimate from recorded numbers is believed."""
 UNKNOWN = 1e30
 """A standard error beyond this says that there was no information at all."""
 NOTHING = 0.05
-"""Significance to which the gains of an element, taken together, have to differ from zero to have dynamics."""
+"""Significance at which the gains of an element, tested jointly, have to differ from zero for it to have dynamics."""
 WEAKLY_KNOWN = "its standard error is more than half of its size: the data say too little about it"
 WEAK = 0.2
 """Relative standard error from which an interval is taken from the profile likelihood."""
@@ -38,7 +37,7 @@ WEAK = 0.2
 
 @dataclass(frozen=True, eq=False)
 class OutputEstimate:
-    """One output: parameters, covariance, intervals, and the reasons why some of them are not to be had."""
+    """One output: parameters, covariance and intervals, and what limits them."""
 
     output: int
     fit: RowFit
@@ -54,18 +53,18 @@ class OutputEstimate:
     tests: ResidualTests
     validation: Validation | None
     foretold_by: tuple[int, ...] = ()
-    """Other outputs whose past prediction errors foretell this one's (`crossed`); the covariance counts that."""
+    """Other outputs whose past prediction errors predict this one's (`shared_disturbance`); the covariance knows."""
     unprofiled: Array | None = None
-    """The covariance before slow noise and profiles widened it: those make up for what intervals alone do not know, and
-    profiles stretch strong correlations. A test that stands beside the likelihood ratio takes this one; None: as
-    `covariance`."""
-    sandwiched: bool = False
-    """Did the residuals ask for a covariance that does not rest on noise of one size and colour (`sandwich`)?"""
+    """The covariance before it was widened for slow noise and to the profile intervals: wider single parameters would
+    misstate strong correlations between them. Joint tests use this one beside the likelihood ratio; None: `covariance`
+    itself."""
+    robust_covariance: bool = False
+    """Are the prediction errors heteroscedastic or coloured, so that the covariance is that of `sandwich`?"""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
 
     slow_p: Array = field(default_factory=lambda: np.ones(0))
-    """(n_columns,) that no element goes on moving slowly after what its structure describes; empty: not tested."""
+    """(n_columns,) p-value that no element responds more slowly than its structure describes; empty: not tested."""
 
     @property
     def undermodelled(self) -> bool:
@@ -115,11 +114,11 @@ def identify_output(
     tests = residual_tests(fit, confidence)
     runs = compare_runs(fit)
     apart = runs is not None and not runs.agree
-    sandwiched = not apart and asks_for_sandwich(tests)
-    # What the curvature of the likelihood does not know, and profiles of it neither.
-    more = fit.covariance * (widening_by_starts(fit) if any(segment.closed for segment in segments) else 0.0)
-    if sandwiched:
-        more = more + sandwich(fit) - fit.covariance
+    robust_covariance = not apart and needs_sandwich(tests)
+    # Neither the curvature of the likelihood nor its profiles count these.
+    more = fit.covariance * (initial_state_share(fit) if any(segment.closed for segment in segments) else 0.0)
+    if robust_covariance:
+        more = more + sandwich_covariance(fit) - fit.covariance
     if runs is not None and apart:
         factor = 1.0
         theta, covariance = combine_runs(fit, runs, confidence)
@@ -127,12 +126,12 @@ def identify_output(
         factor = inflation(fit, confidence)
         theta, covariance = fit.theta, fit.covariance * factor + more
     moved, shifts = order_dependence(fit, covariance, tests)
-    # What the choice of the noise model moves is not known better than that, unless the runs have shown their spread.
+    # How far another noise model moves a parameter counts as its error, unless the runs have shown their spread.
     shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
     covariance = covariance + np.diag(np.where(shown, 0.0, shifts**2))
-    # Neither is what a dead time that was left at 0 would have moved.
+    # A dead time that was left out may be there, too small to be seen: the others would be as the fit with it has them.
     covariance = covariance + np.diag(np.where(fit.free, (full.theta - fit.theta) ** 2, 0.0))
-    # Slow moves that the structure lacks are the same in every run.
+    # Slow responses that the structure lacks are the same in every run, so that the spread of the runs has none of it.
     slow = slow_p(fit)
     lacking = slow_errors(fit, slow, confidence)
     covariance = covariance + np.diag(lacking**2)
@@ -142,7 +141,7 @@ def identify_output(
     unprofiled = covariance - (factor - 1) * fit.covariance
     if not np.any(shifts) and not np.any(lacking) and not apart:
         for index in _profiled(fit):
-            # A dead time that is held at 0 may still be as large as the data allow.
+            # A dead time that is fixed at 0 may still be as large as the data allow.
             profiled = fit if fit.free[index] else full
             ends = profile_interval(profiled, index, confidence)
             ends = widened(ends, float(theta[index]), least[index] + more[index, index], confidence)
@@ -159,14 +158,9 @@ def identify_output(
         tests,
         validate(fit),
         unprofiled=unprofiled,
-        sandwiched=sandwiched,
+        robust_covariance=robust_covariance,
         slow_p=slow,
     )
-
-
-def least_variance(row: Row, theta: Array, timing: float) -> Array:
-    """(size,) variance below which no parameter is known: numbers are rounded, and so are instants (`timing`)."""
-    return np.asarray((ROUNDING * np.abs(theta)) ** 2 + np.where(row.is_dead_time, timing**2, 0.0))
 
 
 def _profiled(fit: RowFit) -> list[int]:
@@ -197,7 +191,7 @@ def unanswered(estimate: OutputEstimate) -> dict[int, str]:
         for k, gain in enumerate(structure.is_gain):
             index = part.start + k
             moved = estimate.order_dependence.get(index)
-            model = abs(spec.start[k]) if spec.start is not None and gain else 0.0
+            model = abs(spec.initial[k]) if spec.initial is not None and gain else 0.0
             size = max(abs(p[k]), model, lag if structure.is_dead_time[k] else 0.0)
             if silent:
                 reasons[index] = "its input does not move in these data"

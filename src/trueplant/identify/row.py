@@ -27,7 +27,7 @@ FASTEST_LAG = 0.05
 MOST_JOINED = 60
 """Segments in one piece: each costs a free response."""
 QUIET_SAMPLES = 20
-"""A start is at rest only if the inputs stood still for this many samples."""
+"""A record starts at rest only if the inputs stood still for this many samples."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,9 @@ class Spec:
     column: int
     """Index into the inputs followed by the measured disturbances."""
     structure: Structure
-    start: tuple[float, ...] | None = None
-    """Parameters to start from (the model's); None where the model has no such element."""
+    initial: tuple[float, ...] | None = None
+    """Initial guess of the parameters, which is the model that the estimate is compared with; None where the model has
+    no such element."""
 
 
 @dataclass(frozen=True)

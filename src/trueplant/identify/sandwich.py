@@ -21,7 +21,7 @@ SIGNIFICANT = 0.01
 """Of the residual tests that choose this covariance."""
 
 
-def evenness_p(e: Array, lags: int = LAGS) -> float:
+def homoscedastic_p(e: Array, lags: int = LAGS) -> float:
     """p-value that prediction errors e (n,), NaN where there are none, keep their size (McLeod and Li 1983).
 
     Squares of errors whose size changes are correlated over time.
@@ -33,12 +33,12 @@ def evenness_p(e: Array, lags: int = LAGS) -> float:
     return correlogram([squares], lags).p_value()
 
 
-def asks_for_sandwich(tests: ResidualTests) -> bool:
+def needs_sandwich(tests: ResidualTests) -> bool:
     """Do the prediction errors change their size, or is colour left in them?"""
-    return min(evenness_p(tests.e), tests.whiteness_p) < SIGNIFICANT
+    return min(homoscedastic_p(tests.e), tests.whiteness_p) < SIGNIFICANT
 
 
-def sandwich(fit: RowFit) -> Array:
+def sandwich_covariance(fit: RowFit) -> Array:
     """Covariance (size, size) of theta, no standard error below that of the likelihood (Newey and West's weights)."""
     size = fit.theta.size + fit.ar.size
     meat = np.zeros((size, size))

@@ -1,4 +1,4 @@
-"""Where the fit starts: the time scale and the dead time of each element on a grid, gains by least squares.
+"""Initial guesses of the fit: the time scale and the dead time of each element on a grid, gains by least squares.
 
 The cost of a dead time has several minima; the grid covers them all, one element at a time with the
 gains of all others and the nuisance terms projected out, and several times over.
@@ -13,8 +13,6 @@ from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.row import Row
 
-NEAR = 10.0
-"""Difference in -2 log likelihood within which another dead time is worth a fit."""
 STRETCH = 2.0 ** np.linspace(-3, 3, 13)
 
 
@@ -22,15 +20,15 @@ def initial_theta(row: Row, time_scale: float) -> Array:
     """The models' parameters; elements without one get the time scale, unit gain and no dead time."""
     parts = []
     for spec in row.specs:
-        if spec.start is not None:
-            parts.append(np.array(spec.start, dtype=float))
+        if spec.initial is not None:
+            parts.append(np.array(spec.initial, dtype=float))
             continue
         lags = time_scale / np.arange(1, spec.structure.lags + 1)
         parts.append(spec.structure.parameters(1.0, lags, 2.0 / time_scale, 0.7, time_scale / 10, 0.0))
     return np.concatenate(parts)
 
 
-def grid_start(row: Row, theta: Array, ar: Array, rounds: int = 2, largest: int = 20_000) -> Array:
+def grid_guess(row: Row, theta: Array, ar: Array, rounds: int = 2, largest: int = 20_000) -> Array:
     """theta with time scales, dead times and gains that the data prefer (given the noise model)."""
     samples = sum(len(range(0, p.y.size, row.stride)) for p in row.pieces)
     if samples > largest and ar.size == 0:
@@ -149,58 +147,3 @@ def _least_squares_gains(row: Row, theta: Array, ar: Array) -> Array:
         p[: spec.structure.delayed] *= gains[m] if gains[m] != 0 else 1e-6
         theta[part] = p
     return theta
-
-
-def rival_dead_times(row: Row, theta: Array, ar: Array, weights: Array, reach: int) -> list[tuple[float, Array]]:
-    """Other dead times that may fit as well: pairs of cost and theta, best first.
-
-    Inputs that carry measurement noise give the cost of a dead time a minimum of its own in every sample
-    interval. For the middle of each interval nearby, the cost is minimised over all other parameters to
-    first order; what comes within a few units of the likelihood of the best is worth a fit of its own.
-    """
-    places = np.flatnonzero(row.is_dead_time)
-    rivals = [rival for k in places for rival in _rivals(row, theta, ar, weights, int(k), reach)]
-    return sorted(rivals, key=lambda rival: rival[0])
-
-
-def _rivals(row: Row, theta: Array, ar: Array, weights: Array, index: int, reach: int) -> list[tuple[float, Array]]:
-    m = next(m for m, part in enumerate(row.slices) if part.start <= index < part.stop)
-    spec, part = row.specs[m], row.slices[m]
-    h = row.pieces[0].h
-    here = int(theta[index] / h)
-    middles = (np.arange(max(here - reach, 0), here + reach + 1) + 0.5) * h
-    tried = np.concatenate([[theta[index]], middles[np.abs(middles - theta[index]) > 0.5 * h]])
-    others = np.delete(np.arange(theta.size), index)
-    gram, moment, power, count = 0.0, 0.0, 0.0, 0
-    for k, piece in enumerate(row.pieces):
-        y, valid = row.measured(k)
-        if y.size <= ar.size + 1:
-            continue
-        use = whitened_valid(ar.size, valid)
-        response, gradient = row.response_and_gradient(theta, k)
-        candidates = np.empty((tried.size, y.size))
-        for c, value in enumerate(tried):
-            p = theta[part].copy()
-            p[index - part.start] = value
-            u, hold = piece.inputs[spec.column], piece.hold[spec.column]
-            candidates[c] = spec.structure.response(p, u, piece.h, hold, row.stride)
-        errors = np.where(valid, y - response, 0.0)[:, None] + (candidates[0] - candidates).T
-        errors[~valid] = 0.0
-        basis = orthonormal(whiten(ar, row.nuisance(theta, k))[use])
-        e = weights[k] * whiten(ar, errors)[use]
-        j = weights[k] * whiten(ar, gradient[:, others])[use]
-        e, j = e - basis @ (basis.T @ e), j - basis @ (basis.T @ j)
-        gram, moment, power = gram + j.T @ j, moment + j.T @ e, power + np.sum(e**2, axis=0)
-        count += int(use.sum())
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    steps = np.linalg.lstsq(gram / np.outer(scale, scale), moment / scale[:, None], rcond=1e-12)[0]
-    cost = power - np.sum(moment / scale[:, None] * steps, axis=0)
-    close = cost[1:] < cost[0] * (1 + NEAR / max(count, 1))
-    lowest = np.r_[True, cost[2:] <= cost[1:-1]] & np.r_[cost[1:-1] <= cost[2:], True]
-    found = []
-    for c in np.flatnonzero(close & lowest)[:6] + 1:
-        rival = theta.copy()
-        rival[index] = tried[c]
-        rival[others] += np.clip(steps[:, c] / scale, -np.abs(theta[others]) / 3, np.abs(theta[others]) / 3)
-        found.append((float(cost[c]), rival))
-    return sorted(found, key=lambda pair: pair[0])[:3]

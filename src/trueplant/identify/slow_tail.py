@@ -68,7 +68,7 @@ def _with_slow(fit: RowFit, m: int, lags: list[float], leads: list[float]) -> tu
     spec = fit.row.specs[m]
     old = spec.structure
     wider = replace(old, lags=old.lags + len(lags), leads=old.leads + len(leads))
-    slow = replace(spec, structure=wider, start=None)
+    slow = replace(spec, structure=wider, initial=None)
     row = replace(fit.row, specs=(*fit.row.specs[:m], slow, *fit.row.specs[m + 1 :]))
     first = fit.row.slices[m].start
     places = np.arange(fit.theta.size)

@@ -34,7 +34,7 @@ def choose_block(segments: Sequence[Segment], specs: Sequence[Spec]) -> int:
 
 def typical_lag(specs: Sequence[Spec]) -> float | None:
     """Median lag of the elements that the model has; None where it has none with a lag."""
-    lags = [s.structure.lag(np.array(s.start)) for s in specs if s.start is not None]
+    lags = [s.structure.lag(np.array(s.initial)) for s in specs if s.initial is not None]
     return float(np.median([lag for lag in lags if lag > 0])) if any(lag > 0 for lag in lags) else None
 
 
@@ -45,5 +45,5 @@ def samples_per_update(update_interval: float, h: float) -> int:
 
 def _answers(specs: Sequence[Spec]) -> list[float]:
     """How long each element of the model takes to answer, dead time included."""
-    known = [(spec.structure, np.array(spec.start)) for spec in specs if spec.start is not None]
+    known = [(spec.structure, np.array(spec.initial)) for spec in specs if spec.initial is not None]
     return [structure.lag(p) + structure.longest_dead_time(p) for structure, p in known]

@@ -11,7 +11,7 @@ from trueplant.errors import Refused
 from trueplant.lti.structure import Structure
 from trueplant.mismatch.sampling import hold_response, rows_frequency_response
 
-STARTS = 3
+GUESSES = 3
 """Minima of the grid from which the fit is refined."""
 SCALES = 14
 DEAD_TIMES = (30, 150)
@@ -26,7 +26,7 @@ def fit_structure(
     h: float | None = None,
     hold: str = "zoh",
     covariance: ComplexArray | None = None,
-    start: Array | None = None,
+    initial: Array | None = None,
 ) -> tuple[Array, Array]:
     """Parameters of a structure and their covariance, by weighted least squares on one element's response.
 
@@ -34,7 +34,7 @@ def fit_structure(
     `hold`, and is fitted by the sampled response of the structure; without h it is the continuous response.
     covariance (n_windows, points, points) replaces std where neighbours are correlated (see FrequencyResponse).
     Points that are not finite are left out. The search starts from a grid of time scales and dead times, whose
-    best minima are refined, or from `start` where given.
+    best minima are refined, or from `initial` where given.
 
     The covariance is that of the weights given, (J* W J)^-1. Raises Refused with fewer points than parameters.
     """
@@ -55,9 +55,11 @@ def fit_structure(
     def jacobian(p: Array) -> Array:
         return _split(whiten(_response(structure, p, w, h, hold)[:, 1:]))
 
-    starts = _grid(structure, w, value, std[keep], h, hold) if start is None else [np.clip(start, low + 1e-9, high)]
+    guesses = (
+        _grid(structure, w, value, std[keep], h, hold) if initial is None else [np.clip(initial, low + 1e-9, high)]
+    )
     best = None
-    for p in starts:
+    for p in guesses:
         found = least_squares(
             residual, p, jacobian, bounds=(low, high), x_scale="jac", max_nfev=100, xtol=1e-12, ftol=1e-12
         )
@@ -115,7 +117,7 @@ def _response(structure: Structure, p: Array, w: Array, h: float | None, hold: s
 
 
 def _grid(structure: Structure, w: Array, value: ComplexArray, std: Array, h: float | None, hold: str) -> list[Array]:
-    """The best starting points on a grid of time scale and dead time, gains by least squares.
+    """The best initial guesses on a grid of time scale and dead time, gains by least squares.
 
     The hold is taken as a factor here: good enough to begin with, and quick. That error and the grid's own are
     allowed for in the weights.
@@ -159,7 +161,7 @@ def _grid(structure: Structure, w: Array, value: ComplexArray, std: Array, h: fl
     for _, p in candidates:
         if not chosen or all(structure.has_dead_time and abs(p[-1] - q[-1]) > 1.5 * step for q in chosen):
             chosen.append(p)
-        if len(chosen) == STARTS:
+        if len(chosen) == GUESSES:
             break
     return chosen
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from trueplant.errors import Refused
 from trueplant.identify.instrumental.noise import ArmaNoise, fit_arma
-from trueplant.identify.instrumental.open_loop import best_start
+from trueplant.identify.instrumental.open_loop import best_from_guesses
 from trueplant.identify.instrumental.order import Order
 from trueplant.identify.instrumental.refine import Refined, refine
 from trueplant.identify.instrumental.result import PolynomialFit, finished
@@ -87,7 +87,7 @@ def choose_orders(
             noise = _whitening(orders, samples)
         if orders == before:
             break
-    refined = refine(orders, best_start(orders, samples).theta, samples, noise=noise)
+    refined = refine(orders, best_from_guesses(orders, samples).theta, samples, noise=noise)
     reason = "; ".join(_said(table) for table in tables)
     return OrderChoice(tuple(orders), finished("RIVC", orders, samples, refined, noise), tuple(tables), reason)
 
@@ -98,13 +98,13 @@ def _listed(column: int, one: tuple[int, int, int], dead_time: float | tuple[flo
 
 
 def _whitening(orders: Sequence[Order], samples: Sequence[Samples]) -> ArmaNoise:
-    point = best_start(orders, samples).point
+    point = best_from_guesses(orders, samples).point
     return fit_arma(point.raw, [s.valid for s in samples], WHITENING, 0)
 
 
 def _weighed(orders: Sequence[Order], k: int, samples: Sequence[Samples], noise: ArmaNoise) -> Candidate | None:
     try:
-        begun = best_start(orders, samples)
+        begun = best_from_guesses(orders, samples)
         refined = refine(orders, begun.theta, samples, noise=noise)
     except (Refused, np.linalg.LinAlgError):
         return None

@@ -10,7 +10,7 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.errors import LoopError, Refused
-from trueplant.identify.instrumental.open_loop import best_start
+from trueplant.identify.instrumental.open_loop import best_from_guesses
 from trueplant.identify.instrumental.order import Order, slices
 from trueplant.identify.instrumental.refine import SETTLED, Instruments, Refined, refine
 from trueplant.identify.instrumental.result import PolynomialFit, finished
@@ -32,7 +32,7 @@ def clsrivc(
     segments: Sequence[Segment],
     orders: Mapping[int, Sequence[Order]],
     controller: Controller,
-    start: Mapping[int, Array] | None = None,
+    initial: Mapping[int, Array] | None = None,
     held: Mapping[int, Sequence[Held]] | None = None,
 ) -> dict[int, PolynomialFit]:
     """Closed-loop simplified refined instrumental variables, one result an output of `orders`.
@@ -43,8 +43,8 @@ def clsrivc(
     controller and white noise its covariance s2 (sum zeta zeta')^-1 is the least that instruments from r can have.
 
     `orders` names the elements of every output of the plant: the instrument needs the whole loop. It starts from the
-    two-stage method (that from `start`, the coefficients of each output, where given), which is also what is left where
-    the loop cannot be simulated (unstable, or no law that runs in time): a note says so. OP limits are ignored in the
+    two-stage method (that from `initial`, the coefficients of each output, where given), which is also what is left
+    where the loop cannot be simulated (unstable, or no law that runs in time): a note says so. OP limits are ignored in the
     instrument. `held` elements of each output keep their declared value. A record in open loop has OP itself for its
     instrument, which no noise reaches there.
 
@@ -60,8 +60,8 @@ def clsrivc(
     law = controller.linearised(np.nanmean(np.vstack([s.y for s in segments]), axis=0))
     parts, samples, projected = {}, {}, {}
     for i, row in orders.items():
-        parts[i], samples[i], projected[i] = _projected_start(
-            segments, i, row, None if start is None else start.get(i), held.get(i, ())
+        parts[i], samples[i], projected[i] = _projected(
+            segments, i, row, None if initial is None else initial.get(i), held.get(i, ())
         )
     notes: list[str] = []
     for _ in range(ROUNDS):
@@ -97,7 +97,7 @@ def two_stage(
     segments: Sequence[Segment],
     output: int,
     orders: Sequence[Order],
-    start: Array | None = None,
+    initial: Array | None = None,
     held: Sequence[Held] = (),
 ) -> PolynomialFit:
     """The projection method: no controller needed, only that set-points were recorded and moved.
@@ -112,18 +112,18 @@ def two_stage(
 
     Raises Refused where set-points are not recorded or do not move.
     """
-    refined, samples, notes = _projected_start(segments, output, orders, start, held)
+    refined, samples, notes = _projected(segments, output, orders, initial, held)
     return finished("two-stage", orders, samples, refined, notes=notes)
 
 
-def _projected_start(
-    segments: Sequence[Segment], output: int, orders: Sequence[Order], start: Array | None, held: Sequence[Held]
+def _projected(
+    segments: Sequence[Segment], output: int, orders: Sequence[Order], initial: Array | None, held: Sequence[Held]
 ) -> tuple[Refined, tuple[Samples, ...], list[str]]:
     samples = samples_of(segments, output, held)
     common_sample_time(samples, "an instrument from set-points")
     inputs, shares = projected_inputs(segments)
     instruments = samples_of([replace(s, u=u) for s, u in zip(segments, inputs, strict=True)], output)
-    begun = best_start(orders, samples, start)
+    begun = best_from_guesses(orders, samples, initial)
     refined = refine(orders, begun.theta, samples, _always(instruments))
     said = ", ".join(f"{100 * share:.0f} %" for share in shares)
     return refined, samples, [f"set-points explain {said} of the variance of the inputs"]

@@ -1,4 +1,4 @@
-"""A start for rows of several inputs, in closed loop too: step responses of a long ARX model, element by element."""
+"""Initial guesses for rows of several inputs, in closed loop too: step responses of a long ARX model, one an element."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from trueplant.identify.instrumental.samples import Samples
 LONGEST = (8, 16, 32, 64)
 """Lags tried."""
 MOST_SAMPLES = 6000
-"""Longer records are thinned out: the start need not be efficient."""
+"""Longer records are thinned out: the initial guess need not be efficient."""
 HORIZON = 4
 """The step responses are followed for that many times the lags."""
 

@@ -98,8 +98,8 @@ def fit_at(estimate: OutputEstimate, open_ones: Mapping[int, str]) -> RowFit:
     """The fit at its parameters, at the model's where an element is not answered at all."""
     theta = estimate.theta.copy()
     for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
-        if spec.start is not None and all(k in open_ones for k in range(part.start, part.stop)):
-            theta[part] = spec.start
+        if spec.initial is not None and all(k in open_ones for k in range(part.start, part.stop)):
+            theta[part] = spec.initial
     low, high = estimate.row.bounds()
     return replace(estimate.fit, theta=np.clip(theta, low, high))
 

@@ -101,7 +101,7 @@ def _open_parameters(study: Study, estimates: Mapping[int, OutputEstimate], conf
             units = structure.units(project.outputs[i].unit, project.inputs[spec.column].unit, project.time_unit)
             for k, name in enumerate(structure.names):
                 index = part.start + k
-                model = abs(spec.start[k]) if spec.start is not None else 0.0
+                model = abs(spec.initial[k]) if spec.initial is not None else 0.0
                 size = max(abs(p[k]), model if structure.is_gain[k] else 0.0)
                 size += structure.lag(p) if structure.is_dead_time[k] else 0.0
                 low, high = estimate.intervals[index]
@@ -143,7 +143,7 @@ def _slowest(study: Study, estimates: Mapping[int, OutputEstimate]) -> float:
         theta = fit_at(estimate, reasons).theta
         for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
             p = theta[part]
-            if spec.start is not None or not all(k in reasons for k in range(part.start, part.stop)):
+            if spec.initial is not None or not all(k in reasons for k in range(part.start, part.stop)):
                 times.append(spec.structure.lag(p) + spec.structure.longest_dead_time(p))
     return float(max(times))
 

@@ -12,8 +12,8 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.disturbance import DisturbedFit, Part, Recovered, fit_with_disturbance, likelihood_p, recover
 from trueplant.identify import OutputEstimate
+from trueplant.identify.covariance import least_variance
 from trueplant.identify.intervals import normal_intervals
-from trueplant.identify.output import least_variance
 from trueplant.loop import Controller
 from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
 from trueplant.record import Segment
@@ -221,9 +221,9 @@ def _notes(study: Study, estimate: OutputEstimate, i: int, fit: DisturbedFit) ->
     notes = []
     plain = np.sqrt(np.diag(estimate.fit.covariance))
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        if spec.start is None or not _same_elements(fit, estimate):
+        if spec.initial is None or not _same_elements(fit, estimate):
             continue
-        model = np.array(spec.start, dtype=float)
+        model = np.array(spec.initial, dtype=float)
         index = np.arange(part.start, part.stop)
         z = np.abs(estimate.fit.theta[index] - model) / np.maximum(plain[index], 1e-300)
         alone = float(np.min(2 * norm.sf(z))) * index.size

@@ -62,7 +62,7 @@ def notes_of(
                     names[i],
                 )
             )
-        if estimate.sandwiched:
+        if estimate.robust_covariance:
             notes.append(
                 Reason(
                     "uneven-noise",

@@ -56,9 +56,9 @@ def believed(found: OutputEstimate) -> tuple[Array, set[int]]:
             silent.add(m)
             # A silent element that the model lacks is left out: its gain is 0.
             gains = range(part.start, part.start + spec.structure.delayed)
-            back |= {k: 0.0 for k in gains} if spec.start is None else dict(zip(open_ones, spec.start, strict=True))
-        elif spec.start is not None:
-            back |= {k: spec.start[k - part.start] for k in open_ones}
+            back |= {k: 0.0 for k in gains} if spec.initial is None else dict(zip(open_ones, spec.initial, strict=True))
+        elif spec.initial is not None:
+            back |= {k: spec.initial[k - part.start] for k in open_ones}
     if not back:
         return theta, silent
     start, free = theta.copy(), fit.free.copy()

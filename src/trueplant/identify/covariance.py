@@ -1,47 +1,23 @@
-"""What short records and short stretches ask for: dead times that nobody declared and no data show, noise that the fit
-takes along, and starts that are known from what came after them.
-"""
+"""What the curvature of the likelihood does not know of the uncertainty: slow noise, initial states, rounding."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2, norm, t
+from scipy.stats import norm, t
 
+from trueplant.arrays import Array
 from trueplant.identify.fit import RowFit
-from trueplant.identify.likelihood import held_at, rise
+from trueplant.identify.row import Row
 
-UNSEEN = 0.05
-"""Significance from which a dead time that the model does not have is believed."""
 FEWEST_LEFT = 8.0
 """Degrees of freedom: with fewer the noise is not known at all, and the t quantile says nothing sensible."""
-STARTS = 0.5
+INITIAL_STATE_BIAS = 0.5
 """Bias in standard errors for each operating point and initial state, over the root of the number of samples.
 
 0.20 to 0.54 in simulated records of Wood-Berry and the mill that lost 8 of every 60 or 10 of every 120 samples.
 """
-
-
-def without_unseen_dead_times(fit: RowFit) -> RowFit:
-    """The fit with dead times held at 0 where the model has none and the record shows none.
-
-    A dead time next to its bound of 0 costs the time constant a good part of its accuracy (splitter column: 1.5 times
-    the bound). The record may still hide a small one: the caller counts how far the others move.
-    """
-    for index in _undeclared(fit):
-        held = held_at(fit, np.array([index]), np.zeros(1))
-        if chi2.sf(rise(fit, held), 1) > UNSEEN:
-            fit = held
-    return fit
-
-
-def _undeclared(fit: RowFit) -> list[int]:
-    """Places of the dead times that the model has at 0."""
-    places = []
-    for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        if spec.start is not None:
-            absent = spec.structure.is_dead_time & (np.array(spec.start) == 0)
-            places += [int(k) for k in part.start + np.flatnonzero(absent)]
-    return places
+ROUNDING = 1e-6
+"""Relative standard error below which no estimate from recorded numbers is taken for true."""
 
 
 def inflation(fit: RowFit, confidence: float) -> float:
@@ -70,10 +46,15 @@ def _level_variance(fit: RowFit) -> float:
     return float(fit.variance * ones @ np.linalg.lstsq(block, ones, rcond=1e-12)[0]) if ones.size else 0.0
 
 
-def widening_by_starts(fit: RowFit) -> float:
+def initial_state_share(fit: RowFit) -> float:
     """Share of the covariance that is added to it in closed loop for operating points and initial states.
 
     They are estimated from errors that come later, to which the controller has answered: with them taken along, the
     errors are no longer free of what OP did before (Nickell 1981). One start is nothing; many gaps are not.
     """
-    return float((STARTS * fit.row.nuisance_count(fit.theta)) ** 2 / max(fit.count, 1))
+    return float((INITIAL_STATE_BIAS * fit.row.nuisance_count(fit.theta)) ** 2 / max(fit.count, 1))
+
+
+def least_variance(row: Row, theta: Array, timing: float) -> Array:
+    """(size,) variance below which no parameter is known: numbers are rounded, and so are instants (`timing`)."""
+    return np.asarray((ROUNDING * np.abs(theta)) ** 2 + np.where(row.is_dead_time, timing**2, 0.0))

@@ -1,4 +1,4 @@
-"""Where the iterations begin: equation errors with state-variable filters, dead times on a grid."""
+"""Initial guesses of the iterations: equation errors with state-variable filters, dead times on a grid."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def _attempt(order: Order, samples: Sequence[Samples], lam: float | None) -> Equ
         return None
 
 
-def starts(orders: Sequence[Order], samples: Sequence[Samples]) -> list[Array]:
+def initial_guesses(orders: Sequence[Order], samples: Sequence[Samples]) -> list[Array]:
     """Parameters of all elements from which to refine.
 
     One element: the minima over its dead time. Several: each from the step response that a long ARX model of the row
