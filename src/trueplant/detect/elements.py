@@ -12,6 +12,7 @@ from trueplant.detect.verdict import Evidence, Verdict, judge
 from trueplant.identify import (
     OutputEstimate,
     Spec,
+    Unanswered,
     absence_p,
     identify_matrix,
     likelihood_ratio_p,
@@ -34,7 +35,7 @@ class Found:
     """The covariance for tests of the whole: without the widening of single parameters by their profiles, which
     stretches strong correlations and which the likelihood ratio makes up for."""
     intervals: Array
-    reasons: Mapping[int, str]
+    reasons: Mapping[int, Unanswered]
     """Parameters that are not answered, by their place in theta."""
     model: tuple[float | None, ...]
 

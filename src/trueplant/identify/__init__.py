@@ -8,6 +8,7 @@ from trueplant.identify.matrix import identify_matrix, specs_of
 from trueplant.identify.output import OutputEstimate, identify_output, unanswered
 from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.strides import choose_stride, samples_per_update
+from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import fit_percent, simulate_piece
 
 __all__ = [
@@ -17,6 +18,8 @@ __all__ = [
     "Row",
     "RowFit",
     "Spec",
+    "Unanswered",
+    "WhyUnanswered",
     "absence_p",
     "choose_stride",
     "equation_error",

@@ -9,13 +9,14 @@ from trueplant.identify.between_experiments import refit_noise
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import UNDERMODELLED
 from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import ResidualTests
 
 PLAUSIBLE = 2.0
 """A noise model whose prediction errors have more than this times the variance is no rival: nobody would choose it."""
 
 
-def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tuple[dict[int, str], Array]:
+def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tuple[dict[int, Unanswered], Array]:
     """What other noise models make of the same data.
 
     Returns the parameters that move by more than chance and by more than a third, with a sentence each,
@@ -29,7 +30,8 @@ def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tu
     orders = {used // 2, min(used, 1), 2 * used + 2} | ({0} if undermodelled else set())
     sigma = np.sqrt(np.diag(covariance))
     scale = np.maximum(np.abs(fit.theta), fit.row.lag_of_dead_times(fit.theta))
-    moved: dict[int, str] = {}
+    moved: dict[int, Unanswered] = {}
+    why = WhyUnanswered.DEPENDS_ON_NOISE_MODEL
     shifts = np.zeros(fit.theta.size)
     for order in sorted(orders - {used}):
         if order > limit or (order == 0 and not undermodelled):
@@ -39,11 +41,8 @@ def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tu
         beyond = (shift > 3 * np.minimum(sigma, np.sqrt(np.diag(other.covariance)))) & (shift > scale / 3)
         beyond &= other.variance < PLAUSIBLE * fit.variance
         for index in np.flatnonzero(beyond):
-            moved.setdefault(
-                int(index),
-                f"it depends on the noise model: {fit.theta[index]:.3g} with order {used}, "
-                f"{other.theta[index]:.3g} with order {order}",
-            )
+            here, there = f"{fit.theta[index]:.3g} with order {used}", f"{other.theta[index]:.3g} with order {order}"
+            moved.setdefault(int(index), Unanswered(why, f"{why.value}: {here}, {there}"))
         if undermodelled:
             shifts = np.maximum(shifts, shift)
     return moved, shifts

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +21,7 @@ from trueplant.identify.noise_order import order_dependence
 from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.sandwich import needs_sandwich, sandwich_covariance
 from trueplant.identify.slow_tail import slow_errors, slow_p
+from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
 
@@ -30,7 +31,6 @@ UNKNOWN = 1e30
 """A standard error beyond this says that there was no information at all."""
 NOTHING = 0.05
 """Significance at which the gains of an element, tested jointly, have to differ from zero for it to have dynamics."""
-WEAKLY_KNOWN = "its standard error is more than half of its size: the data say too little about it"
 WEAK = 0.2
 """Relative standard error from which an interval is taken from the profile likelihood."""
 
@@ -48,7 +48,7 @@ class OutputEstimate:
     intervals: Array
     """(size, 2); infinite where nothing is known."""
     runs: Runs | None
-    order_dependence: dict[int, str]
+    order_dependence: Mapping[int, Unanswered]
     """Parameters whose estimate moves beyond its interval with the order of the noise model."""
     tests: ResidualTests
     validation: Validation | None
@@ -62,7 +62,8 @@ class OutputEstimate:
     """Are the prediction errors heteroscedastic or coloured, so that the covariance is that of `sandwich`?"""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
-
+    withheld: Mapping[int, Unanswered] = field(default_factory=dict)
+    """Parameters that are not given for reasons that are not in the fit."""
     slow_p: Array = field(default_factory=lambda: np.ones(0))
     """(n_columns,) p-value that no element responds more slowly than its structure describes; empty: not tested."""
 
@@ -174,12 +175,12 @@ def _profiled(fit: RowFit) -> list[int]:
     return chosen
 
 
-def unanswered(estimate: OutputEstimate) -> dict[int, str]:
-    """Parameters that the data do not determine, each with the reason in plain words."""
+def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
+    """The parameters that the data do not determine, by their place in theta."""
     fit, theta = estimate.fit, estimate.theta
     sigma = np.sqrt(np.diag(estimate.covariance))
     h = fit.row.pieces[0].h
-    reasons: dict[int, str] = {}
+    found: dict[int, Unanswered] = {}
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
         structure, p, s = spec.structure, theta[part], sigma[part]
         lag, dead = structure.lag(p), structure.longest_dead_time(p)
@@ -190,20 +191,20 @@ def unanswered(estimate: OutputEstimate) -> dict[int, str]:
         fast = not structure.integrators and lag + dead < FEWEST_SAMPLES * h
         for k, gain in enumerate(structure.is_gain):
             index = part.start + k
-            moved = estimate.order_dependence.get(index)
+            known = estimate.order_dependence.get(index) or estimate.withheld.get(index)
             model = abs(spec.initial[k]) if spec.initial is not None and gain else 0.0
             size = max(abs(p[k]), model, lag if structure.is_dead_time[k] else 0.0)
             if silent:
-                reasons[index] = "its input does not move in these data"
+                found[index] = Unanswered.because(WhyUnanswered.INPUT_STANDS_STILL)
             elif fast and not gain and not structure.is_lead[k]:
-                reasons[index] = (
-                    f"the loop answers within about {max(lag + dead, h) / h:.0f} sample(s) of {h:g}: what happens "
-                    "between samples is not in the record, and time constant and dead time cannot be told apart"
-                )
-            elif moved:
-                reasons[index] = moved
+                why = WhyUnanswered.FASTER_THAN_RECORD
+                samples = max(lag + dead, h) / h
+                text = f"the loop answers within about {samples:.0f} sample(s) of {h:g}: {why.value}"
+                found[index] = Unanswered(why, text)
+            elif known is not None:
+                found[index] = known
             elif not gain and no_gain:
-                reasons[index] = "the gain of this element cannot be told from zero, so it has no dynamics to measure"
+                found[index] = Unanswered.because(WhyUnanswered.GAIN_NOT_TOLD_FROM_ZERO)
             elif s[k] > 0.5 * size and (not gain or model > 0 or s[k] > UNKNOWN):
-                reasons[index] = WEAKLY_KNOWN
-    return reasons
+                found[index] = Unanswered.because(WhyUnanswered.TOO_UNCERTAIN)
+    return found

@@ -265,5 +265,5 @@ def _why_untested(one: Followed, column: int, count: int) -> str:
         return "no window could be fitted"
     if count == 1:
         return "only one window answers for it: there is nothing to compare it with"
-    reasons = [why for w in one.fitted if column in w.found for why in w.found[column].reasons.values()]
+    reasons = [why.text for w in one.fitted if column in w.found for why in w.found[column].reasons.values()]
     return max(set(reasons), key=reasons.count) if reasons else "too few windows answer for it"

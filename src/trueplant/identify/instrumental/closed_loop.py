@@ -44,9 +44,9 @@ def clsrivc(
 
     `orders` names the elements of every output of the plant: the instrument needs the whole loop. It starts from the
     two-stage method (that from `initial`, the coefficients of each output, where given), which is also what is left
-    where the loop cannot be simulated (unstable, or no law that runs in time): a note says so. OP limits are ignored in the
-    instrument. `held` elements of each output keep their declared value. A record in open loop has OP itself for its
-    instrument, which no noise reaches there.
+    where the loop cannot be simulated (unstable, or no law that runs in time): a note says so. OP limits are ignored in
+    the instrument. `held` elements of each output keep their declared value. A record in open loop has OP itself for
+    its instrument, which no noise reaches there.
 
     Gilson, Garnier, Young and Van den Hof (2008), in Garnier and Wang (eds.), Identification of Continuous-time Models
     from Sampled Data, Springer.

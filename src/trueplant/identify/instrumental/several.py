@@ -1,4 +1,4 @@
-"""Initial guesses for rows of several inputs, in closed loop too: step responses of a long ARX model, one an element."""
+"""Initial guesses for rows of several inputs, in closed loop too: step responses of a long ARX model for each."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -94,7 +94,7 @@ def noise_of(study: Study, estimates: Mapping[int, OutputEstimate], samples: int
     return out
 
 
-def fit_at(estimate: OutputEstimate, open_ones: Mapping[int, str]) -> RowFit:
+def fit_at(estimate: OutputEstimate, open_ones: Collection[int]) -> RowFit:
     """The fit at its parameters, at the model's where an element is not answered at all."""
     theta = estimate.theta.copy()
     for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):

@@ -36,8 +36,6 @@ MOST_SAMPLES = 100_000
 """Of a plan that is tried out."""
 MARGIN = 3.0
 """Standard deviations of what noise does to PV and OP that are kept from their limits."""
-BEYOND = ("the loop answers within", "it depends on the noise model")
-"""Reasons for an open parameter that no further data of this kind remove."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +104,7 @@ def _open_parameters(study: Study, estimates: Mapping[int, OutputEstimate], conf
                 size += structure.lag(p) if structure.is_dead_time[k] else 0.0
                 low, high = estimate.intervals[index]
                 now = max(z * float(sigma[index]), (high - low) / 2 if np.isfinite(high - low) else np.inf)
-                hopeless = reasons.get(index, "").startswith(BEYOND)
+                hopeless = index in reasons and not reasons[index].why.more_data_helps
                 if size > 0 and not hopeless and (index in reasons or now > WANTED * size):
                     value, wanted = float(p[k]), float(WANTED * size)
                     found.append(Open(i, spec.column, index, name, units[k], value, wanted, float(now)))

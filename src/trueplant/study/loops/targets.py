@@ -120,7 +120,7 @@ def _not_known(study: Study, identified: Identified, i: int, j: int, g: Transfer
             names = spec.structure.names
             for index in range(part.start, part.stop):
                 if index in reasons:
-                    return f"{name}: {names[index - part.start].replace('_', ' ')} is not known: {reasons[index]}"
+                    return f"{name}: {names[index - part.start].replace('_', ' ')} is not known: {reasons[index].text}"
     return ""
 
 

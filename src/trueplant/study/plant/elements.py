@@ -148,7 +148,7 @@ def _reason(found: Found, answered: Sequence[bool]) -> str:
     names = found.spec.structure.names
     grouped: dict[str, list[str]] = {}
     for k, why in found.reasons.items():
-        grouped.setdefault(why, []).append(names[k].replace("_", " "))
+        grouped.setdefault(why.text, []).append(names[k].replace("_", " "))
     return "; ".join(f"{', '.join(which)}: {why}" for why, which in grouped.items())
 
 
