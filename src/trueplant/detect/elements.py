@@ -13,9 +13,7 @@ from trueplant.identify import (
     OutputEstimate,
     Spec,
     Unanswered,
-    absence_p,
     identify_matrix,
-    likelihood_ratio_p,
     specs_of,
     unanswered,
 )
@@ -98,13 +96,12 @@ def _other_p(estimate: OutputEstimate, found: Found) -> float | None:
     All parameters that the model has are set back at once, answered or not: what is not known by itself would
     otherwise stay where the estimate has put it, and could not be there with the others at their old values.
     """
-    fit = estimate.fit
-    m = next(m for m, spec in enumerate(fit.row.specs) if spec is found.spec)
+    m = next(m for m, spec in enumerate(estimate.row.specs) if spec is found.spec)
     if found.spec.initial is None:
-        return absence_p(fit, m)
+        return estimate.absence_p(m)
     told = [k for k, value in enumerate(found.model) if value is not None]
-    index = fit.row.slices[m].start + np.array(told)
-    return likelihood_ratio_p(fit, index, np.array([found.model[k] for k in told], dtype=float))
+    index = estimate.row.slices[m].start + np.array(told)
+    return estimate.likelihood_ratio_p(index, np.array([found.model[k] for k in told], dtype=float))
 
 
 def verdicts(

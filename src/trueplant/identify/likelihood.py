@@ -29,7 +29,12 @@ def likelihood_ratio_p(fit: RowFit, index: Array, values: Array) -> float:
 
     The deviance counts the degrees of freedom that are left, which keeps the level in short records.
     """
-    return float(chi2.sf(rise(fit, held_at(fit, index, values)), len(index)))
+    return ratio_p(rise(fit, held_at(fit, index, values)), len(index))
+
+
+def ratio_p(rise: float, freedom: int) -> float:
+    """p-value of a rise of -2 log likelihood by restrictions of so many degrees of freedom."""
+    return float(chi2.sf(max(rise, 0.0), freedom))
 
 
 def held_at(fit: RowFit, index: Array, values: Array) -> RowFit:
@@ -52,4 +57,4 @@ def absence_p(fit: RowFit, m: int) -> float:
     row = replace(fit.row, specs=tuple(fit.row.specs[k] for k in kept))
     parts = [fit.theta[fit.row.slices[k]] for k in kept]
     without = fit_row(row, np.concatenate([np.zeros(0), *parts]), fit.ar, weights=fit.weights, reweight=False)
-    return float(chi2.sf(rise(fit, without), SEARCHED + len(fit.row.specs[m].structure.names)))
+    return ratio_p(rise(fit, without), SEARCHED + len(fit.row.specs[m].structure.names))

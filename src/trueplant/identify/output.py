@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +16,7 @@ from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import UNDERMODELLED, Options, estimate_row
 from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval, widened
+from trueplant.identify.likelihood import SEARCHED, absence_p, likelihood_ratio_p, ratio_p
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.noise_order import order_dependence
 from trueplant.identify.row import Held, Row, Spec, pieces_of
@@ -62,6 +63,9 @@ class OutputEstimate:
     """Are the prediction errors heteroscedastic or coloured, so that the covariance is that of `sandwich`?"""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
+    rise: Callable[[Array, Array], float] | None = None
+    """The likelihood that belongs to theta: by how much -2 log likelihood rises when theta[index] is held at values and
+    the others are free. None: that of `fit`."""
     withheld: Mapping[int, Unanswered] = field(default_factory=dict)
     """Parameters that are not given for reasons that are not in the fit."""
     slow_p: Array = field(default_factory=lambda: np.ones(0))
@@ -75,6 +79,20 @@ class OutputEstimate:
     @property
     def row(self) -> Row:
         return self.fit.row
+
+    def likelihood_ratio_p(self, index: Array, values: Array) -> float:
+        """p-value that the parameters theta[index] have these values, by the likelihood that belongs to theta."""
+        if self.rise is None:
+            return likelihood_ratio_p(self.fit, index, values)
+        return ratio_p(self.rise(index, values), len(index))
+
+    def absence_p(self, m: int) -> float:
+        """p-value that element m of the row is absent, by the likelihood that belongs to theta."""
+        if self.rise is None:
+            return absence_p(self.fit, m)
+        part = self.row.slices[m]
+        without = np.where(self.row.is_gain, 0.0, self.theta)[part]
+        return ratio_p(self.rise(np.arange(part.start, part.stop), without), SEARCHED + without.size)
 
     @property
     def disputed(self) -> bool:

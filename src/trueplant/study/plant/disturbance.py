@@ -116,7 +116,7 @@ def with_jumps(study: Study, fits: Mapping[int, DisturbedFit], plant: TransferMa
 
 
 def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float, confidence: float) -> OutputEstimate:
-    """The estimate with parameters and intervals of the fit that takes the declared disturbance along.
+    """The estimate with parameters, intervals and likelihood of the fit that takes the declared disturbance along.
 
     It stays as it is where that fit does not describe the record, and where it has been widened for what the fit does
     not know: experiments that disagree, disturbances that reach several outputs. `timing` as in `identify_output`.
@@ -128,7 +128,15 @@ def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float
         return estimate
     covariance = fit.covariance + np.diag(least_variance(fit.row, fit.theta, timing))
     intervals = normal_intervals(fit.row, fit.theta, covariance, confidence)
-    return replace(estimate, theta=fit.theta, covariance=covariance, intervals=intervals, order_dependence={})
+    return replace(
+        estimate,
+        theta=fit.theta,
+        covariance=covariance,
+        intervals=intervals,
+        order_dependence={},
+        unprofiled=None,
+        rise=fit.rise,
+    )
 
 
 def _same_elements(fit: DisturbedFit, estimate: OutputEstimate) -> bool:
