@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simulated import WOOD_BERRY, coloured, random_switching, segment_of
-from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
+from trueplant.identify import Row, Sampling, Spec, fit_row, identify_output, pieces_of
 from trueplant.identify.blocks import BLOCK, SEARCHED, block_length, in_blocks, most_moved
 from trueplant.identify.validate import residual_tests
 from trueplant.loop import PID, Controller, simulate
@@ -84,7 +84,7 @@ def test_short_records_and_inputs_that_never_move_are_left_alone(long):
 def test_the_whole_of_a_long_record_is_used(long):
     """Errors are within four standard errors, which shrink with the root of the number of samples."""
     part = replace(long, **{name: getattr(long, name)[:SEARCHED] for name in ("t", "r", "u", "y", "d", "free")})
-    found = identify_output([long], 0, SPECS, block=len(long) // 3)
+    found = identify_output([long], 0, SPECS, sampling=Sampling(block=len(long) // 3))
     fewer = identify_output([part], 0, SPECS)
     sigma, wider = (np.sqrt(np.diag(one.covariance)) for one in (found, fewer))
     assert np.all(np.abs(found.theta - TRUTH) < 4 * sigma)

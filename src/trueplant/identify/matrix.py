@@ -13,7 +13,7 @@ from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
 from trueplant.identify.row import Held, Spec
 from trueplant.identify.shared_disturbance import crossed_outputs, less_sure, together
-from trueplant.identify.strides import choose_block, choose_stride, samples_per_update, typical_lag
+from trueplant.identify.strides import Sampling, choose_block, choose_stride, samples_per_update, typical_lag
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix
 from trueplant.record.types import Segment
@@ -44,14 +44,16 @@ def identify_matrix(
 
     `model` (n_y, n_u + n_d) holds the elements that are not in `specs` at their values; those of its zeros that the
     record shows to act are estimated along (`with_missing`). `update_interval` is the time between real updates of
-    PV, `timing` the standard error of the instants (`identify_output`). `tell` is told the number of each output
+    PV, `timing` the standard error of the instants (`Sampling`). `tell` is told the number of each output
     before it is estimated.
     """
     everywhere = list(specs.values())
-    stride = choose_stride(segments, everywhere, update_interval)
-    update = samples_per_update(update_interval, segments[0].h)
-    block = choose_block(segments, everywhere)
-    time_scale = typical_lag(everywhere)
+    sampling = Sampling(
+        stride=choose_stride(segments, everywhere, update_interval),
+        update=samples_per_update(update_interval, segments[0].h),
+        block=choose_block(segments, everywhere),
+        timing=timing,
+    )
     places = np.ndindex(*model.shape)
     absent = [place for place in places if place not in specs and model[place].is_zero]
     estimates = {}
@@ -66,11 +68,8 @@ def identify_matrix(
             i,
             held=held,
             confidence=confidence,
-            stride=stride,
-            update=update,
-            block=block,
-            timing=timing,
-            time_scale=time_scale,
+            sampling=sampling,
+            time_scale=typical_lag(everywhere),
         )
         estimate = partial(_from_both_guesses, once, partial(with_initial_guess, segments, i, held=held))
         found = estimate(own)

@@ -22,6 +22,7 @@ from trueplant.identify.noise_order import order_dependence
 from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.sandwich import needs_sandwich, sandwich_covariance
 from trueplant.identify.slow_tail import slow_errors, slow_p
+from trueplant.identify.strides import Sampling
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
@@ -107,36 +108,30 @@ def identify_output(
     held: Sequence[Held] = (),
     *,
     confidence: float = 0.95,
-    stride: int = 1,
-    update: int = 1,
-    block: int | None = None,
-    timing: float = 0.0,
+    sampling: Sampling | None = None,
     time_scale: float | None = None,
     options: Options | None = None,
 ) -> OutputEstimate | None:
     """Estimate the elements `specs` of one output; None where this output has no usable data.
 
-    Time unit and shapes are those of the segments. `held` elements keep their declared value. `update` is the
-    number of samples for which PV is held, `stride` the number from one prediction error to the next
-    (`choose_stride`), `block` the length to which long records are cut (`choose_block`), `time_scale` where the
-    search for elements that the model lacks begins. `timing` is the standard error of the instants at which OP acts
-    or PV is read, which no fit can see: it is added to that of every dead time.
+    Time unit and shapes are those of the segments. `held` elements are fixed at their declared value. `time_scale` is
+    the initial guess of the lags of elements that the model lacks.
     """
-    pieces = pieces_of(segments, output, held, update)
+    sampling = sampling or Sampling()
+    pieces = pieces_of(segments, output, held, sampling.update)
     if not pieces or not specs:
         return None
-    if block is not None:
-        pieces = in_blocks(pieces, block, stride)
-    row = Row(tuple(specs), pieces, stride)
+    if sampling.block is not None:
+        pieces = in_blocks(pieces, sampling.block, sampling.stride)
+    row = Row(tuple(specs), pieces, sampling.stride)
     full = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
     fit = without_unseen_dead_times(full)
-    tests = residual_tests(fit, confidence)
-    runs = compare_runs(fit)
+    tests, runs = residual_tests(fit, confidence), compare_runs(fit)
     apart = runs is not None and not runs.agree
-    robust_covariance = not apart and needs_sandwich(tests)
+    robust = not apart and needs_sandwich(tests)
     # Neither the curvature of the likelihood nor its profiles count these.
     more = fit.covariance * (initial_state_share(fit) if any(segment.closed for segment in segments) else 0.0)
-    if robust_covariance:
+    if robust:
         more = more + sandwich_covariance(fit) - fit.covariance
     if runs is not None and apart:
         factor = 1.0
@@ -145,39 +140,36 @@ def identify_output(
         factor = inflation(fit, confidence)
         theta, covariance = fit.theta, fit.covariance * factor + more
     moved, shifts = order_dependence(fit, covariance, tests)
-    # How far another noise model moves a parameter counts as its error, unless the runs have shown their spread.
-    shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
-    covariance = covariance + np.diag(np.where(shown, 0.0, shifts**2))
-    # A dead time that was left out may be there, too small to be seen: the others would be as the fit with it has them.
-    covariance = covariance + np.diag(np.where(fit.free, (full.theta - fit.theta) ** 2, 0.0))
-    # Slow responses that the structure lacks are the same in every run, so that the spread of the runs has none of it.
     slow = slow_p(fit)
     lacking = slow_errors(fit, slow, confidence)
-    covariance = covariance + np.diag(lacking**2)
-    least = least_variance(row, theta, timing)
-    covariance = covariance + np.diag(least)
-    intervals = normal_intervals(row, theta, covariance, confidence)
+    least = least_variance(row, theta, sampling.timing)
+    # How far another noise model moves a parameter counts as its error, unless the runs have shown their spread; slow
+    # responses that the structure lacks are the same in every run. A dead time that was left out may be there, too
+    # small to be seen: then the other parameters are as the fit with it has them.
+    shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
+    left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
+    covariance = covariance + np.diag(np.where(shown, 0.0, shifts**2) + left_out**2 + lacking**2 + least)
     unprofiled = covariance - (factor - 1) * fit.covariance
+    intervals = normal_intervals(row, theta, covariance, confidence)
     if not np.any(shifts) and not np.any(lacking) and not apart:
         for index in _profiled(fit):
             # A dead time that is fixed at 0 may still be as large as the data allow.
-            profiled = fit if fit.free[index] else full
-            ends = profile_interval(profiled, index, confidence)
+            ends = profile_interval(fit if fit.free[index] else full, index, confidence)
             ends = widened(ends, float(theta[index]), least[index] + more[index, index], confidence)
             covariance = as_wide_as(covariance, index, float(theta[index]), ends, confidence)
             intervals[index] = ends
     return OutputEstimate(
-        output,
-        fit,
-        theta,
-        covariance,
-        intervals,
-        runs,
-        moved,
-        tests,
-        validate(fit),
+        output=output,
+        fit=fit,
+        theta=theta,
+        covariance=covariance,
+        intervals=intervals,
+        runs=runs,
+        order_dependence=moved,
+        tests=tests,
+        validation=validate(fit),
         unprofiled=unprofiled,
-        robust_covariance=robust_covariance,
+        robust_covariance=robust,
         slow_p=slow,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +14,21 @@ from trueplant.record.types import Segment
 SAMPLES_PER_LAG = 80
 """More samples than this per lag of the fastest element are left out of long records."""
 ENOUGH_SAMPLES = 1000
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Which samples of the records an estimate takes, and how well their instants are known."""
+
+    stride: int = 1
+    """Samples from one prediction error to the next (`choose_stride`)."""
+    update: int = 1
+    """Samples for which PV is held by its instrument or historian (`samples_per_update`)."""
+    block: int | None = None
+    """Samples of the blocks into which long records are cut (`choose_block`); None: they are not cut."""
+    timing: float = 0.0
+    """Standard error, in time units, of the instants at which OP acts or PV is read. No fit can see it: it is added to
+    that of every dead time."""
 
 
 def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_interval: float) -> int:

@@ -68,6 +68,40 @@ class FrequencyResponse:
         return int(self.covariance.shape[1])
 
 
+@dataclass(frozen=True)
+class Sampled:
+    """How u and y were sampled: the sample time, and the hold ("zoh", "linear") of each input."""
+
+    h: float
+    hold: tuple[str, ...]
+
+    def hold_response(self, w: Array) -> ComplexArray:
+        """(n_w, n_u)"""
+        return np.stack([hold_response(w, self.h, one) for one in self.hold], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """Which expression turns responses from set-points into the plant, and what it takes (as in `local_response`)."""
+
+    method: str
+    model: TransferMatrix | None
+    controller: Controller | None
+    near: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Expressed:
+    """The mismatch at the points of each window, and its error left dZ right, dZ being that of the windows."""
+
+    delta: ComplexArray
+    """(n_win, points, n_y, n_u)"""
+    left: ComplexArray
+    right: ComplexArray
+    spread: Array
+    """(n_win, points) relative standard error of the loop's own response: where large, first order is not enough."""
+
+
 def local_response(
     segments: Sequence[Segment],
     method: str = "joint",
@@ -101,7 +135,8 @@ def local_response(
     joined = method == "joint"
     signals = [np.hstack(z) for z in zip(errors, inputs, strict=True)] if joined else errors
     windows = fit_windows(references, signals, h, poles=poles)
-    return plant_response(windows, (n_y, n_u), method, model, controller, near, h, hold, tuple(notes))
+    form = Form(method, model, controller, near)
+    return plant_response(windows, (n_y, n_u), form, Sampled(h, hold), tuple(notes))
 
 
 def gathered(segments: Sequence[Segment]) -> tuple[float, tuple[str, ...], list[Array], list[Array], list[str]]:
@@ -128,35 +163,51 @@ def moved(segments: Sequence[Segment], method: str) -> list[Array]:
 def plant_response(
     windows: Windows,
     shape: tuple[int, int],
-    method: str,
-    model: TransferMatrix | None,
-    controller: Controller | None,
-    near: bool,
-    h: float,
-    hold: tuple[str, ...],
+    form: Form,
+    sampled: Sampled,
     notes: tuple[str, ...] = (),
     periods: int = 0,
 ) -> FrequencyResponse:
     """The plant (shape n_y, n_u) from responses to set-points, with the covariance on top of theirs.
 
-    `windows` hold the responses of (e, u) for the joint form, of e otherwise; the rest is as in `local_response`.
+    `windows` hold the responses of (e, u) for the joint form, of e otherwise.
     """
     n_y, n_u = shape
-    base = TransferMatrix.of([[0.0] * n_u] * n_y) if model is None else model
-    if method == "direct":
+    found = _expressed(windows, shape, form, sampled)
+    spread = _steadied(found.spread, windows.gram) if periods else found.spread
+    base = TransferMatrix.of([[0.0] * n_u] * n_y) if form.model is None else form.model
+    covariance = _variance(windows, found.left, found.right)
+    variance = np.einsum("wppik->wpik", covariance).real
+    w = windows.w.ravel()
+    delta = found.delta.reshape(w.size, n_y, n_u)
+    return FrequencyResponse(
+        w=w,
+        value=base(1j * w) + delta / sampled.hold_response(w)[:, None, :],
+        sampled=sampled_frequency_response(base, w, sampled.h, sampled.hold) + delta,
+        std=np.sqrt(np.maximum(variance, 0.0)).reshape(delta.shape),
+        covariance=covariance,
+        reliable=(spread < LINEAR).ravel(),
+        h=sampled.h,
+        hold=sampled.hold,
+        method=form.method,
+        dof=windows.dof,
+        notes=notes,
+        periods=periods,
+    )
+
+
+def _expressed(windows: Windows, shape: tuple[int, int], form: Form, sampled: Sampled) -> _Expressed:
+    n_y, n_u = shape
+    if form.method == "direct":
         delta = windows.value
         left = np.broadcast_to(np.eye(n_y, dtype=complex), (*delta.shape[:2], n_y, n_y))
         right = np.broadcast_to(np.eye(n_u, dtype=complex), (*delta.shape[:2], n_u, n_u))
-        spread = np.zeros(delta.shape[:2])
-    elif method == "joint":
-        delta, left, right, spread = _joint(windows, n_y)
-    elif model is None or controller is None:
+        return _Expressed(delta, left, right, np.zeros(delta.shape[:2]))
+    if form.method == "joint":
+        return _joint(windows, n_y)
+    if form.model is None or form.controller is None:
         raise LoopError("the closed form needs a model and a declared controller: use the joint form without")
-    else:
-        delta, left, right, spread = _closed(windows, model, controller, h, hold, near)
-    if periods:
-        spread = _steadied(spread, windows.gram)
-    return _assembled(windows, delta, left, right, spread < LINEAR, base, h, hold, method, notes, periods)
+    return _closed(windows, form.model, form.controller, sampled, form.near)
 
 
 def speaking_band(response: FrequencyResponse) -> tuple[tuple[tuple[float, float] | None, ...], ...]:
@@ -216,7 +267,7 @@ def _bridged(segment: Segment, notes: list[str]) -> Array:
     return relative
 
 
-def _joint(windows: Windows, n_y: int) -> tuple[ComplexArray, ComplexArray, ComplexArray, Array]:
+def _joint(windows: Windows, n_y: int) -> _Expressed:
     """Delta = E_r U_r^-1, the factors of its error [I, -Delta] dZ_r U_r^-1, and the size of dU_r U_r^-1."""
     E_r, U_r = windows.value[:, :, :n_y], windows.value[:, :, n_y:]
     n_u, n_r = U_r.shape[2:]
@@ -226,12 +277,13 @@ def _joint(windows: Windows, n_y: int) -> tuple[ComplexArray, ComplexArray, Comp
     delta = E_r @ inverse
     identity = np.broadcast_to(np.eye(n_y, dtype=complex), (*delta.shape[:3], n_y))
     select = np.broadcast_to(np.eye(n_y + n_u, dtype=complex)[n_y:], (*delta.shape[:2], n_u, n_y + n_u))
-    return delta, np.concatenate([identity, -delta], axis=3), inverse, _spread(windows, select, inverse)
+    left = np.concatenate([identity, -delta], axis=3)
+    return _Expressed(delta, left, inverse, _spread(windows, select, inverse))
 
 
 def _closed(
-    windows: Windows, model: TransferMatrix, controller: Controller, h: float, hold: tuple[str, ...], near: bool
-) -> tuple[ComplexArray, ComplexArray, ComplexArray, Array]:
+    windows: Windows, model: TransferMatrix, controller: Controller, sampled: Sampled, near: bool
+) -> _Expressed:
     """(17) with X = E_r F^-1, the factors of its error (I - X)^-1 dE_r F^-1 (G + Q^-1), and the size of (I - X)^-1 dX.
 
     Between samples: u(jw) = h H u_d, r(jw) = h H_zoh r_d and y(jw) = h y_d turn Q into Q/H and F into F H_zoh.
@@ -240,10 +292,9 @@ def _closed(
     if n_y != n_u:
         raise LoopError(f"(17)-(20) need as many inputs as outputs, not {n_u} and {n_y}: use the joint form")
     w = windows.w.ravel()
-    held = np.stack([hold_response(w, h, one) for one in hold], axis=1)
-    Q = controller(1j * w) / held[:, :, None]
-    F = controller.setpoint(1j * w) * hold_response(w, h)[:, None, None]
-    Ghat = sampled_frequency_response(model, w, h, hold)
+    Q = controller(1j * w) / sampled.hold_response(w)[:, :, None]
+    F = controller.setpoint(1j * w) * hold_response(w, sampled.h)[:, None, None]
+    Ghat = sampled_frequency_response(model, w, sampled.h, sampled.hold)
     X = over_controller(windows.value.reshape(w.size, n_y, n_y), F)
     identity = np.broadcast_to(np.eye(n_y, dtype=complex), X.shape)
     left = identity if near else np.linalg.inv(identity - X)
@@ -254,7 +305,7 @@ def _closed(
     square = (*windows.w.shape, n_y, n_y)
     left = left.reshape(square)
     spread = np.zeros(windows.w.shape) if near else _spread(windows, left, over_F.reshape(square))
-    return delta.reshape(square), left, right.reshape(square), spread
+    return _Expressed(delta.reshape(square), left, right.reshape(square), spread)
 
 
 def _variance(windows: Windows, left: ComplexArray, right: ComplexArray) -> ComplexArray:
@@ -289,38 +340,3 @@ def _steadied(spread: Array, gram: ComplexArray) -> Array:
     total = np.concatenate([[0.0], np.cumsum(size)])
     steady: Array = np.exp((total[high] - total[low]) / (high - low) + strength)[:, None]
     return steady
-
-
-def _assembled(
-    windows: Windows,
-    delta: ComplexArray,
-    left: ComplexArray,
-    right: ComplexArray,
-    reliable: BoolArray,
-    base: TransferMatrix,
-    h: float,
-    hold: tuple[str, ...],
-    method: str,
-    notes: tuple[str, ...],
-    periods: int,
-) -> FrequencyResponse:
-    n_y, n_u = delta.shape[2:]
-    covariance = _variance(windows, left, right)
-    variance = np.einsum("wppik->wpik", covariance).real
-    w = windows.w.ravel()
-    flat = (w.size, n_y, n_u)
-    held = np.stack([hold_response(w, h, one) for one in hold], axis=1)[:, None, :]
-    return FrequencyResponse(
-        w=w,
-        value=base(1j * w) + delta.reshape(flat) / held,
-        sampled=sampled_frequency_response(base, w, h, hold) + delta.reshape(flat),
-        std=np.sqrt(np.maximum(variance, 0.0)).reshape(flat),
-        covariance=covariance,
-        reliable=reliable.ravel(),
-        h=h,
-        hold=hold,
-        method=method,
-        dof=windows.dof,
-        notes=notes,
-        periods=periods,
-    )

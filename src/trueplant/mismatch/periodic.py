@@ -19,7 +19,7 @@ from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError, Refused, UsageError
 from trueplant.loop.controller import Controller
 from trueplant.lti.transfer import TransferMatrix
-from trueplant.mismatch.local import FrequencyResponse, gathered, moved, plant_response
+from trueplant.mismatch.local import Form, FrequencyResponse, Sampled, gathered, moved, plant_response
 from trueplant.mismatch.polynomial import Windows
 from trueplant.mismatch.sampling import sampled_frequency_response
 from trueplant.record.types import Segment
@@ -100,7 +100,8 @@ def periodic_response(
         f"{used} periods of {length * h:g} were averaged, in {len(averaged)} experiment{'s'[: len(averaged) > 1]}; "
         f"{left_out} before them were left out as transient"
     )
-    return plant_response(windows, (n_y, n_u), method, model, controller, near, h, hold, tuple(notes), used)
+    form = Form(method, model, controller, near)
+    return plant_response(windows, (n_y, n_u), form, Sampled(h, hold), tuple(notes), used)
 
 
 def period_of(r: Array, h: float) -> float:

@@ -13,6 +13,7 @@ from trueplant.identify import (
     Held,
     OutputEstimate,
     Row,
+    Sampling,
     Spec,
     choose_stride,
     identify_matrix,
@@ -167,9 +168,7 @@ class FollowedRow:
             self.specs,
             self.held,
             confidence=confidence,
-            stride=self.pilot.row.stride,
-            update=self.update,
-            timing=self.timing,
+            sampling=Sampling(self.pilot.row.stride, self.update, timing=self.timing),
             time_scale=self.settle / 5,
         )
         if estimate is None:

@@ -119,7 +119,7 @@ def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float
     """The estimate with parameters, intervals and likelihood of the fit that takes the declared disturbance along.
 
     It stays as it is where that fit does not describe the record, and where it has been widened for what the fit does
-    not know: experiments that disagree, disturbances that reach several outputs. `timing` as in `identify_output`.
+    not know: experiments that disagree, disturbances that reach several outputs. `timing` as in `identify.Sampling`.
     """
     known = estimate.foretold_by or estimate.jointly or estimate.disputed
     if fit is None or fit.whiteness_p < MISDESCRIBED or known:
