@@ -18,7 +18,7 @@ from trueplant.disturbance.kalman import smoothed, whitened
 from trueplant.disturbance.models import system_of
 from trueplant.errors import UsageError
 from trueplant.identify import OutputEstimate, Spec, identify_output, pieces_of
-from trueplant.identify.likelihood import SEARCHED
+from trueplant.identify.levels import SEARCHED_FREEDOM
 from trueplant.loop import Simulation, simulate, step_disturbance
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.lti.structure import structure_of
@@ -309,7 +309,7 @@ def test_an_absent_element_costs_the_search_for_it():
     estimate = replace(
         direct(stepped(4, samples=400), 1), rise=lambda index, values: 12.0 if values[0] == 0 else np.nan
     )
-    assert estimate.absence_p(0) == pytest.approx(chi2.sf(12.0, SEARCHED + 3))
+    assert estimate.absence_p(0) == pytest.approx(chi2.sf(12.0, SEARCHED_FREEDOM + 3))
 
 
 # -- jumps in the fit ------------------------------------------------------------------------------------------

@@ -20,16 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.detect import levels
 from trueplant.identify.noise import choose_order, fit_ar, whiten, whitened_valid
 from trueplant.identify.row import Row
-
-FIRST, FURTHER = 60, 40
-"""Instants looked at in the first pass and in each closer one."""
-ROUNDS = 4
-"""Of re-estimating parameters and noise at the best instant."""
-LARGEST_ORDER = 15
-BESIDE = 10
-"""Sampled errors that each side of the instant keeps at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +80,7 @@ def switch_time(
     low, high = row.bounds()
     before, after = before.copy(), np.where(changing, after, before)
     best, interval, gain = np.nan, (np.nan, np.nan), 0.0
-    for _ in range(ROUNDS):
+    for _ in range(levels.CHANGE_ROUNDS):
         parts = _parts(row, clock, before, after, changing)
         filtered = _Filtered(parts, ar, row)
         places = filtered.places(search)
@@ -108,7 +101,7 @@ def switch_time(
         moved = max(float(np.max(np.abs(s) / (np.abs(p) + 1e-12))) for s, p in ((old, before), (new, after)))
         before, after = (np.clip(_limited(p, s), low, high) for p, s in ((before, old), (after, new)))
         ar = _noise(errors, parts, row)
-        if moved < 1e-3:
+        if moved < levels.CHANGE_SETTLED:
             break
     return Switch(best, interval, before, after, gain)
 
@@ -179,7 +172,7 @@ class _Filtered:
         """Samples that may be the first of the new plant."""
         seen = np.cumsum(self.use)
         t = self.parts.t
-        inside = (t > search[0]) & (t <= search[1]) & (seen >= BESIDE) & (seen <= seen[-1] - BESIDE)
+        inside = (t > search[0]) & (t <= search[1]) & (seen >= levels.BESIDE) & (seen <= seen[-1] - levels.BESIDE)
         inside[0] = False
         return np.flatnonzero(inside)
 
@@ -224,7 +217,7 @@ def _remainder(columns: Array, target: Array) -> float:
 def _profile(filtered: _Filtered, places: NDArray[np.intp], threshold: float) -> tuple[NDArray[np.intp], Array]:
     """Instants tried, in order, and the deviance at each: coarse first, then every sample where it matters."""
     found: dict[int, float] = {}
-    wanted = places[np.unique(np.linspace(0, places.size - 1, FIRST).astype(int))]
+    wanted = places[np.unique(np.linspace(0, places.size - 1, levels.FIRST_PASS).astype(int))]
     while True:
         for place in wanted:
             if int(place) not in found:
@@ -235,8 +228,8 @@ def _profile(filtered: _Filtered, places: NDArray[np.intp], threshold: float) ->
         low = tried[max(near[0] - 1, 0)]
         high = tried[min(near[-1] + 1, tried.size - 1)]
         between = places[(places >= low) & (places <= high)]
-        wanted = between[np.unique(np.linspace(0, between.size - 1, FURTHER).astype(int))]
-        if all(int(k) in found for k in wanted) or len(found) > FIRST + 6 * FURTHER:
+        wanted = between[np.unique(np.linspace(0, between.size - 1, levels.CLOSER_PASS).astype(int))]
+        if all(int(k) in found for k in wanted) or len(found) > levels.FIRST_PASS + 6 * levels.CLOSER_PASS:
             return tried, deviance
 
 
@@ -244,4 +237,4 @@ def _noise(errors: Array, parts: _Parts, row: Row) -> Array:
     """The noise model of the output errors, of the order that the Bayesian criterion asks for."""
     pieces = [parts.piece == k for k in range(len(row.pieces))]
     signals, valid = [errors[p] for p in pieces], [parts.valid[p] for p in pieces]
-    return fit_ar(signals, valid, choose_order(signals, valid, LARGEST_ORDER))[0]
+    return fit_ar(signals, valid, choose_order(signals, valid, levels.CHANGE_LARGEST_ORDER))[0]

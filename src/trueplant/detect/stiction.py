@@ -10,13 +10,8 @@ from numba import njit
 from scipy.stats import chi2
 
 from trueplant.arrays import Array
+from trueplant.detect import levels
 from trueplant.identify import OutputEstimate, fit_row
-
-BANDS = np.array([0.04, 0.08, 0.12, 0.18, 0.25, 0.35, 0.5])
-"""Tried, relative to OP's range from its 1st to its 99th percentile."""
-LARGEST = 10_000
-"""Longer records are left out: each band costs a fit."""
-ITERATIONS = 3
 
 
 @dataclass(frozen=True)
@@ -63,16 +58,16 @@ def sticking(estimates: Sequence[OutputEstimate], column: int) -> Sticking | Non
     Miller (2005), Ind. Eng. Chem. Res. 44, with that simpler valve.
     """
     rows = [e for e in estimates if any(spec.column == column for spec in e.row.specs)]
-    if not rows or sum(p.y.size for p in rows[0].row.pieces) > LARGEST:
+    if not rows or sum(p.y.size for p in rows[0].row.pieces) > levels.STICTION_LONGEST:
         return None
     moves = np.concatenate([p.inputs[column] for p in rows[0].row.pieces])
     low, high = np.percentile(moves, [1, 99])
     if high <= low:
         return None
-    gains = np.array([sum(_gain(e, column, band * (high - low)) for e in rows) for band in BANDS])
+    gains = np.array([sum(_gain(e, column, band * (high - low)) for e in rows) for band in levels.BANDS])
     best = int(np.argmax(gains))
-    p = searched_p(gains[best], BANDS.size)
-    return Sticking(float(BANDS[best] * (high - low)), p) if p < 1e-3 else None
+    p = searched_p(gains[best], levels.BANDS.size)
+    return Sticking(float(levels.BANDS[best] * (high - low)), p) if p < levels.STICTION else None
 
 
 def _gain(estimate: OutputEstimate, column: int, band: float) -> float:
@@ -84,5 +79,5 @@ def _gain(estimate: OutputEstimate, column: int, band: float) -> float:
         inputs[column] = stuck(inputs[column], band)
         pieces.append(replace(piece, inputs=inputs))
     row = replace(fit.row, pieces=tuple(pieces))
-    other = fit_row(row, fit.theta, fit.ar, weights=fit.weights, reweight=False, iterations=ITERATIONS)
+    other = fit_row(row, fit.theta, fit.ar, weights=fit.weights, reweight=False, iterations=levels.STICTION_ITERATIONS)
     return float(fit.count * np.log(max(fit.cost, 1e-300) / max(other.cost, 1e-300)))

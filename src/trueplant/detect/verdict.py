@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import chi2, norm
 
 from trueplant.arrays import Array, ComplexArray
+from trueplant.detect import levels
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +149,6 @@ def grade(half_widths: Sequence[float], answered: Sequence[bool], sound: bool) -
     if not all(answered) or not answered:
         return "D"
     widest = max(half_widths)
-    if widest <= 0.10:
+    if widest <= levels.GRADE_A:
         return "A" if sound else "B"
-    return "B" if widest <= 0.25 and sound else "C"
+    return "B" if widest <= levels.GRADE_B and sound else "C"

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.disturbance import levels
 from trueplant.disturbance.kalman import whitened
 from trueplant.disturbance.models import Part, ramps
 from trueplant.disturbance.noise import Noise, Signal, criterion, fit_noise_and_jumps, reduced
@@ -27,13 +28,6 @@ from trueplant.identify import Row, RowFit
 from trueplant.identify.descent import Problem, descend
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.portmanteau import correlogram
-
-ITERATIONS = 40
-ROUNDS = 3
-"""Of estimating the noise for the plant and the plant for the noise."""
-LAGS = 25
-NOISE_PARAMETERS = 3
-"""Of the background: white noise, a first order and its time constant."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +101,7 @@ class _Likelihood:
         low, high = self.row.bounds()
         free = np.ones(theta.size, dtype=bool) if free is None else free
         problem = Problem(lambda x, _: _Point(self, x), low, high, free, self.row.is_dead_time)
-        return descend(problem, theta, _Point(self, theta), ITERATIONS).point
+        return descend(problem, theta, _Point(self, theta), levels.ITERATIONS).point
 
     def errors(self, theta: Array) -> list[Array]:
         """Normalised prediction errors (n,) of each piece."""
@@ -185,7 +179,7 @@ def _alternated(
     row: Row, theta: Array, declared: tuple[Part, ...]
 ) -> tuple[Array, Noise, tuple[tuple[int, ...], ...], float]:
     jumps: tuple[tuple[int, ...], ...] = ()
-    for round_ in range(ROUNDS):
+    for round_ in range(levels.FIT_ROUNDS):
         noise, signals = fit_noise_and_jumps(declared, _signals(row, theta, None, ramps(declared)))
         same = round_ > 0 and jumps == tuple(s.jumps for s in signals)
         jumps = tuple(s.jumps for s in signals)
@@ -211,6 +205,6 @@ def _finished(row: Row, theta: Array, noise: Noise, jumps: tuple[tuple[int, ...]
         noise=noise,
         jumps=jumps,
         criterion=value,
-        whiteness_p=correlogram(errors, LAGS).p_value(NOISE_PARAMETERS),
+        whiteness_p=correlogram(errors, levels.RESIDUAL_LAGS).p_value(levels.NOISE_PARAMETERS),
         lost=np.clip(1 - kept, 0.0, 1.0),
     )

@@ -6,18 +6,9 @@ import numpy as np
 from scipy.stats import norm, t
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.fit import RowFit
 from trueplant.identify.row import Row
-
-FEWEST_LEFT = 8.0
-"""Degrees of freedom: with fewer the noise is not known at all, and the t quantile says nothing sensible."""
-INITIAL_STATE_BIAS = 0.5
-"""Bias in standard errors for each operating point and initial state, over the root of the number of samples.
-
-0.20 to 0.54 in simulated records of Wood-Berry and the mill that lost 8 of every 60 or 10 of every 120 samples.
-"""
-ROUNDING = 1e-6
-"""Relative standard error below which no estimate from recorded numbers is taken for true."""
 
 
 def inflation(fit: RowFit, confidence: float) -> float:
@@ -35,7 +26,7 @@ def inflation(fit: RowFit, confidence: float) -> float:
     left = max(n - taken, n / 2)
     tail = 0.5 + confidence / 2
     known = level**2 / max(2 * _level_variance(fit), 1e-300)
-    quantile = t.ppf(tail, max(min(left, known), FEWEST_LEFT)) / norm.ppf(tail)
+    quantile = t.ppf(tail, max(min(left, known), levels.FEWEST_FREEDOM)) / norm.ppf(tail)
     return float(n / left * quantile**2) if n > 0 else float(2 * quantile**2)
 
 
@@ -52,9 +43,9 @@ def initial_state_share(fit: RowFit) -> float:
     They are estimated from errors that come later, to which the controller has answered: with them taken along, the
     errors are no longer free of what OP did before (Nickell 1981). One start is nothing; many gaps are not.
     """
-    return float((INITIAL_STATE_BIAS * fit.row.nuisance_count(fit.theta)) ** 2 / max(fit.count, 1))
+    return float((levels.INITIAL_STATE_BIAS * fit.row.nuisance_count(fit.theta)) ** 2 / max(fit.count, 1))
 
 
 def least_variance(row: Row, theta: Array, timing: float) -> Array:
     """(size,) variance below which no parameter is known: numbers are rounded, and so are instants (`timing`)."""
-    return np.asarray((ROUNDING * np.abs(theta)) ** 2 + np.where(row.is_dead_time, timing**2, 0.0))
+    return np.asarray((levels.RECORDED_DIGITS * np.abs(theta)) ** 2 + np.where(row.is_dead_time, timing**2, 0.0))

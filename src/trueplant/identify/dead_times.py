@@ -6,16 +6,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.fit import RowFit
 from trueplant.identify.likelihood import held_at, rise
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.row import Row
-
-NEAR = 10.0
-"""Difference in -2 log likelihood within which another dead time is worth a fit."""
-UNSEEN = 0.05
-"""Significance from which a dead time that the model does not have is estimated."""
 
 
 def rival_dead_times(row: Row, theta: Array, ar: Array, weights: Array, reach: int) -> list[tuple[float, Array]]:
@@ -62,7 +58,7 @@ def _rivals(row: Row, theta: Array, ar: Array, weights: Array, index: int, reach
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     steps = np.linalg.lstsq(gram / np.outer(scale, scale), moment / scale[:, None], rcond=1e-12)[0]
     cost = power - np.sum(moment / scale[:, None] * steps, axis=0)
-    close = cost[1:] < cost[0] * (1 + NEAR / max(count, 1))
+    close = cost[1:] < cost[0] * (1 + levels.RIVAL_NEAR / max(count, 1))
     lowest = np.r_[True, cost[2:] <= cost[1:-1]] & np.r_[cost[1:-1] <= cost[2:], True]
     found = []
     for c in np.flatnonzero(close & lowest)[:6] + 1:
@@ -81,7 +77,7 @@ def without_unseen_dead_times(fit: RowFit) -> RowFit:
     """
     for index in _undeclared(fit):
         held = held_at(fit, np.array([index]), np.zeros(1))
-        if chi2.sf(rise(fit, held), 1) > UNSEEN:
+        if chi2.sf(rise(fit, held), 1) > levels.DEAD_TIME_UNSEEN:
             fit = held
     return fit
 

@@ -14,14 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.identify import levels
 from trueplant.identify.descent import Problem, descend
 from trueplant.identify.initial_state import Unknown
 from trueplant.identify.linear_algebra import eliminated, inverse, seen
 from trueplant.identify.noise import lagged, whiten, whitened_valid
 from trueplant.identify.row import Row
-
-REWEIGHTED = (2, 5, 9)
-"""Steps after which the pieces of the data are weighted anew."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +157,7 @@ def fit_row(
         return evaluate(row, x[:n], x[n:], near.weights)
 
     def reweighted(x: Array, point: Point, step: int) -> Point | None:
-        if not reweight or len(row.pieces) == 1 or step not in REWEIGHTED:
+        if not reweight or len(row.pieces) == 1 or step not in levels.REWEIGHTED:
             return None
         return evaluate(row, x[:n], x[n:], _level_weights(point.power, point.weights))
 
@@ -169,7 +167,7 @@ def fit_row(
         np.concatenate([high, anywhere]),
         moving,
         np.concatenate([row.is_dead_time, np.zeros(ar.size, dtype=bool)]),
-        1e-24 * max(_energy(row), 1e-300),
+        levels.EXACT * max(_energy(row), 1e-300),
         reweighted,
     )
     found = descend(problem, np.concatenate([theta, ar]), evaluate(row, theta, ar, weights), iterations)

@@ -16,19 +16,13 @@ from functools import cached_property
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.identify import levels
 from trueplant.identify.descent import Descent, Problem, descend
 from trueplant.identify.fit import RowFit, residuals
 from trueplant.identify.linear_algebra import eliminated, inverse, seen
 from trueplant.identify.noise import lagged, whitened_valid
 from trueplant.identify.portmanteau import correlogram
 from trueplant.identify.row import Row
-
-LARGEST_ORDER = 40
-LARGEST_JACOBIAN = 60_000_000
-"""Entries: larger problems are left to the fit of each output alone."""
-ITERATIONS = 40
-NOT_WHITE = 0.05
-LAGS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +115,7 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
     order = _chosen_order(v, valid, fits) if order is None else order
     theta, n = np.concatenate([fit.theta for fit in fits]), len(rows)
     size = theta.size + order * n * n
-    if sum(x.size for x in v) * size > LARGEST_JACOBIAN:
+    if sum(x.size for x in v) * size > levels.LARGEST_JACOBIAN:
         return None
     ar = _vector_ar(v, valid, order)[0]
     low, high = (np.concatenate(ends) for ends in zip(*(row.bounds() for row in rows), strict=True))
@@ -141,7 +135,7 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
         np.ones(size, dtype=bool),
         np.concatenate([*(row.is_dead_time for row in rows), np.zeros(ar.size, dtype=bool)]),
     )
-    found = descend(problem, initial, at(initial, point.root), ITERATIONS)
+    found = descend(problem, initial, at(initial, point.root), levels.JOINT_ITERATIONS)
     return _finished(rows, found)
 
 
@@ -237,8 +231,12 @@ def fit_until_white(fits: Sequence[RowFit]) -> JointFit | None:
     fit = fit_jointly(fits)
     while fit is not None:
         order = fit.ar.shape[0]
-        white = whiteness_p(fit) > NOT_WHITE
-        longer = fit_jointly(fits, min(order * 3 // 2 + 2, LARGEST_ORDER)) if order < LARGEST_ORDER else None
+        white = whiteness_p(fit) > levels.NOT_WHITE
+        longer = (
+            fit_jointly(fits, min(order * 3 // 2 + 2, levels.JOINT_LARGEST_ORDER))
+            if order < levels.JOINT_LARGEST_ORDER
+            else None
+        )
         if white:
             return _with_shift(fit, longer or fit)
         fit = longer
@@ -255,9 +253,9 @@ def _with_shift(fit: JointFit, longer: JointFit) -> JointFit | None:
 
 
 def whiteness_p(fit: JointFit) -> float:
-    """p-value that the prediction errors are white, over LAGS lags beyond the order (Hosking 1980)."""
+    """p-value that the prediction errors are white, over JOINT_LAGS lags beyond the order (Hosking 1980)."""
     order, n_y = fit.ar.shape[:2]
-    return correlogram(fit.errors, order + LAGS).p_value(n_y**2 * order)
+    return correlogram(fit.errors, order + levels.JOINT_LAGS).p_value(n_y**2 * order)
 
 
 def _share_samples(rows: Sequence[Row]) -> bool:
@@ -295,7 +293,7 @@ def _vector_ar(v: Sequence[Array], valid: Sequence[BoolArray], order: int) -> tu
 def _chosen_order(v: Sequence[Array], valid: Sequence[BoolArray], fits: Sequence[RowFit]) -> int:
     n = len(fits)
     shortest = min(len(x) for x in v)
-    largest = min(LARGEST_ORDER, max(2 * max(fit.ar.size for fit in fits), 4), shortest // (8 * n))
+    largest = min(levels.JOINT_LARGEST_ORDER, max(2 * max(fit.ar.size for fit in fits), 4), shortest // (8 * n))
     scores = []
     for order in range(largest + 1):
         _, determinant, count = _vector_ar(v, valid, order)

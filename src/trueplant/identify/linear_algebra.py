@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
-
-LOST = 1e-7
-"""Directions whose singular value is below this share of the largest are lost in rounding."""
-ENOUGH = 5000
-"""Errors from which their level is taken."""
-MOVES_BY = 0.95
-"""Median of |e[k] - e[k - 1]| over the standard deviation of white normal e: 0.6745 sqrt(2)."""
+from trueplant.identify import levels
 
 
 def inverse(information: Array, floor: float = 1e-14) -> Array:
@@ -38,7 +32,7 @@ def eliminated(columns: Array, target: Array) -> tuple[Array, Array]:
         return np.zeros(norms.size), np.zeros((len(columns), 0))
     q, r = np.linalg.qr(columns[:, there] / norms[there])
     left, values, right = np.linalg.svd(r, full_matrices=False)
-    kept = values > LOST * values[0]
+    kept = values > levels.LOST * values[0]
     basis = q @ left[:, kept]
     weights = np.zeros(norms.size)
     weights[there] = right[kept].T @ ((basis.T @ target) / values[kept]) / norms[there]
@@ -55,5 +49,5 @@ def seen(columns: Array, errors: Array, largest: Array) -> BoolArray:
     moves = np.diff(errors)
     if not moves.size:
         return np.asarray(size > 0)
-    some = moves[:: 1 + moves.size // ENOUGH]
-    return np.asarray(size > np.median(np.abs(some)) / MOVES_BY)
+    some = moves[:: 1 + moves.size // levels.LEVEL_SAMPLES]
+    return np.asarray(size > np.median(np.abs(some)) / levels.NORMAL_MOVE)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.between_experiments import refit_noise
 from trueplant.identify.blocks import most_moved
-from trueplant.identify.estimate import UNDERMODELLED
 from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.levels import UNDERMODELLED
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import ResidualTests
-
-PLAUSIBLE = 2.0
-"""A noise model whose prediction errors have more than this times the variance is no rival: nobody would choose it."""
 
 
 def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tuple[dict[int, Unanswered], Array]:
@@ -38,8 +36,10 @@ def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tu
             continue
         other = refit_noise(fit, order)
         shift = np.abs(other.theta - fit.theta)
-        beyond = (shift > 3 * np.minimum(sigma, np.sqrt(np.diag(other.covariance)))) & (shift > scale / 3)
-        beyond &= other.variance < PLAUSIBLE * fit.variance
+        beyond = (shift > levels.NOISE_SHIFT_ERRORS * np.minimum(sigma, np.sqrt(np.diag(other.covariance)))) & (
+            shift > scale / levels.NOISE_SHIFT_SHARE
+        )
+        beyond &= other.variance < levels.RIVAL_NOISE * fit.variance
         for index in np.flatnonzero(beyond):
             here, there = f"{fit.theta[index]:.3g} with order {used}", f"{other.theta[index]:.3g} with order {order}"
             moved.setdefault(int(index), Unanswered(why, f"{why.value}: {here}, {there}"))

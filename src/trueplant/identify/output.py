@@ -9,14 +9,16 @@ import numpy as np
 from scipy.stats import chi2
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.between_experiments import Runs, combine_runs, compare_runs
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.covariance import inflation, initial_state_share, least_variance
 from trueplant.identify.dead_times import without_unseen_dead_times
-from trueplant.identify.estimate import UNDERMODELLED, Options, estimate_row
+from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval, widened
-from trueplant.identify.likelihood import SEARCHED, absence_p, likelihood_ratio_p, ratio_p
+from trueplant.identify.levels import SEARCHED_FREEDOM, UNDERMODELLED
+from trueplant.identify.likelihood import absence_p, likelihood_ratio_p, ratio_p
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.noise_order import order_dependence
 from trueplant.identify.row import Held, Row, Spec, pieces_of
@@ -26,15 +28,6 @@ from trueplant.identify.strides import Sampling
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
-
-FEWEST_SAMPLES = 2.5
-"""Lag and dead time together must span this many samples to be told from each other and from none."""
-UNKNOWN = 1e30
-"""A standard error beyond this says that there was no information at all."""
-NOTHING = 0.05
-"""Significance at which the gains of an element, tested jointly, have to differ from zero for it to have dynamics."""
-WEAK = 0.2
-"""Relative standard error from which an interval is taken from the profile likelihood."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +86,7 @@ class OutputEstimate:
             return absence_p(self.fit, m)
         part = self.row.slices[m]
         without = np.where(self.row.is_gain, 0.0, self.theta)[part]
-        return ratio_p(self.rise(np.arange(part.start, part.stop), without), SEARCHED + without.size)
+        return ratio_p(self.rise(np.arange(part.start, part.stop), without), SEARCHED_FREEDOM + without.size)
 
     @property
     def disputed(self) -> bool:
@@ -179,8 +172,8 @@ def _profiled(fit: RowFit) -> list[int]:
     chosen = []
     sigma = np.sqrt(np.diag(fit.covariance))
     for index in np.flatnonzero(~fit.row.is_gain):
-        relative = sigma[index] / max(abs(fit.theta[index]), 1e-300) if fit.free[index] else WEAK
-        if (fit.row.is_dead_time[index] or relative > WEAK) and relative < 1e3:
+        relative = sigma[index] / max(abs(fit.theta[index]), 1e-300) if fit.free[index] else levels.PROFILED
+        if (fit.row.is_dead_time[index] or relative > levels.PROFILED) and relative < levels.HOPELESS_ERROR:
             chosen.append(int(index))
     return chosen
 
@@ -197,8 +190,8 @@ def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
         gains = np.flatnonzero(structure.is_gain)
         silent = all(not np.any(piece.inputs[spec.column]) for piece in fit.row.pieces)
         within = estimate.covariance[part, part][np.ix_(gains, gains)]
-        no_gain = chi2.sf(p[gains] @ inverse(within) @ p[gains], len(gains)) > NOTHING
-        fast = not structure.integrators and lag + dead < FEWEST_SAMPLES * h
+        no_gain = chi2.sf(p[gains] @ inverse(within) @ p[gains], len(gains)) > levels.NO_GAIN
+        fast = not structure.integrators and lag + dead < levels.FEWEST_SAMPLES * h
         for k, gain in enumerate(structure.is_gain):
             index = part.start + k
             known = estimate.order_dependence.get(index) or estimate.withheld.get(index)
@@ -215,6 +208,6 @@ def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
                 found[index] = known
             elif not gain and no_gain:
                 found[index] = Unanswered.because(WhyUnanswered.GAIN_NOT_TOLD_FROM_ZERO)
-            elif s[k] > 0.5 * size and (not gain or model > 0 or s[k] > UNKNOWN):
+            elif s[k] > levels.TOO_UNCERTAIN * size and (not gain or model > 0 or s[k] > levels.NO_INFORMATION):
                 found[index] = Unanswered.because(WhyUnanswered.TOO_UNCERTAIN)
     return found

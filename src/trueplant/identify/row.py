@@ -16,18 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
-from trueplant.identify.initial_state import LARGE, Mode, Unknown, lag_mode, pair_modes
+from trueplant.identify import levels
+from trueplant.identify.initial_state import Mode, Unknown, lag_mode, pair_modes
+from trueplant.identify.levels import LARGEST_FREE_RESPONSE
 from trueplant.lti.sampled import rows_response, sampled_response
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import TransferFunction
 from trueplant.record.types import Segment
-
-FASTEST_LAG = 0.05
-"""In samples."""
-MOST_JOINED = 60
-"""Segments in one piece: each costs a free response."""
-QUIET_SAMPLES = 20
-"""A record starts at rest only if the inputs stood still for this many samples."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +96,7 @@ class Piece:
         moved = np.flatnonzero(np.any(self.inputs != 0, axis=0))
         lead = int(moved[0]) if moved.size else self.y.size
         y = self.y[:lead][self.valid[:lead]]
-        if lead < QUIET_SAMPLES or y.size < QUIET_SAMPLES:
+        if lead < levels.QUIET_SAMPLES or y.size < levels.QUIET_SAMPLES:
             return False
         early, late = np.array_split(y, 2)
         spread = np.median(np.abs(np.diff(y))) + np.std(late)
@@ -140,7 +135,7 @@ def _groups(segments: Sequence[Segment]) -> list[list[Segment]]:
     groups: list[list[Segment]] = []
     for segment in segments:
         before = groups[-1][-1] if groups else None
-        if before is not None and before.experiment == segment.experiment and len(groups[-1]) < MOST_JOINED:
+        if before is not None and before.experiment == segment.experiment and len(groups[-1]) < levels.MOST_JOINED:
             missing = (segment.t[0] - before.t[-1]) / before.h
             if 0.5 < missing < max(len(segment), len(before)) and abs(missing - round(missing)) < 0.05:
                 groups[-1].append(segment)
@@ -262,8 +257,8 @@ class Row:
         pairs = [(np.zeros(0), np.zeros(0)), *(s.structure.bounds() for s in self.specs)]
         low, high = np.concatenate([low for low, _ in pairs]), np.concatenate([high for _, high in pairs])
         h = self.pieces[0].h
-        low[self.is_lag] = FASTEST_LAG * h
-        high[self.is_frequency] = 1 / (FASTEST_LAG * h)
+        low[self.is_lag] = levels.FASTEST_LAG * h
+        high[self.is_frequency] = 1 / (levels.FASTEST_LAG * h)
         return low, high
 
     def measured(self, k: int) -> tuple[Array, BoolArray]:
@@ -342,9 +337,11 @@ class Row:
             driven = float(np.sum(np.abs(theta[part][: spec.structure.delayed]))) * piece.input_spread[spec.column]
             for index in (int(k) for k in part.start + np.flatnonzero(spec.structure.is_lag)):
                 does = driven * theta[index] if spec.structure.integrators else driven
-                found.append(lag_mode(theta[index], index, clock, began, max(LARGE * does, piece.spread)))
+                found.append(
+                    lag_mode(theta[index], index, clock, began, max(LARGEST_FREE_RESPONSE * does, piece.spread))
+                )
             for index in (int(k) for k in part.start + np.flatnonzero(spec.structure.is_frequency)):
-                largest = max(LARGE * driven, piece.spread)
+                largest = max(LARGEST_FREE_RESPONSE * driven, piece.spread)
                 found += pair_modes(theta[index], theta[index + 1], index, clock, began, largest)
             if spec.structure.integrators:
                 # At the start OP's operating point is not known; after a gap the level.

@@ -12,16 +12,15 @@ from __future__ import annotations
 import numpy as np
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, linearised
+from trueplant.identify.levels import RESIDUAL_LAGS
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.portmanteau import correlogram
-from trueplant.identify.validate import LAGS, ResidualTests
-
-SIGNIFICANT = 0.01
-"""Of the residual tests that choose this covariance."""
+from trueplant.identify.validate import ResidualTests
 
 
-def homoscedastic_p(e: Array, lags: int = LAGS) -> float:
+def homoscedastic_p(e: Array, lags: int = RESIDUAL_LAGS) -> float:
     """p-value that prediction errors e (n,), NaN where there are none, keep their size (McLeod and Li 1983).
 
     Squares of errors whose size changes are correlated over time.
@@ -35,7 +34,7 @@ def homoscedastic_p(e: Array, lags: int = LAGS) -> float:
 
 def needs_sandwich(tests: ResidualTests) -> bool:
     """Do the prediction errors change their size, or is colour left in them?"""
-    return min(homoscedastic_p(tests.e), tests.whiteness_p) < SIGNIFICANT
+    return min(homoscedastic_p(tests.e), tests.whiteness_p) < levels.ROBUST_COVARIANCE
 
 
 def sandwich_covariance(fit: RowFit) -> Array:
@@ -45,7 +44,7 @@ def sandwich_covariance(fit: RowFit) -> Array:
     for _, jacobian, e in linearised(fit.row, fit.theta, fit.ar, fit.weights):
         scores = jacobian * e
         meat += scores @ scores.T
-        lags = min(LAGS, e.size // 10)
+        lags = min(RESIDUAL_LAGS, e.size // 10)
         for lag in range(1, lags + 1):
             product = scores[:, lag:] @ scores[:, :-lag].T
             meat += (1 - lag / (lags + 1)) * (product + product.T)

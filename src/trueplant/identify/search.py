@@ -9,11 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.row import Row
-
-STRETCH = 2.0 ** np.linspace(-3, 3, 13)
 
 
 def initial_theta(row: Row, time_scale: float) -> Array:
@@ -84,7 +83,7 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
     h = row.pieces[0].h
     shifts = dead_time_grid(row, m, unit, h) if dead.any() else np.zeros(1, dtype=int)
     others = _columns(row, theta, skip=m)
-    top = np.zeros((STRETCH.size, shifts.size))
+    top = np.zeros((levels.STRETCH.size, shifts.size))
     gain = np.zeros_like(top)
     power = np.zeros_like(top)
     moment = np.zeros_like(top)
@@ -100,7 +99,7 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
         target = whiten(ar, y)[use]
         target = target - basis @ (basis.T @ target)
         spec = row.specs[m]
-        for a, stretch in enumerate(STRETCH):
+        for a, stretch in enumerate(levels.STRETCH):
             p = unit * stretch**exponents
             p[dead] = unit[dead] - (unit[dead].min() if dead.any() else 0.0)
             full = structure.response(p, piece.inputs[spec.column], piece.h, piece.hold[spec.column])
@@ -116,7 +115,7 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
     a, b = divmod(int(np.argmax(top)), shifts.size)
     if top[a, b] <= 0:
         return theta
-    p = unit * STRETCH[a] ** exponents
+    p = unit * levels.STRETCH[a] ** exponents
     if dead.any():
         p[dead] = unit[dead] - unit[dead].min() + shifts[b] * h
     p[: structure.delayed] *= gain[a, b]

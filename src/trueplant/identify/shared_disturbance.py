@@ -13,19 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.intervals import normal_intervals, widened
 from trueplant.identify.joint import fit_until_white
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.portmanteau import correlogram
-
-LAGS = 8
-"""Past prediction errors, at the stride of the estimate, that are looked at."""
-SIGNIFICANT = 1e-2
-"""Of the relation, over all pairs of outputs."""
-TIMES = 3.0
-"""Where no joint noise model is found: factor on the standard errors of an output whose prediction errors another
-output foretells: in simulated cases of this kind (Wood-Berry under its own feed disturbance) the bias was up to four
-of them."""
 
 
 def crossed_outputs(estimates: Mapping[int, OutputEstimate]) -> dict[int, list[int]]:
@@ -34,17 +26,17 @@ def crossed_outputs(estimates: Mapping[int, OutputEstimate]) -> dict[int, list[i
     found: dict[int, list[int]] = {}
     for i, j in pairs:
         here, there = estimates[i].tests, estimates[j].tests
-        if _foretells(here.t, here.e, there.t, there.e) * len(pairs) < SIGNIFICANT:
+        if _foretells(here.t, here.e, there.t, there.e) * len(pairs) < levels.SHARED_DISTURBANCE:
             found.setdefault(i, []).append(j)
     return found
 
 
 def _foretells(t: Array, e: Array, s: Array, x: Array) -> float:
-    """p-value that e is unrelated to the last LAGS values of x, taken at the same instants."""
+    """p-value that e is unrelated to the last SHARED_LAGS values of x, taken at the same instants."""
     common, at, of = np.intersect1d(np.round(t, 9), np.round(s, 9), return_indices=True)
-    if common.size < 10 * LAGS:
+    if common.size < 10 * levels.SHARED_LAGS:
         return 1.0
-    return correlogram([e[at]], LAGS, [x[of]]).p_value()
+    return correlogram([e[at]], levels.SHARED_LAGS, [x[of]]).p_value()
 
 
 def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate] | None:
@@ -70,15 +62,15 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
 
 def less_sure(estimate: OutputEstimate, others: Sequence[int], confidence: float) -> OutputEstimate:
     """The estimate with its standard errors and intervals as wide as such disturbances ask for."""
-    extra = (TIMES**2 - 1) * np.diag(estimate.covariance)
+    extra = (levels.SHARED_FACTOR**2 - 1) * np.diag(estimate.covariance)
     intervals = np.array(
         [
             widened((float(low), float(high)), float(value), float(more), confidence)
             for (low, high), value, more in zip(estimate.intervals, estimate.theta, extra, strict=True)
         ]
     )
-    covariance = estimate.covariance * TIMES**2
-    unprofiled = None if estimate.unprofiled is None else estimate.unprofiled * TIMES**2
+    covariance = estimate.covariance * levels.SHARED_FACTOR**2
+    unprofiled = None if estimate.unprofiled is None else estimate.unprofiled * levels.SHARED_FACTOR**2
     return replace(
         estimate, covariance=covariance, intervals=intervals, unprofiled=unprofiled, foretold_by=tuple(others)
     )

@@ -14,17 +14,13 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from trueplant.arrays import Array
-from trueplant.identify.estimate import UNDERMODELLED
+from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, evaluate, fit_row
+from trueplant.identify.levels import UNDERMODELLED
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.row import Row
 
 Indices = NDArray[np.intp]
-
-SLOWER = (3.0, 10.0)
-"""Slow lags that are tried, in those of the element with its dead time."""
-SPANS = 3.0
-"""The record is at least this many times as long as a lag that is tried."""
 
 
 def slow_p(fit: RowFit) -> Array:
@@ -43,10 +39,10 @@ def slow_lags(fit: RowFit, m: int) -> list[float]:
     """The slow lags to try beside element m."""
     spec, p = fit.row.specs[m], fit.theta[fit.row.slices[m]]
     own = spec.structure.lag(p) + spec.structure.longest_dead_time(p)
-    longest = max(piece.span for piece in fit.row.pieces) / SPANS
-    if spec.structure.integrators or own <= 0 or SLOWER[0] * own > longest:
+    longest = max(piece.span for piece in fit.row.pieces) / levels.SLOW_SPANS
+    if spec.structure.integrators or own <= 0 or levels.SLOW_LAGS[0] * own > longest:
         return []
-    return list(dict.fromkeys(min(times * own, longest) for times in SLOWER))
+    return list(dict.fromkeys(min(times * own, longest) for times in levels.SLOW_LAGS))
 
 
 def _score_p(fit: RowFit, m: int, lags: list[float]) -> float:

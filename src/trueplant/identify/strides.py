@@ -7,13 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trueplant.identify import levels
 from trueplant.identify.blocks import block_length
 from trueplant.identify.row import Spec
 from trueplant.record.types import Segment
-
-SAMPLES_PER_LAG = 80
-"""More samples than this per lag of the fastest element are left out of long records."""
-ENOUGH_SAMPLES = 1000
 
 
 @dataclass(frozen=True)
@@ -39,8 +36,8 @@ def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_int
     h = segments[0].h
     held = samples_per_update(update_interval, h)
     samples = sum(len(segment) for segment in segments)
-    wanted = int(min((a for a in _answers(specs) if a > 0), default=0.0) / SAMPLES_PER_LAG / h)
-    return held * max(1, min(wanted, samples // ENOUGH_SAMPLES) // held)
+    wanted = int(min((a for a in _answers(specs) if a > 0), default=0.0) / levels.SAMPLES_PER_LAG / h)
+    return held * max(1, min(wanted, samples // levels.ENOUGH_SAMPLES) // held)
 
 
 def choose_block(segments: Sequence[Segment], specs: Sequence[Spec]) -> int:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.linear_algebra import eliminated
 from trueplant.identify.noise import fit_ar, whiten
@@ -17,8 +18,6 @@ from trueplant.identify.portmanteau import correlogram
 from trueplant.identify.row import Piece, Row
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction
-
-LAGS = 25
 
 
 def fit_percent(y: Array, simulated: Array) -> float:
@@ -73,7 +72,10 @@ def validate(fit: RowFit) -> Validation | None:
         test = (longest.from_sample(cut),)
     row = replace(fit.row, pieces=train)
     samples = sum(int(row.measured(k)[1].sum()) for k in range(len(train)))
-    if samples < 4 * (fit.theta.size + fit.ar.size) or min(t.y.size for t in test) < 3 * fit.theta.size:
+    if (
+        samples < levels.SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.size)
+        or min(t.y.size for t in test) < 3 * fit.theta.size
+    ):
         return None
     trained = fit_row(row, fit.theta, fit.ar, iterations=30)
     # Data that say little about some parameter would condemn the plant for that: it keeps its value there.
@@ -116,13 +118,13 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
     stride = fit.row.stride
     errors = [e for _, e, _ in residuals(fit)]
     weighted = [e * weight for e, weight in zip(errors, fit.weights, strict=True)]
-    own = correlogram(weighted, LAGS)
+    own = correlogram(weighted, levels.RESIDUAL_LAGS)
     columns = range(fit.row.pieces[0].inputs.shape[0])
     inputs = [
         [_prewhitened(piece.inputs[c, ::stride][: e.size]) for piece, e in zip(fit.row.pieces, errors, strict=True)]
         for c in columns
     ]
-    crossed = [correlogram(weighted, LAGS, past) for past in inputs]
+    crossed = [correlogram(weighted, levels.RESIDUAL_LAGS, past) for past in inputs]
     begins = np.cumsum([0.0, *(piece.h * piece.y.size for piece in fit.row.pieces)])
     times = [
         begin + piece.h * stride * np.arange(e.size)
@@ -131,7 +133,7 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
     return ResidualTests(
         t=np.concatenate(times),
         e=np.concatenate(errors),
-        lags=np.arange(1, LAGS + 1),
+        lags=np.arange(1, levels.RESIDUAL_LAGS + 1),
         acf=own.value[:, 0, 0],
         bound=float(norm.ppf(0.5 + confidence / 2) / np.sqrt(max(own.count, 1))),
         whiteness_p=own.p_value(fit.ar.size),

@@ -18,20 +18,13 @@ from trueplant.errors import LoopError, Refused, UsageError
 from trueplant.loop.controller import Controller
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferMatrix
+from trueplant.mismatch import levels
 from trueplant.mismatch.expressions import over_controller
 from trueplant.mismatch.polynomial import Windows, fit_windows
 from trueplant.mismatch.sampling import hold_response, sampled_frequency_response
 from trueplant.record.types import Segment
 
 METHODS = ("joint", "closed-form", "direct")
-MOST_MISSING = 0.1
-"""Share of missing PV samples that is still bridged by straight lines."""
-LINEAR = 0.15
-"""Relative noise of the loop's response up to which errors are carried to first order."""
-NEIGHBOURS = 4
-"""Lines to each side that tell how far noise hides the loop's response at a line."""
-SPEAKS = 0.5
-"""Relative standard error below which a frequency says something."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +179,7 @@ def plant_response(
         sampled=sampled_frequency_response(base, w, sampled.h, sampled.hold) + delta,
         std=np.sqrt(np.maximum(variance, 0.0)).reshape(delta.shape),
         covariance=covariance,
-        reliable=(spread < LINEAR).ravel(),
+        reliable=(spread < levels.FIRST_ORDER).ravel(),
         h=sampled.h,
         hold=sampled.hold,
         method=form.method,
@@ -221,7 +214,7 @@ def speaking_band(response: FrequencyResponse) -> tuple[tuple[tuple[float, float
     known = np.where(response.reliable[:, None, None], np.nan_to_num(known, posinf=1e300), 0.0)
     if response.periods:
         known[1:-1] = known[:-2] + known[1:-1] + known[2:]
-    speaks = known > 1 / SPEAKS**2
+    speaks = known > 1 / levels.SPEAKS**2
     _, n_y, n_u = speaks.shape
     return tuple(tuple(_longest_run(response.w, speaks[:, i, j]) for j in range(n_u)) for i in range(n_y))
 
@@ -251,10 +244,11 @@ def _bridged(segment: Segment, notes: list[str]) -> Array:
     y = segment.y.copy()
     for i in range(y.shape[1]):
         missing = ~np.isfinite(y[:, i])
-        if missing.mean() > MOST_MISSING:
+        if missing.mean() > levels.MOST_MISSING:
             raise Refused(
                 f"{100 * missing.mean():.0f} % of output {i + 1} is missing in experiment {segment.experiment + 1}: "
-                f"local models need at least {100 * (1 - MOST_MISSING):.0f} % of the samples; use a parametric fit"
+                f"local models need at least {100 * (1 - levels.MOST_MISSING):.0f} % of the samples; "
+                "use a parametric fit"
             )
         if missing.any():
             at = np.arange(len(y))
@@ -336,7 +330,7 @@ def _steadied(spread: Array, gram: ComplexArray) -> Array:
     strength = np.linalg.slogdet(gram)[1] / (2 * gram.shape[1])
     size = np.log(np.maximum(spread[:, 0], 1e-300)) - strength
     place = np.arange(size.size)
-    low, high = np.maximum(place - NEIGHBOURS, 0), np.minimum(place + NEIGHBOURS + 1, size.size)
+    low, high = np.maximum(place - levels.NEIGHBOURS, 0), np.minimum(place + levels.NEIGHBOURS + 1, size.size)
     total = np.concatenate([[0.0], np.cumsum(size)])
     steady: Array = np.exp((total[high] - total[low]) / (high - low) + strength)[:, None]
     return steady

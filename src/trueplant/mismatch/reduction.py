@@ -9,13 +9,8 @@ import numpy as np
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import Refused
 from trueplant.lti.structure import Structure
+from trueplant.mismatch import levels
 from trueplant.mismatch.sampling import hold_response, rows_frequency_response
-
-GUESSES = 3
-"""Minima of the grid from which the fit is refined."""
-SCALES = 14
-DEAD_TIMES = (30, 150)
-"""Fewest and most on the grid, which reaches to 1/w of the lowest frequency where it can."""
 
 
 def fit_structure(
@@ -124,14 +119,14 @@ def _grid(structure: Structure, w: Array, value: ComplexArray, std: Array, h: fl
     """
     s = 1j * w
     held = np.ones(w.size) if h is None else hold_response(w, h, hold)
-    clear = np.abs(value) > 3 * std
+    clear = np.abs(value) > levels.CLEAR_RESPONSE * std
     largest = np.max(np.abs(value[clear] if clear.any() else value))
     weight = 1 / np.sqrt(std**2 + (0.02 * largest) ** 2)
     power = np.abs(value) * weight
-    loud = w[power >= 0.1 * power.max()]
+    loud = w[power >= levels.LOUD * power.max()]
     goal = _split(value * weight)
     step = 0.7 / loud.max()
-    count = int(np.clip(1 / (w.min() * step), *DEAD_TIMES)) if structure.has_dead_time else 1
+    count = int(np.clip(1 / (w.min() * step), *levels.DEAD_TIMES)) if structure.has_dead_time else 1
     dead_times = step * np.arange(count)
     # with one dead time the zeros are linear too, as coefficients of the numerator
     powers = structure.leads if structure.delayed == 1 else 0
@@ -139,7 +134,7 @@ def _grid(structure: Structure, w: Array, value: ComplexArray, std: Array, h: fl
     delays = dead_times[:, None] + step * np.arange(structure.delayed)
     late = np.exp(-s[:, None] * delays[:, None, :])
     candidates: list[tuple[float, Array]] = []
-    for scale in np.geomspace(0.3 / loud.max(), 5 / w.min(), SCALES):
+    for scale in np.geomspace(0.3 / loud.max(), 5 / w.min(), levels.SCALES):
         p = _guess(structure, float(scale))
         num, den = structure.polynomials(p)
         shape = weight * held / np.polyval(den, s) * (1.0 if powers else np.polyval(num, s))
@@ -161,7 +156,7 @@ def _grid(structure: Structure, w: Array, value: ComplexArray, std: Array, h: fl
     for _, p in candidates:
         if not chosen or all(structure.has_dead_time and abs(p[-1] - q[-1]) > 1.5 * step for q in chosen):
             chosen.append(p)
-        if len(chosen) == GUESSES:
+        if len(chosen) == levels.GUESSES:
             break
     return chosen
 

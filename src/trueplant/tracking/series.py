@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array
 from trueplant.detect.since import Series
+from trueplant.identify.levels import SHARED_FACTOR
 from trueplant.identify.onestep import OneStep, one_step
-from trueplant.identify.shared_disturbance import TIMES
 from trueplant.study.study import Progress
 from trueplant.tracking.rows import Fitted, FollowedRow
 from trueplant.tracking.windows import Stretch
@@ -125,7 +125,7 @@ class Followed:
             start = np.sum(precise * [w.estimate.theta for w in windows], axis=0) / precise.sum(axis=0)
             steps = one_step(rows, [w.estimate.fit.ar for w in windows], start)
             if self.row.pilot.foretold_by:
-                more = steps.common_covariance * TIMES**2
-                steps = replace(steps, covariance=steps.covariance * TIMES**2, common_covariance=more)
+                more = steps.common_covariance * SHARED_FACTOR**2
+                steps = replace(steps, covariance=steps.covariance * SHARED_FACTOR**2, common_covariance=more)
             self.steps[key] = steps
         return self.steps[key]

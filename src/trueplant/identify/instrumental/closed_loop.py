@@ -10,22 +10,18 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.errors import LoopError, Refused
+from trueplant.identify import levels
 from trueplant.identify.instrumental.open_loop import best_from_guesses
 from trueplant.identify.instrumental.order import Order, slices
-from trueplant.identify.instrumental.refine import SETTLED, Instruments, Refined, refine
+from trueplant.identify.instrumental.refine import Instruments, Refined, refine
 from trueplant.identify.instrumental.result import PolynomialFit, finished
 from trueplant.identify.instrumental.samples import Samples, common_sample_time, samples_of
+from trueplant.identify.levels import INSTRUMENT_SETTLED
 from trueplant.identify.row import Held
 from trueplant.loop.controller import Controller
 from trueplant.loop.simulate import simulate
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.record.types import Segment
-
-ROUNDS = 30
-LAG_GROWTH = 1.25
-"""Each block of set-point lags is that much longer than the one before."""
-MEMORY = 0.2
-"""Of a record: how far back set-points are remembered."""
 
 
 def clsrivc(
@@ -64,7 +60,7 @@ def clsrivc(
             segments, i, row, None if initial is None else initial.get(i), held.get(i, ())
         )
     notes: list[str] = []
-    for _ in range(ROUNDS):
+    for _ in range(levels.CLSRIVC_ROUNDS):
         plant = _matrix(orders, {i: refined.theta for i, refined in parts.items()}, held, n_y, n_u)
         try:
             inputs = [_noise_free(plant, law, segment) if segment.closed else segment.u for segment in segments]
@@ -80,7 +76,7 @@ def clsrivc(
             parts[i] = refine(row, before, samples[i], _always(instruments), rounds=2)
             moved, small = (
                 np.abs(parts[i].theta - before),
-                np.maximum(SETTLED * parts[i].point.std, 1e-9 * np.abs(before)),
+                np.maximum(INSTRUMENT_SETTLED * parts[i].point.std, 1e-9 * np.abs(before)),
             )
             settled &= bool(np.all(moved <= small))
         if settled:
@@ -164,8 +160,8 @@ def _blocks(r: Array) -> Array:
     """(N, n_blocks n_r): sums of each set-point over blocks of lags of growing length; all of its past at the end."""
     n = len(r)
     edges = [0]
-    while edges[-1] < MEMORY * n:
-        edges.append(max(edges[-1] + 1, int(edges[-1] * LAG_GROWTH)))
+    while edges[-1] < levels.SETPOINT_MEMORY * n:
+        edges.append(max(edges[-1] + 1, int(edges[-1] * levels.LAG_GROWTH)))
     total = np.vstack([np.zeros((1, r.shape[1])), np.cumsum(r, axis=0)])
     at = np.arange(1, n + 1)
 

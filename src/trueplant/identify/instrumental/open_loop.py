@@ -9,6 +9,7 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.errors import Refused
+from trueplant.identify import levels
 from trueplant.identify.instrumental.initial import (
     by_equation_error,
     filtered_regression,
@@ -30,12 +31,6 @@ from trueplant.identify.instrumental.result import PolynomialFit, finished, inst
 from trueplant.identify.instrumental.samples import Samples, common_sample_time, samples_of
 from trueplant.identify.row import Held
 from trueplant.record.types import Segment
-
-NOISE_ROUNDS = 20
-NOISE_SETTLED = 0.03
-"""Steps, in standard errors, that no longer matter when plant and noise model take turns."""
-NEIGHBOURS = (-2, -1, 1, 2)
-"""Sample intervals beside that of a dead time in which a lower minimum is looked for."""
 
 
 def state_variable_filter(
@@ -139,7 +134,7 @@ def rivc(
     refined = best_from_guesses(orders, samples, initial)
     noise = ArmaNoise()
     valid = [s.valid for s in samples]
-    for _ in range(NOISE_ROUNDS):
+    for _ in range(levels.NOISE_ROUNDS):
         if noise_order is None:
             noise = choose_arma(refined.point.raw, valid)
             noise_order = noise.d.size, noise.c.size
@@ -147,7 +142,7 @@ def rivc(
             noise = fit_arma(refined.point.raw, valid, *noise_order)
         before = refined.theta
         refined = _polished(orders, samples, refine(orders, refined.theta, samples, noise=noise), noise)
-        if np.all(np.abs(refined.theta - before) <= NOISE_SETTLED * refined.point.std):
+        if np.all(np.abs(refined.theta - before) <= levels.NOISE_SETTLED * refined.point.std):
             break
     point = refined.point
     zetas = without_noise_directions(noise, point.instruments, point.raw, point.errors, point.usable)
@@ -177,7 +172,7 @@ def _polished(
         if order.keeps_dead_time:
             continue
         trials = []
-        for shift in NEIGHBOURS:
+        for shift in levels.NEIGHBOUR_INTERVALS:
             theta = refined.theta.copy()
             theta[part.stop - 1] = (np.floor(theta[part.stop - 1] / step) + shift + 0.5) * step
             trials.append(evaluate(orders, bounded(orders, theta, samples), samples, noise=noise))

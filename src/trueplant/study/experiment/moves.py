@@ -10,9 +10,9 @@ from scipy.signal import lfilter
 
 from trueplant.arrays import Array
 from trueplant.identify import OutputEstimate, RowFit
+from trueplant.identify.levels import SHARED_FACTOR
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.row import Piece
-from trueplant.identify.shared_disturbance import TIMES
 from trueplant.loop import Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.study.study import Study
@@ -133,7 +133,7 @@ def information(fit: RowFit, u: Array, h: float, n_columns: int, known: bool) ->
     within = within + 1e-12 * np.eye(within.shape[1])
     told = total[:, :size, :size] - across @ np.linalg.solve(within, np.swapaxes(across, 1, 2))
     ends = np.minimum(np.arange(1, count + 1) * length, len(columns)) * h * row.stride
-    return told * np.outer(scale, scale) / fit.variance / (1.0 if known else TIMES**2), ends
+    return told * np.outer(scale, scale) / fit.variance / (1.0 if known else SHARED_FACTOR**2), ends
 
 
 def combined(existing: Array, told: Array) -> Array:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from trueplant.identify.estimate import UNDERMODELLED
-from trueplant.identify.shared_disturbance import TIMES
+from trueplant.identify.levels import SHARED_FACTOR, UNDERMODELLED
 from trueplant.result import Reason
 from trueplant.study.data.excitation import compression_notes, setpoint_rank_note
 from trueplant.study.data.scan import faster_scan
@@ -52,7 +51,7 @@ def notes_of(
                 "all outputs were estimated together with a noise model that allows for it"
                 if estimate.jointly
                 else f"estimates for {names[i]} may be off by that, and their standard errors were multiplied by "
-                f"{TIMES:g}. A measured disturbance (or an experiment in open loop) would cure it"
+                f"{SHARED_FACTOR:g}. A measured disturbance (or an experiment in open loop) would cure it"
             )
             notes.append(
                 Reason(
