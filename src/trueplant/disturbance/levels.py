@@ -6,28 +6,28 @@ from __future__ import annotations
 ITERATIONS = 40
 """Steps of the fit for a given disturbance, at most."""
 FIT_ROUNDS = 3
-"""Of estimating the noise for the plant and the plant for the noise."""
+"""Rounds in which the noise is estimated for the plant and the plant for the noise."""
 RESIDUAL_LAGS = 25
 """Lags of the test on the prediction errors."""
 NOISE_PARAMETERS = 3
-"""Of the background: white noise, a first order and its time constant."""
+"""Of the background: the sizes of white noise and of a first order, and its time constant."""
 STEADY = 1e-13
-"""Relative change of the covariance from one sample to the next below which gains are kept."""
+"""Relative change of the covariance from one sample to the next below which the filter's gains are constant."""
 FEWEST_SAMPLES = 20
-"""Measured samples of an output below which nothing is said of its disturbance."""
+"""Measured samples of an output below which its disturbance is not estimated."""
 
 # Noise and jumps
 MOST_JUMPS = 12
-"""Of a declared step in one signal: more are better described by its random walk."""
+"""Jumps of a declared step in one signal, at most: more are better described by its random walk."""
 FALSE_JUMP = 0.01
 """Chance that a jump is found in a signal that has none."""
 LEAST_SCALE = 1e-3
-"""Of a declared disturbance: below a thousandth of its size it is not there."""
+"""Least size of a declared disturbance, relative to the declared one."""
 JUMP_ROUNDS = 4
-"""In which noise and jumps are found in turn, at most."""
+"""Rounds in which noise and jumps are found in turn, at most."""
 QUIET_STEP = 0.1
-"""Share of the declared std of a step with which jumps are looked for."""
+"""Size of the random walk, relative to the declared one, with which jumps are first looked for."""
 WHITE_RANGE, BACKGROUND_RANGE = (1e-4, 1e4), (1e-3, 1e5)
 """Search ranges of white noise and background, relative to the typical move from one sample to the next."""
 SIMPLEX_TOLERANCE = 0.1
-"""Of the search for the sizes of the noise: their logarithms, and -2 log likelihood."""
+"""Tolerance of the search for the sizes of the noise: of their logarithms, and of -2 log likelihood."""

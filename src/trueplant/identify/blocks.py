@@ -32,7 +32,7 @@ def in_blocks(pieces: Sequence[Piece], length: int, stride: int) -> tuple[Piece,
 
 
 def most_moved(row: Row) -> Row:
-    """The row on those stretches of its pieces in which all inputs move most, SEARCHED_ERRORS prediction errors in all.
+    """The row on those stretches of its pieces in which all inputs move most, SEARCHED_ERRORS errors in all.
 
     The row itself where it has not many more.
     """

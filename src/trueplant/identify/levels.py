@@ -22,19 +22,19 @@ LARGEST_RATIO = 3.0
 REWEIGHTED = (2, 5, 9)
 """Steps after which the pieces of the data are weighted anew."""
 FASTEST_LAG = 0.05
-"""In samples."""
+"""Least time constant in samples: shorter ones act within the sample and cannot be told from none."""
 MOST_JOINED = 60
 """Segments in one piece: each costs a free response."""
 QUIET_SAMPLES = 20
 """A record starts at rest only if the inputs stood still for this many samples."""
 LARGEST_FREE_RESPONSE = 3.0
-"""Standard deviations of what an element does that the amplitude of its free response may have."""
+"""Amplitude that a free response may have, in standard deviations of the forced response of its element."""
 FREE_RESPONSE_GONE = 40.0
 """Time constants after which nothing is left of a free response, to rounding."""
 LOST = 1e-7
 """Directions whose singular value is below this share of the largest are lost in rounding."""
 LEVEL_SAMPLES = 5000
-"""Errors from which their level is taken."""
+"""Prediction errors from which their size is estimated: more of them change nothing."""
 NORMAL_MOVE = 0.95
 """Median of |e[k] - e[k - 1]| over the standard deviation of white normal e: 0.6745 sqrt(2)."""
 EXACT = 1e-24
@@ -42,7 +42,7 @@ EXACT = 1e-24
 
 # Searches: initial guesses, dead times, noise models
 STRETCH = 2.0 ** np.linspace(-3, 3, 13)
-"""Factors on the time scale of an element that are tried: an eighth to eight times, five to the decade and more."""
+"""Factors on the time scale of an element that are tried: an eighth to eight times, in steps of the root of two."""
 RIVAL_NEAR = 10.0
 """Difference in -2 log likelihood within which another dead time is worth a fit."""
 DEAD_TIME_UNSEEN = 0.05
@@ -89,7 +89,7 @@ INITIAL_STATE_BIAS = 0.5
 RECORDED_DIGITS = 1e-6
 """Relative standard error below which no estimate from recorded numbers is taken for true."""
 PROFILE_FURTHEST = 12
-"""Standard errors."""
+"""Standard errors within which the end of a profile interval is looked for; beyond, it counts as unbounded."""
 PROFILED = 0.2
 """Relative standard error from which an interval is taken from the profile likelihood."""
 FEWEST_SAMPLES = 2.5
@@ -97,7 +97,7 @@ FEWEST_SAMPLES = 2.5
 NO_GAIN = 0.05
 """Significance at which the gains of an element, tested jointly, have to differ from zero for it to have dynamics."""
 NO_INFORMATION = 1e30
-"""A standard error beyond this says that there was no information at all."""
+"""A standard error above this says that the data held no information at all."""
 RUN_TAKES_PART = 0.5
 """A run takes part for a parameter if its standard error is below this share of the parameter's size."""
 RUNS_DISAGREE = 0.05
@@ -114,118 +114,118 @@ a third of its size."""
 
 # Tests
 RESIDUAL_LAGS = 25
-"""Lags of the tests on prediction errors: disturbances that the noise model misses show within a few."""
+"""Lags of the tests on prediction errors, at the stride of the estimate."""
 ROBUST_COVARIANCE = 0.01
-"""Of the residual tests that choose this covariance."""
+"""Significance of heteroscedastic or coloured prediction errors from which the sandwich covariance is taken."""
 SEARCHED_FREEDOM = 5
 """Degrees of freedom that the search for lag and dead time adds to those of the parameters.
 
 Mean of the statistic over 120 simulated Wood-Berry records without the element: 8.0 with 3 parameters.
 """
 MISSING_ELEMENT = 1e-3
-"""Chance that a whole matrix without missing elements is given one."""
+"""Chance, over a whole matrix that is complete, that an element is added to it."""
 SLOW_LAGS = (3.0, 10.0)
-"""Slow lags that are tried, in those of the element with its dead time."""
+"""Slow lags that are tried beside an element, relative to its own lag and dead time."""
 SLOW_SPANS = 3.0
-"""The record is at least this many times as long as a lag that is tried."""
+"""Spans of such a lag that the record has to hold, or it says nothing of it."""
 SAMPLES_PER_PARAMETER = 4
 """Without so many, a part of the data (one experiment, the first two thirds) is not fitted alone."""
 
 # Several outputs and several windows
 SHARED_LAGS = 8
-"""Past prediction errors, at the stride of the estimate, that are looked at."""
+"""Past prediction errors of another output, at the stride of the estimate, that are looked at."""
 SHARED_DISTURBANCE = 1e-2
-"""Of the relation, over all pairs of outputs."""
+"""Significance, over all pairs of outputs, from which one is taken to predict the errors of another."""
 SHARED_FACTOR = 3.0
-"""Where no joint noise model is found: factor on the standard errors of an output whose prediction errors another
-output foretells: in simulated cases of this kind (Wood-Berry under its own feed disturbance) the bias was up to four
-of them."""
+"""Factor on the standard errors of an output whose prediction errors another output predicts, where no joint noise
+model is found: in simulated cases of this kind (Wood-Berry under its own feed disturbance) the bias was up to four
+standard errors."""
 JOINT_LARGEST_ORDER = 40
-"""Of the vector autoregression: n_y^2 coefficients an order soon outnumber the data."""
+"""Order of the vector autoregression, at most: each order has n_y^2 coefficients."""
 LARGEST_JACOBIAN = 60_000_000
-"""Entries: larger problems are left to the fit of each output alone."""
+"""Entries of the Jacobian of a joint fit, at most (480 MB): larger problems are fitted output by output."""
 JOINT_ITERATIONS = 40
-"""Steps of the joint fit, which begins at the fits of single outputs: those that settle need 5 to 15."""
+"""Steps of the joint fit, at most; it begins at the fits of single outputs."""
 JOINT_LAGS = 20
 """Lags beyond the order over which joint prediction errors are tested."""
 ONE_STEP_ROUNDS = 8
 """Gauss-Newton steps to the common estimate of windows, which begin near it."""
 ONE_STEP_SETTLED = 0.01
-"""In standard errors of the common estimate."""
+"""Step at which the common estimate counts as found, in its standard errors."""
 WINDOW_FLOOR = 1e-12
-"""Of the eigenvalues of a window's information: short windows may say nothing of some directions."""
+"""Least eigenvalue of a window's scaled information: short windows may not determine some directions."""
 
 # The estimators of the literature
 VARX_LAGS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
-"""The longest that the record affords is used."""
+"""Lags of a vector ARX model; the largest number that the record affords is used."""
 VARX_SPAN = 2.0
-"""The lags have to span so many times the slowest lag of a plant, and its dead time, for the plant to be tested."""
+"""The lags of a black box span so many times the slowest lag of a plant, and its dead time, or it is not tested."""
 SAMPLES_PER_COEFFICIENT = 8
-"""Rows for each coefficient of an output that a vector ARX model needs, or its covariance is too small."""
+"""Rows of data for each coefficient of an output that a vector ARX model needs."""
 VARX_TESTED = 12
-"""Frequencies at which a model is held against the response."""
+"""Frequencies at which a model is compared with the response of the black box."""
 VARX_RESOLVED = 1e-8
 """Share of the largest variance below which a direction of the response is not a measurement of its own."""
 SUBSPACE_LARGEST_ORDER = 40
-"""Order."""
+"""Order of a state-space model by subspace identification, at most."""
 SUBSPACE_INSIDE = 0.4
 """Least p-value over the elements from which a reduced response counts as the one that it reduces: at the edge of its
 error (0.05) the reduction would double that error at low frequencies."""
 PAPER_LARGEST_ORDER = 5
-"""Poles of the paper's error model: higher orders fit noise (its examples need 2 to 4)."""
+"""Poles of the paper's error model, at most: higher orders fit noise."""
 PAPER_FILTERS = 6
-"""Values of lambda tried."""
+"""Cut-off frequencies of the paper's filter that are tried."""
 PAPER_POINTS = 60
 """Frequencies at which the plant is reduced to its structures."""
 PAPER_FASTEST = 2.0
-"""Highest of them, relative to the model's fastest pole."""
+"""Highest frequency of that reduction, relative to the model's fastest pole."""
 
 # Instrumental variables
 ORDERS = ((1, 0, 0), (2, 0, 0), (2, 1, 0), (3, 1, 0), (3, 2, 0), (4, 1, 0), (1, 0, 1), (2, 0, 1))
-"""(poles, zeros, integrators) tried."""
+"""(poles, zeros, integrators) that are tried for an element."""
 ORDER_WHITENING = 8
-"""Order of the autoregressive model by which all candidates are weighed alike."""
+"""Order of the autoregressive noise model that all candidates share, so that their criteria compare."""
 ORDER_CLEAR = 10.0
 """Difference in the Bayesian criterion that counts as clear (Kass and Raftery 1995: very strong)."""
 CLSRIVC_ROUNDS = 30
-"""In which the simulated loop and the plant take turns, at most."""
+"""Rounds in which loop and plant are simulated and estimated in turn, at most."""
 LAG_GROWTH = 1.25
-"""Each block of set-point lags is that much longer than the one before."""
+"""Factor from each block of set-point lags to the next."""
 SETPOINT_MEMORY = 0.2
-"""Of a record: how far back set-points are remembered."""
+"""Share of a record over which inputs are projected on past set-points."""
 FILTER_CUTOFFS = 6
-"""Cut-off frequencies tried."""
+"""Cut-off frequencies of state-variable filters that are tried."""
 DEAD_TIME_GRID = 60
 """Dead times tried for an element."""
 DEAD_TIME_COARSE = 6
-"""Of these, at each sixth the filter is chosen; the one that was best of all serves for the rest."""
+"""The filter is chosen at each sixth dead time of that grid; the best one serves for the rest."""
 SCAN_ROUNDS = 4
-"""Of the iteration at each dead time of the grid: enough to rank them."""
+"""Iterations at each dead time of the grid: enough to rank them."""
 MINIMA_KEPT = 4
-"""Minima over dead time from which the whole fit is tried."""
+"""Minima over dead time from which the whole iteration is made."""
 HOPELESS = 3.0
-"""A minimum on the grid that costs so many times the best one is not tried."""
+"""A minimum over dead time whose cost is so many times the best one is left out."""
 FORGOTTEN = 1e-2
-"""Share of the start of a filter that no longer matters."""
+"""Share of the initial state of a filter that counts as forgotten."""
 ARMA_ORDERS = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (3, 0), (3, 1), (3, 2), (4, 0), (6, 0), (8, 0))
-"""Orders (p, q) from which one is chosen."""
+"""Orders (p, q) of ARMA noise models from which one is chosen."""
 LONGEST_AR = 60
 """Order of an autoregression of output errors, at most."""
 NOISE_ROUNDS = 20
-"""In which plant and noise model take turns, at most."""
+"""Rounds in which plant and noise model are estimated in turn, at most."""
 NOISE_SETTLED = 0.03
 """Steps, in standard errors, that no longer matter when plant and noise model take turns."""
 NEIGHBOUR_INTERVALS = (-2, -1, 1, 2)
 """Sample intervals beside that of a dead time in which a lower minimum is looked for."""
 INSTRUMENT_SETTLED = 1e-3
-"""Steps, in standard errors, that no longer matter."""
+"""Step of the instrumental-variable iteration at which it ends, in standard errors."""
 PSEUDOLINEAR_ROUNDS = 12
-"""Rounds after which the errors are left out of phi: Gauss-Newton steps, which converge from near by."""
+"""Rounds of pseudo-linear regression, which converge from far away; Gauss-Newton steps follow."""
 LONGEST_DEAD_TIME = 0.1
-"""Of the record."""
+"""Longest dead time that is searched where none is declared, as a share of the record."""
 ARX_LAGS = (8, 16, 32, 64)
-"""Lags tried."""
+"""Lags of the long ARX model that gives initial guesses."""
 ARX_MOST_SAMPLES = 6000
-"""Longer records are thinned out: the initial guess need not be efficient."""
+"""Samples of that model: longer records are decimated, as an initial guess need not be efficient."""
 ARX_HORIZON = 4
-"""The step responses are followed for that many times the lags."""
+"""Its step responses are followed for that many times its lags."""

@@ -12,7 +12,7 @@ from trueplant.identify.instrumental import with_initial_guess
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
 from trueplant.identify.row import Held, Spec
-from trueplant.identify.shared_disturbance import crossed_outputs, less_sure, together
+from trueplant.identify.shared_disturbance import predicted_outputs, together, widened_for_shared_disturbance
 from trueplant.identify.strides import Sampling, choose_block, choose_stride, samples_per_update, typical_lag
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix
@@ -76,7 +76,7 @@ def identify_matrix(
         if found is not None:
             estimates[i] = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
     if any(segment.closed for segment in segments):
-        return _with_crossed(estimates, confidence)
+        return _with_shared_disturbances(estimates, confidence)
     return estimates
 
 
@@ -103,15 +103,15 @@ def _criterion(found: OutputEstimate) -> float:
     return float(fit.count * np.log(cost / fit.count) + np.log(fit.count) * fit.ar.size)
 
 
-def _with_crossed(estimates: dict[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate]:
+def _with_shared_disturbances(estimates: dict[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate]:
     """The estimates, with what disturbances that reach several outputs ask for."""
-    crossed = crossed_outputs(estimates)
-    if not crossed:
+    predicted = predicted_outputs(estimates)
+    if not predicted:
         return estimates
     joint = together(estimates, confidence)
-    for i, others in crossed.items():
+    for i, others in predicted.items():
         if joint is None:
-            estimates[i] = less_sure(estimates[i], others, confidence)
+            estimates[i] = widened_for_shared_disturbance(estimates[i], others, confidence)
         else:
-            joint[i] = replace(joint[i], foretold_by=tuple(others))
+            joint[i] = replace(joint[i], predicted_by=tuple(others))
     return estimates if joint is None else joint

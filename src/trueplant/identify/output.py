@@ -47,7 +47,7 @@ class OutputEstimate:
     """Parameters whose estimate moves beyond its interval with the order of the noise model."""
     tests: ResidualTests
     validation: Validation | None
-    foretold_by: tuple[int, ...] = ()
+    predicted_by: tuple[int, ...] = ()
     """Other outputs whose past prediction errors predict this one's (`shared_disturbance`); the covariance knows."""
     unprofiled: Array | None = None
     """The covariance before it was widened for slow noise and to the profile intervals: wider single parameters would

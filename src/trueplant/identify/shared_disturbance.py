@@ -20,18 +20,18 @@ from trueplant.identify.output import OutputEstimate
 from trueplant.identify.portmanteau import correlogram
 
 
-def crossed_outputs(estimates: Mapping[int, OutputEstimate]) -> dict[int, list[int]]:
+def predicted_outputs(estimates: Mapping[int, OutputEstimate]) -> dict[int, list[int]]:
     """For each output the others whose past prediction errors foretell its own."""
     pairs = [(i, j) for i in estimates for j in estimates if i != j]
     found: dict[int, list[int]] = {}
     for i, j in pairs:
         here, there = estimates[i].tests, estimates[j].tests
-        if _foretells(here.t, here.e, there.t, there.e) * len(pairs) < levels.SHARED_DISTURBANCE:
+        if _relation_p(here.t, here.e, there.t, there.e) * len(pairs) < levels.SHARED_DISTURBANCE:
             found.setdefault(i, []).append(j)
     return found
 
 
-def _foretells(t: Array, e: Array, s: Array, x: Array) -> float:
+def _relation_p(t: Array, e: Array, s: Array, x: Array) -> float:
     """p-value that e is unrelated to the last SHARED_LAGS values of x, taken at the same instants."""
     common, at, of = np.intersect1d(np.round(t, 9), np.round(s, 9), return_indices=True)
     if common.size < 10 * levels.SHARED_LAGS:
@@ -60,7 +60,9 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
     return better
 
 
-def less_sure(estimate: OutputEstimate, others: Sequence[int], confidence: float) -> OutputEstimate:
+def widened_for_shared_disturbance(
+    estimate: OutputEstimate, others: Sequence[int], confidence: float
+) -> OutputEstimate:
     """The estimate with its standard errors and intervals as wide as such disturbances ask for."""
     extra = (levels.SHARED_FACTOR**2 - 1) * np.diag(estimate.covariance)
     intervals = np.array(
@@ -72,5 +74,5 @@ def less_sure(estimate: OutputEstimate, others: Sequence[int], confidence: float
     covariance = estimate.covariance * levels.SHARED_FACTOR**2
     unprofiled = None if estimate.unprofiled is None else estimate.unprofiled * levels.SHARED_FACTOR**2
     return replace(
-        estimate, covariance=covariance, intervals=intervals, unprofiled=unprofiled, foretold_by=tuple(others)
+        estimate, covariance=covariance, intervals=intervals, unprofiled=unprofiled, predicted_by=tuple(others)
     )

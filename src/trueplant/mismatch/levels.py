@@ -10,15 +10,15 @@ LARGEST_CONDITION = 1e7
 ABSENT_REFERENCE = 1e-10
 """Of a reference signal's strongest window: in a window with less it is not there."""
 MOST_MISSING = 0.1
-"""Share of missing PV samples that is still bridged by straight lines."""
+"""Share of missing PV samples up to which straight lines replace them."""
 FIRST_ORDER = 0.15
 """Relative noise of the loop's response up to which errors are carried to first order."""
 NEIGHBOURS = 4
-"""Lines to each side that tell how far noise hides the loop's response at a line."""
+"""Lines to each side over which the noise on the loop's response is averaged."""
 SPEAKS = 0.5
-"""Relative standard error below which a frequency says something."""
+"""Relative standard error below which a frequency says something of an element."""
 BAND_NEGLIGIBLE = 0.01
-"""Of an element's response: what local polynomials get wrong themselves, and never held against a plant."""
+"""Systematic error of local polynomials, relative to an element's response, that is never held against a plant."""
 WORST_CONDITION = 1e8
 """Above this condition number of the excitation matrix its inverse is rounding, not data."""
 SAME_MODE = 0.05
@@ -30,33 +30,33 @@ FEWEST_PERIODS = 3
 SHORTEST_PERIOD = 3
 """Samples of a period: one line below half the sampling rate."""
 SAME = 1e-6
-"""Of a signal's range: within it two samples count as equal."""
+"""Difference of two samples, relative to a signal's range, within which they count as equal."""
 COVERED = 0.5
 """Share of the time in which set-points move that has to belong to repetitions."""
 MINIMA = 60
-"""Lags that are looked into as periods."""
+"""Lags that are examined as periods, the likeliest first."""
 DIFFERS = 0.01
-"""Level at which a period is told from those after it, for all signals together."""
+"""Significance, over all signals together, at which a period differs from those after it."""
 TRANSIENT_NEGLIGIBLE = 1e-3
-"""Of the response's size: a period that is off by less is not a transient."""
+"""Difference of a period, relative to the response, that is no transient."""
 EXCITED = 1e-6
-"""Of the strongest line: weaker ones, and directions within a line, are rounding."""
+"""Strength relative to the strongest line below which lines, and directions within a line, are rounding."""
 
 # Coherence
 AVERAGES = 4
-"""Windows without overlap for each set-point, and as many more."""
+"""Windows for each set-point before overlap, and as many more."""
 SHORTEST_WINDOW = 16
-"""Samples of a window."""
+"""Samples of a window, at least."""
 HANN_OVERLAP = 1 / 36
 """Squared correlation of Hann windows that overlap by half."""
 ABSENT_POWER = 1e-14
-"""Of the set-points' greatest power: directions with less are rounding."""
+"""Power relative to that of the strongest set-point below which a direction is rounding."""
 UNRELATED = 0.05
 """Share of unrelated signals whose coherence exceeds the level that is given."""
 
 # From the response to parameters
 FIT_ROUNDS = 6
-"""Of putting the estimate in as the next model, at most."""
+"""Rounds in which the estimate becomes the next model, at most."""
 BEYOND_CORNER = 3.0
 """Times the corner frequency of the model's slowest element: where noise hides all below, gains read from the rest were
 wrong by many standard errors (joint form, simulated Wood-Berry, AR(2) disturbance)."""
@@ -69,7 +69,7 @@ GUESSES = 3
 SCALES = 14
 """Time scales on the grid of initial guesses."""
 DEAD_TIMES = (30, 150)
-"""Fewest and most on the grid, which reaches to 1/w of the lowest frequency where it can."""
+"""Fewest and most dead times on that grid, which reaches to 1/w of the lowest frequency where it can."""
 CLEAR_RESPONSE, LOUD = 3.0, 0.1
 """Standard errors from which a response is clear; share of the largest weighted response from which a frequency counts
 for the range of the grid."""

@@ -120,8 +120,8 @@ def _period(references: Sequence[Array], what: str) -> int:
             best, covered = lag, samples
     if covered < levels.COVERED * max(moving, 1):
         raise Refused(
-            f"the {what} do not repeat, sample by sample, at least {levels.FEWEST_PERIODS} times: averages over periods "
-            "need a period that is a whole number of samples; use the local polynomial method"
+            f"the {what} do not repeat, sample by sample, at least {levels.FEWEST_PERIODS} times: averages over "
+            "periods need a period that is a whole number of samples; use the local polynomial method"
         )
     return best
 

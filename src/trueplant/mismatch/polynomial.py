@@ -119,7 +119,7 @@ def fit_windows(
 
 
 def _bins(n_r: int, lengths: Sequence[int], spacing: float, poles: Sequence[complex]) -> int:
-    """Fewest bins of the longest record that leave `WINDOW_DOF`; a shorter one has fewer, and counts if any are left."""
+    """Fewest bins of the longest record that leave `WINDOW_DOF`; a shorter one counts if any of its are left."""
     relative = np.array(lengths) / max(lengths)
     for m in range(TERMS + 2, max(lengths)):
         left = np.floor(m * relative) - TERMS - _slow(poles, m * spacing).size

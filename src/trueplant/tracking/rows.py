@@ -23,7 +23,7 @@ from trueplant.identify import (
     unanswered,
 )
 from trueplant.identify.row import Piece
-from trueplant.identify.shared_disturbance import less_sure
+from trueplant.identify.shared_disturbance import widened_for_shared_disturbance
 from trueplant.record import Segment
 from trueplant.study.data.excitation import excited
 from trueplant.study.data.scan import without_hidden_dynamics
@@ -173,8 +173,8 @@ class FollowedRow:
         )
         if estimate is None:
             return replace(window, refusal="no PV can be used in this stretch")
-        if self.pilot.foretold_by:
-            estimate = less_sure(estimate, self.pilot.foretold_by, confidence)
+        if self.pilot.predicted_by:
+            estimate = widened_for_shared_disturbance(estimate, self.pilot.predicted_by, confidence)
         estimate = without_hidden_dynamics(self.study.hidden, self.output, estimate)
         estimates = {self.output: estimate}
         found = detect.elements_found(self.study.model, estimates)

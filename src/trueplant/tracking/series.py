@@ -124,7 +124,7 @@ class Followed:
             precise = np.array([1 / np.maximum(np.diag(w.estimate.covariance), 1e-300) for w in windows])
             start = np.sum(precise * [w.estimate.theta for w in windows], axis=0) / precise.sum(axis=0)
             steps = one_step(rows, [w.estimate.fit.ar for w in windows], start)
-            if self.row.pilot.foretold_by:
+            if self.row.pilot.predicted_by:
                 more = steps.common_covariance * SHARED_FACTOR**2
                 steps = replace(steps, covariance=steps.covariance * SHARED_FACTOR**2, common_covariance=more)
             self.steps[key] = steps

@@ -242,7 +242,7 @@ def _shortest(
         if one.output not in rows:
             estimate = estimates[one.output]
             fit = fit_at(estimate, unanswered(estimate))
-            told, ends = information(fit, u, bench.h, n_columns, not estimate.foretold_by)
+            told, ends = information(fit, u, bench.h, n_columns, not estimate.predicted_by)
             rows[one.output] = z * combined(estimate.covariance, told)
         widths.append(rows[one.output][:, one.index])
     after = np.array(widths)  # (asked, lengths)

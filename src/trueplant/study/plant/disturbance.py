@@ -121,7 +121,7 @@ def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float
     It stays as it is where that fit does not describe the record, and where it has been widened for what the fit does
     not know: experiments that disagree, disturbances that reach several outputs. `timing` as in `identify.Sampling`.
     """
-    known = estimate.foretold_by or estimate.jointly or estimate.disputed
+    known = estimate.predicted_by or estimate.jointly or estimate.disputed
     if fit is None or fit.whiteness_p < MISDESCRIBED or known:
         return estimate
     if not _same_elements(fit, estimate):

@@ -45,8 +45,8 @@ def notes_of(
     names = study.project.output_names
     experiments = {segment.experiment for segment in study.segments}
     for i, estimate in found.estimates.items():
-        if estimate.foretold_by:
-            told = ", ".join(names[j] for j in estimate.foretold_by)
+        if estimate.predicted_by:
+            told = ", ".join(names[j] for j in estimate.predicted_by)
             cost = (
                 "all outputs were estimated together with a noise model that allows for it"
                 if estimate.jointly
