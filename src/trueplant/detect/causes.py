@@ -1,4 +1,4 @@
-"""Tests that tell causes apart: common factors of gains, a changed disturbance, a shifted level."""
+"""Tests that distinguish causes: common factors of gains, a changed disturbance, a shifted level."""
 
 from __future__ import annotations
 

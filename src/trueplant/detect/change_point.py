@@ -26,7 +26,7 @@ from trueplant.identify.row import Row
 
 
 @dataclass(frozen=True, eq=False)
-class Switch:
+class ChangePoint:
     """The instant at which the row goes from one set of parameters to another."""
 
     time: float
@@ -35,7 +35,7 @@ class Switch:
     after: Array
     """(size,) parameters; those that were not allowed to change are equal."""
     gain: float
-    """Likelihood ratio of the switch against no change, as 2 log L."""
+    """Likelihood ratio of the change against none, as 2 log L."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def critical(confidence: float) -> float:
     return float(-2 * np.log(1 - np.sqrt(confidence)))
 
 
-def switch_time(
+def change_point(
     row: Row,
     clock: Array,
     before: Array,
@@ -71,7 +71,7 @@ def switch_time(
     ar: Array,
     search: tuple[float, float],
     confidence: float = 0.95,
-) -> Switch | None:
+) -> ChangePoint | None:
     """The best instant within `search` and its interval; None where the record has no place for one.
 
     `clock` (n_pieces,) is added to each piece's own time. `before` and `after` (size,) are initial guesses,
@@ -103,7 +103,7 @@ def switch_time(
         ar = _noise(errors, parts, row)
         if moved < levels.CHANGE_SETTLED:
             break
-    return Switch(best, interval, before, after, gain)
+    return ChangePoint(best, interval, before, after, gain)
 
 
 def _limited(theta: Array, step: Array) -> Array:
@@ -234,7 +234,7 @@ def _profile(filtered: _Filtered, places: NDArray[np.intp], threshold: float) ->
 
 
 def _noise(errors: Array, parts: _Parts, row: Row) -> Array:
-    """The noise model of the output errors, of the order that the Bayesian criterion asks for."""
+    """The noise model of the output errors, of the order that the Bayesian criterion chooses."""
     pieces = [parts.piece == k for k in range(len(row.pieces))]
     signals, valid = [errors[p] for p in pieces], [parts.valid[p] for p in pieces]
     return fit_ar(signals, valid, choose_order(signals, valid, levels.CHANGE_LARGEST_ORDER))[0]

@@ -24,7 +24,7 @@ def one_class(segments: Sequence[Segment], model: TransferMatrix, level: float =
     The reference trains a one-class support vector machine on the windows' impulse responses; here the class is a
     Gaussian: the means of the early and the late windows are compared by Hotelling's T-squared, of three points on the
     step response of each element from a least-squares ARX model of each output. The noise model of the windows is
-    compared likewise and said in the note, so that a change of the disturbance is told from one of the plant.
+    compared likewise and given in the note, which distinguishes a changed disturbance from a changed plant.
 
     This compares early with late data, not data with the model, and ARX models of short windows in closed loop
     without set-point changes are biased: as long as controller and disturbance stay, the bias is the same in all.

@@ -1,4 +1,4 @@
-"""The plant-model ratio over frequency: gain, dynamics and dead time told apart."""
+"""The plant-model ratio over frequency: gain, dynamics and dead time separately."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ class Signals:
 
 
 def signals_of(segments: Sequence[Segment], model: TransferMatrix) -> Signals:
-    """The longest segment that has set-point moves (OP moves in open loop), thinned out to at most MOST_LAGS lags.
+    """The longest segment that has set-point moves (OP moves in open loop), decimated to at most MOST_LAGS lags.
 
     Missing PVs are interpolated. What a record that starts in motion owes to its past is left out.
     Raises NotApplicable where nothing moves from outside or too little is left.

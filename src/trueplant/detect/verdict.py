@@ -2,7 +2,7 @@
 
 The elements are tested jointly over their answered parameters, and Holm's procedure (1979) keeps the
 chance of a single false alarm in the whole matrix at the level asked for. Within an element that has
-changed, its parameters are told apart by Holm's procedure again; a parameter is called changed only
+changed, its parameters are tested one by one with Holm's procedure again; a parameter is called changed only
 where its element is.
 """
 

@@ -1,4 +1,4 @@
-"""Plant and unmeasured disturbance told apart: prediction errors with the declared disturbance in the noise model.
+"""Plant and unmeasured disturbance estimated together, the declared disturbance in the noise model.
 
     y = sum_j G_j(p; theta) u_j + offset + free response + v,    v = declared disturbance + first order + white noise
 

@@ -19,7 +19,7 @@ from trueplant.disturbance.models import Part, System, ramps, system_of
 class Noise:
     """The declared disturbance, as large as the record shows it, with a background of white noise and a first order.
 
-    A declared std is the largest that is believed: `scale` (0..1) multiplies all of them. The background has
+    A declared std is an upper limit: `scale` (0..1) multiplies all of them. The background has
     standard deviation `std` and time constant `time_constant`; `white` is the standard deviation of the white noise.
     """
 

@@ -1,8 +1,8 @@
-"""Several experiments of one plant: do they agree, and what to believe if they do not.
+"""Several experiments of one plant: do they agree, and which estimate to take if they do not.
 
 Each experiment is fitted alone from the common estimate. Where the estimates differ by more than their
 covariances justify (Cochran's Q), the variance between runs is estimated by moments (DerSimonian and Laird
-1986) and added: the result is then the mean of the runs, and its interval speaks of their spread.
+1986) and added: the result is then the mean of the runs, and its interval covers their spread.
 """
 
 from __future__ import annotations

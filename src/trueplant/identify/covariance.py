@@ -40,12 +40,13 @@ def _level_variance(fit: RowFit) -> float:
 def initial_state_share(fit: RowFit) -> float:
     """Share of the covariance that is added to it in closed loop for operating points and initial states.
 
-    They are estimated from errors that come later, to which the controller has answered: with them taken along, the
-    errors are no longer free of what OP did before (Nickell 1981). One start is nothing; many gaps are not.
+    They are estimated from later errors, to which the controller has responded: the prediction errors are then no
+    longer independent of past OP, which biases the estimate (Nickell 1981). One initial state does not matter; many
+    gaps in a record do.
     """
     return float((levels.INITIAL_STATE_BIAS * fit.row.nuisance_count(fit.theta)) ** 2 / max(fit.count, 1))
 
 
 def least_variance(row: Row, theta: Array, timing: float) -> Array:
-    """(size,) variance below which no parameter is known: numbers are rounded, and so are instants (`timing`)."""
+    """(size,) variance that every parameter has at least: recorded numbers and instants (`timing`) are rounded."""
     return np.asarray((levels.RECORDED_DIGITS * np.abs(theta)) ** 2 + np.where(row.is_dead_time, timing**2, 0.0))

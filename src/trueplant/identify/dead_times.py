@@ -70,15 +70,15 @@ def _rivals(row: Row, theta: Array, ar: Array, weights: Array, index: int, reach
 
 
 def without_unseen_dead_times(fit: RowFit) -> RowFit:
-    """The fit with dead times held at 0 where the model has none and the record shows none.
+    """The fit with dead times fixed at 0 where the model has none and the record shows none.
 
-    A dead time next to its bound of 0 costs the time constant a good part of its accuracy (splitter column: 1.5 times
-    the bound). The record may still hide a small one: the caller counts how far the others move.
+    Estimating a dead time next to its bound of 0 makes the time constant much less certain (splitter column: 1.5 times
+    the Cramer-Rao bound). A small one may still be there: the caller adds how far the other parameters move with it.
     """
     for index in _undeclared(fit):
-        held = held_at(fit, np.array([index]), np.zeros(1))
-        if chi2.sf(rise(fit, held), 1) > levels.DEAD_TIME_UNSEEN:
-            fit = held
+        without = held_at(fit, np.array([index]), np.zeros(1))
+        if chi2.sf(rise(fit, without), 1) > levels.DEAD_TIME_UNSEEN:
+            fit = without
     return fit
 
 

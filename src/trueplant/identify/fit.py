@@ -17,7 +17,7 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.descent import Problem, descend
 from trueplant.identify.initial_state import Unknown
-from trueplant.identify.linear_algebra import eliminated, inverse, seen
+from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse
 from trueplant.identify.noise import lagged, whiten, whitened_valid
 from trueplant.identify.row import Row
 
@@ -43,7 +43,7 @@ class RowFit:
     """(n_pieces,) 1/relative standard deviation of the prediction errors in each piece."""
     converged: bool
     free: BoolArray
-    """(size,) parameters that could move; the others are held."""
+    """(size,) parameters that were estimated; the others are fixed."""
 
     @property
     def deviance(self) -> float:
@@ -52,7 +52,7 @@ class RowFit:
 
     @property
     def covariance(self) -> Array:
-        """(size, size) of theta; a variance beyond all measure where the data say nothing."""
+        """(size, size) of theta; a very large variance where the data do not determine a parameter."""
         n = self.theta.size
         return self.variance * inverse(self.information)[:n, :n]
 
@@ -110,7 +110,7 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tu
         response, gradient = row.response_and_gradient(theta, k)
         unknown = row.unknown(theta, k)
         v = np.where(valid, y - response, 0.0)
-        coefficients, basis = _told(unknown, v, ar, use)
+        coefficients, basis = _weights_of_unknowns(unknown, v, ar, use)
         v = np.where(valid, v - unknown.columns @ coefficients, 0.0)
         e = weights[k] * whiten(ar, v)[use]
         moved = whiten(ar, gradient + unknown.gradient(coefficients))
@@ -119,15 +119,15 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tu
         yield k, jacobian, e
 
 
-def _told(unknown: Unknown, v: Array, ar: Array, use: slice | BoolArray) -> tuple[Array, Array]:
-    """Weights (n_z,) of the unknowns in the output errors v (n,), 0 where these do not tell them, and what is spanned.
+def _weights_of_unknowns(unknown: Unknown, v: Array, ar: Array, use: slice | BoolArray) -> tuple[Array, Array]:
+    """Weights (n_z,) of the unknowns in the output errors v (n,), 0 where not identifiable, and what they span.
 
     The basis (n_used, rank) is that of the unknowns in the prediction errors that `use` picks.
     """
     columns, errors = whiten(ar, unknown.columns)[use], whiten(ar, v)[use]
-    told = seen(columns, errors, unknown.largest)
-    weights = np.zeros(told.size)
-    weights[told], basis = eliminated(columns[:, told], errors)
+    identifiable = identifiable_columns(columns, errors, unknown.largest)
+    weights = np.zeros(identifiable.size)
+    weights[identifiable], basis = eliminated(columns[:, identifiable], errors)
     return weights, basis
 
 
@@ -206,7 +206,7 @@ def residuals(fit: RowFit) -> list[tuple[Array, Array, BoolArray]]:
         e = np.full(y.size, np.nan)
         if y.size > order + 1 and (use := whitened_valid(order, valid)).any():
             unknown = row.unknown(fit.theta, k)
-            v = v - unknown.columns @ _told(unknown, v, fit.ar, use)[0]
+            v = v - unknown.columns @ _weights_of_unknowns(unknown, v, fit.ar, use)[0]
             e[order:][use] = whiten(fit.ar, np.where(valid, v, 0.0))[use]
         out.append((np.where(valid, v, np.nan), e, np.isfinite(e)))
     return out

@@ -1,4 +1,4 @@
-"""What a record does not tell of its start: free responses of the modes of a row, with their derivatives."""
+"""The unknown initial state of a record: free responses of the modes of a row, with their derivatives."""
 
 from __future__ import annotations
 

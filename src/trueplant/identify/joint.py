@@ -19,7 +19,7 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.descent import Descent, Problem, descend
 from trueplant.identify.fit import RowFit, residuals
-from trueplant.identify.linear_algebra import eliminated, inverse, seen
+from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse
 from trueplant.identify.noise import lagged, whitened_valid
 from trueplant.identify.portmanteau import correlogram
 from trueplant.identify.row import Row
@@ -164,9 +164,9 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
         filtered = [_filtered(ar, z, i) for i, z in enumerate(nuisance)]
         columns = _stacked(root, np.concatenate(filtered, axis=2), use)
         e = _stacked(root, _prediction_errors(ar, v)[:, :, None], use)[:, 0]
-        told = seen(columns, e[::n_y], np.concatenate([of_row.largest for of_row in unknown]))
-        columns, all_weights = columns[:, told], np.zeros(told.size)
-        all_weights[told], basis = eliminated(columns, e)
+        identifiable = identifiable_columns(columns, e[::n_y], np.concatenate([of_row.largest for of_row in unknown]))
+        columns, all_weights = columns[:, identifiable], np.zeros(identifiable.size)
+        all_weights[identifiable], basis = eliminated(columns, e)
         weights = np.split(all_weights, np.cumsum([z.shape[1] for z in nuisance])[:-1])
         v -= np.column_stack([z @ w for z, w in zip(nuisance, weights, strict=True)])
         v[~whole] = 0.0
@@ -225,8 +225,8 @@ def _stacked(root: Array, x: Array, use: BoolArray) -> Array:
 def fit_until_white(fits: Sequence[RowFit]) -> JointFit | None:
     """`fit_jointly` with an order beyond the one at which the prediction errors are white; None if none is.
 
-    What one output foretells of another can be nearly exact, and then takes a long autoregression to describe: what
-    the last lengthening moved is counted in the covariance.
+    One output may predict another almost exactly, which takes a long autoregression to describe: how far the last
+    increase of the order moved the estimate is added to its covariance.
     """
     fit = fit_jointly(fits)
     while fit is not None:

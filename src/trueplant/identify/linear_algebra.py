@@ -11,8 +11,8 @@ from trueplant.identify import levels
 def inverse(information: Array, floor: float = 1e-14) -> Array:
     """Inverse of an information matrix (n, n), scaled to a unit diagonal first.
 
-    `floor` is the least eigenvalue of the scaled matrix: a variance is beyond all measure, but finite, where the
-    data say nothing.
+    `floor` is the least eigenvalue of the scaled matrix: a variance is very large, but finite, where the
+    data do not determine a parameter.
     """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-80))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
@@ -39,11 +39,11 @@ def eliminated(columns: Array, target: Array) -> tuple[Array, Array]:
     return weights, basis
 
 
-def seen(columns: Array, errors: Array, largest: Array) -> BoolArray:
-    """Columns (n, m) whose amplitude the errors (n,) tell to better than how large (m,) it may be at all.
+def identifiable_columns(columns: Array, errors: Array, largest: Array) -> BoolArray:
+    """Which columns (n, m) have an amplitude that the errors (n,) determine to better than its largest value (m,).
 
-    A free response that the noise model cancels is not seen at all: left in, it would take on any amplitude, and the
-    output errors with it.
+    A free response that the noise model cancels does not show in the prediction errors: left in, it would take on any
+    amplitude, and the output errors with it.
     """
     size = np.linalg.norm(columns, axis=0) * largest
     moves = np.diff(errors)

@@ -1,4 +1,4 @@
-"""What another noise model would make of the same data."""
+"""How the estimate depends on the order of the noise model."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from trueplant.identify.validate import ResidualTests
 
 
 def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tuple[dict[int, Unanswered], Array]:
-    """What other noise models make of the same data.
+    """Estimates with noise models of other orders, compared with the one given.
 
-    Returns the parameters that move by more than chance and by more than a third, with a sentence each,
+    Returns the parameters that move by more than chance and by more than a third, with the reason,
     and (n,) how far each parameter moves where the prediction errors still follow the inputs: then the
     structure is too simple, every noise model weighs its error differently, and no one of them is right.
     """

@@ -52,7 +52,7 @@ class Piece:
     experiment: int
     h: float
     y: Array
-    """(N,) minus the response of the held elements; 0 where not valid."""
+    """(N,) minus the response of the fixed elements; 0 where not valid."""
     valid: BoolArray
     inputs: Array
     """(n_columns, N)."""
@@ -253,7 +253,7 @@ class Row:
         return lags
 
     def bounds(self) -> tuple[Array, Array]:
-        """Bounds of theta; lags far shorter than a sample cannot be told from none and end at a twentieth of one."""
+        """Bounds of theta; lags far shorter than a sample are not identifiable and end at a twentieth of one."""
         pairs = [(np.zeros(0), np.zeros(0)), *(s.structure.bounds() for s in self.specs)]
         low, high = np.concatenate([low for low, _ in pairs]), np.concatenate([high for _, high in pairs])
         h = self.pieces[0].h

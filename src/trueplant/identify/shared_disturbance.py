@@ -1,8 +1,8 @@
 """Disturbances that reach several outputs, and what they do to estimates with a noise model for each output.
 
 If a disturbance shows in one output before it reaches another, the controller acts on it in time, and OP is
-then related to the prediction errors of the other output: the direct fit is biased, and its covariance does
-not know.
+then correlated with the prediction errors of the other output: the direct fit is biased, and its covariance does
+not show it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from trueplant.identify.portmanteau import correlogram
 
 
 def predicted_outputs(estimates: Mapping[int, OutputEstimate]) -> dict[int, list[int]]:
-    """For each output the others whose past prediction errors foretell its own."""
+    """For each output the others whose past prediction errors predict its own."""
     pairs = [(i, j) for i in estimates for j in estimates if i != j]
     found: dict[int, list[int]] = {}
     for i, j in pairs:

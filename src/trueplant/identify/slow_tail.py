@@ -1,6 +1,6 @@
-"""Slow moves of the plant that its structure lacks: what the prediction errors say of them, and what they cost.
+"""Slow responses of the plant that its structure lacks: a test of the prediction errors, and the error they cause.
 
-Correlation with the last samples of an input (`residual_tests`) sees little of a response that goes on for hundreds of
+Correlation with the last samples of an input (`residual_tests`) hardly shows a response that lasts for hundreds of
 them: its share of each is small. G (lead s + 1)/(lag s + 1) with a slow lag is G at lead = lag, and the score test by
 the lead (Rao 1948) needs no fit of it.
 """
@@ -24,7 +24,7 @@ Indices = NDArray[np.intp]
 
 
 def slow_p(fit: RowFit) -> Array:
-    """(n_columns,) p-value that no element goes on moving slowly after what its structure describes.
+    """(n_columns,) p-value that no element responds more slowly than its structure describes.
 
     1 for inputs whose element is not estimated, integrates, or is so slow that the record does not show more.
     """

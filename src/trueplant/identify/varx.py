@@ -58,7 +58,7 @@ class Varx:
         that the data resolve; without w at `tested`. A plant estimated from the same data fits a little better than
         chance.
 
-        Raises Refused where the lags are too short for a plant this slow: it would be held against a bias.
+        Raises Refused where the lags are too short for a plant this slow: the test would find its own bias.
         """
         needed = max((_settling(element) for row in plant.elements for element in row), default=0.0)
         if self.lags * self.h < needed:

@@ -37,7 +37,7 @@ class FrequencyResponse:
 
     w: Array
     value: ComplexArray
-    """(n_w, n_y, n_u) continuous response G(jw), as well as samples tell it."""
+    """(n_w, n_y, n_u) continuous response G(jw), as far as samples determine it."""
     sampled: ComplexArray
     """(n_w, n_y, n_u) response between the samples of u and of y."""
     std: Array
@@ -325,7 +325,7 @@ def _spread(windows: Windows, left: ComplexArray, right: ComplexArray) -> Array:
 def _steadied(spread: Array, gram: ComplexArray) -> Array:
     """The spread (n_lines, 1) as neighbouring lines have it, on the whole, but for how strong each line is.
 
-    A line that is taken because its own spread came out small, or its response large, would be believed too much.
+    A line that is taken because its own spread came out small, or its response large, would get too small an error.
     """
     strength = np.linalg.slogdet(gram)[1] / (2 * gram.shape[1])
     size = np.log(np.maximum(spread[:, 0], 1e-300)) - strength

@@ -200,7 +200,7 @@ def _scaled(columns: ComplexArray) -> tuple[ComplexArray, Array]:
 
 
 def _smoothed(noise: ComplexArray) -> ComplexArray:
-    """Mean over each window and its neighbours: the noise spectrum is smoother than one window tells it."""
+    """Mean over each window and its neighbours: the noise spectrum is smoother than its estimate in one window."""
     if len(noise) < 3:
         return noise
     middle = (noise[:-2] + noise[1:-1] + noise[2:]) / 3

@@ -15,7 +15,7 @@ from scipy.stats import norm
 
 from trueplant.arrays import Array
 from trueplant.detect import holm
-from trueplant.detect.change_point import switch_time
+from trueplant.detect.change_point import change_point
 from trueplant.detect.since import History, Series, Shift, history, slope
 from trueplant.result import Change, Moved, TrackedElement
 from trueplant.study.study import Progress
@@ -126,7 +126,7 @@ def _dated(one: Followed, key: Key, tests: dict[Key, History], p: float, level: 
         changing[part] = spec.column == key.column or (stepped and near)
     ar = windows[last].estimate.fit.ar
     search = (around[0].start + one.row.settle / 5, around[-1].end - one.row.settle / 5)
-    found = switch_time(row.without_unseen(before), clock, before, after, changing, ar, search, 1 - level)
+    found = change_point(row.without_unseen(before), clock, before, after, changing, ar, search, 1 - level)
     if found is None:
         return Gap((rough[0] + rough[1]) / 2, rough, key.column, p)
     return Gap(found.time, found.interval, key.column, p)
