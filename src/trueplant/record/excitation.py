@@ -15,6 +15,7 @@ from trueplant.errors import DataError
 from trueplant.record import levels
 from trueplant.record.runs import true_runs
 from trueplant.record.sensor import quantum
+from trueplant.record.spectra import window_spectra
 from trueplant.record.types import Segment
 
 
@@ -112,10 +113,9 @@ def _spectral_matrix(moves: list[Array], h: float) -> tuple[Array, ComplexArray]
     for m in moves:
         if m.shape[0] < size:
             m = np.concatenate([m, np.zeros((size - m.shape[0], n))])
-        windows = np.lib.stride_tricks.sliding_window_view(m, size, axis=0)[:: max(1, size // 2)]
-        f = np.fft.rfft(windows * taper, axis=-1)
-        sums += np.einsum("lif,ljf->fij", f, f.conj())
-        count += windows.shape[0]
+        for f in window_spectra(m, taper, max(1, size // 2), centred=False):
+            sums += np.einsum("lfi,lfj->fij", f, f.conj())
+            count += f.shape[0]
     w = 2 * np.pi * np.fft.rfftfreq(size, h)
     spectrum = np.asarray(sums[1:] / (count * np.sum(taper**2)), dtype=complex)
     return np.asarray(w[1:], dtype=float), spectrum

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import norm
 
 from trueplant.detect import holm
-from trueplant.detect.change_point import switch_time
+from trueplant.detect.change_point import change_point
 from trueplant.detect.since import History, Series, Shift, history, slope
 from trueplant.result import Change, ChangeKind, ElementHistory, Moved, TrackedElement
 from trueplant.study.study import Progress
@@ -115,9 +115,9 @@ def _dated(one: Followed, key: Key, tests: dict[Key, History], p: float, level: 
         near = other is not None and around[0].start <= other.time <= around[-1].end
         changing[part] = spec.column == key.column or (stepped and near)
     ar = windows[last].estimate.fit.ar
-    unanswered = one.plan.settle / levels.UNDATED
-    search = (around[0].start + unanswered, around[-1].end - unanswered)
-    found = switch_time(row.without_unseen(before), clock, before, after, changing, ar, search, 1 - level)
+    undated = one.plan.settle / levels.UNDATED
+    search = (around[0].start + undated, around[-1].end - undated)
+    found = change_point(row.without_unseen(before), clock, before, after, changing, ar, search, 1 - level)
     if found is None:
         return Gap((rough[0] + rough[1]) / 2, rough, key.column, p)
     return Gap(found.time, found.interval, key.column, p)
@@ -257,5 +257,5 @@ def _why_untested(one: Followed, column: int, count: int) -> str:
         return "no window could be fitted"
     if count == 1:
         return "only one window answers for it: there is nothing to compare it with"
-    reasons = [why for w in one.fitted if column in w.found for why in w.found[column].reasons.values()]
+    reasons = [why.text for w in one.fitted if column in w.found for why in w.found[column].reasons.values()]
     return max(set(reasons), key=reasons.count) if reasons else "too few windows answer for it"

@@ -13,6 +13,7 @@ from trueplant.identify import (
     Held,
     OutputEstimate,
     Row,
+    Sampling,
     Spec,
     choose_stride,
     identify_matrix,
@@ -22,7 +23,7 @@ from trueplant.identify import (
     unanswered,
 )
 from trueplant.identify.row import Piece
-from trueplant.identify.shared_disturbance import less_sure
+from trueplant.identify.shared_disturbance import widened_for_shared_disturbance
 from trueplant.record import Segment
 from trueplant.study.data.excitation import excited
 from trueplant.study.data.scan import without_hidden_dynamics
@@ -180,15 +181,13 @@ class FollowedRow:
             self.specs,
             self.held,
             confidence=confidence,
-            stride=self.pilot.row.stride,
-            update=self.update,
-            timing=self.timing,
+            sampling=Sampling(self.pilot.row.stride, self.update, timing=self.timing),
             time_scale=settle / levels.SETTLED,
         )
         if estimate is None:
             return replace(window, refusal="no PV can be used in this stretch")
-        if self.pilot.foretold_by:
-            estimate = less_sure(estimate, self.pilot.foretold_by, confidence)
+        if self.pilot.predicted_by:
+            estimate = widened_for_shared_disturbance(estimate, self.pilot.predicted_by, confidence)
         estimate = without_hidden_dynamics(self.study.hidden, self.output, estimate)
         estimates = {self.output: estimate}
         found = detect.elements_found(self.study.model, estimates)
@@ -262,8 +261,7 @@ def _pilots(
 
 
 def _gain_unknown(estimate: OutputEstimate) -> bool:
-    names = estimate.row.names
-    return any(names[k].startswith(("gain", "slope")) for k in unanswered(estimate))
+    return bool(np.any(estimate.row.is_gain[list(unanswered(estimate))]))
 
 
 def _most_moves(study: Study, moves: Mapping[int, Array], samples: int) -> tuple[int, list[Segment]]:

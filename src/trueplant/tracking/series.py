@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from trueplant.arrays import Array
 from trueplant.detect.since import Series
 from trueplant.identify import OutputEstimate
+from trueplant.identify.levels import SHARED_FACTOR
 from trueplant.identify.onestep import OneStep, one_step
-from trueplant.identify.shared_disturbance import TIMES
 from trueplant.study.study import Progress
 from trueplant.tracking import levels
 from trueplant.tracking.rows import Fitted, FollowedRow, Plan
@@ -73,10 +73,10 @@ class Followed:
         windows = [w.found[column] for w in self.fitted if column in w.found]
         if not windows:
             return []
-        names = windows[0].spec.structure.names
-        share = [np.mean([k not in f.reasons for f in windows]) for k in range(len(names))]
-        kept = [k for k in range(len(names)) if share[k] >= levels.ANSWERED]
-        return kept if any(names[k].startswith(("gain", "slope")) for k in kept) else []
+        is_gain = windows[0].spec.structure.is_gain
+        share = [np.mean([k not in f.reasons for f in windows]) for k in range(is_gain.size)]
+        kept = [k for k in range(is_gain.size) if share[k] >= levels.ANSWERED]
+        return kept if np.any(is_gain[kept]) else []
 
     def inside(self, section: tuple[float, float]) -> list[Fitted]:
         return [w for w in self.fitted if w.start >= section[0] and w.end <= section[1]]
@@ -141,8 +141,8 @@ class Followed:
             precise = np.array([1 / np.maximum(np.diag(w.estimate.covariance), 1e-300) for w in windows])
             start = np.sum(precise * [w.estimate.theta for w in windows], axis=0) / precise.sum(axis=0)
             steps = one_step(rows, [w.estimate.fit.ar for w in windows], start)
-            if self.row.pilot.foretold_by:
-                more = steps.common_covariance * TIMES**2
-                steps = replace(steps, covariance=steps.covariance * TIMES**2, common_covariance=more)
+            if self.row.pilot.predicted_by:
+                more = steps.common_covariance * SHARED_FACTOR**2
+                steps = replace(steps, covariance=steps.covariance * SHARED_FACTOR**2, common_covariance=more)
             self.steps[key] = steps
         return self.steps[key]

@@ -124,8 +124,8 @@ def _notes(followed: list[Followed]) -> list[Reason]:
     notes = []
     for one in followed:
         output = one.row.study.project.output_names[one.row.output]
-        if one.row.pilot.foretold_by:
-            told = ", ".join(one.row.study.project.output_names[j] for j in one.row.pilot.foretold_by)
+        if one.row.pilot.predicted_by:
+            told = ", ".join(one.row.study.project.output_names[j] for j in one.row.pilot.predicted_by)
             text = f"a disturbance reaches {told} before it reaches {output}: standard errors were widened for that"
             notes.append(Reason("crossed", text, output))
         if one.plan.demand.precision and not np.isfinite(one.plan.demand.limits).any():

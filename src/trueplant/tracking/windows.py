@@ -16,7 +16,6 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.identify import Row, RowFit
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.noise import whiten, whitened_valid
-from trueplant.identify.search import dead_time_of, felt_lag, lag_of
 from trueplant.record import Segment
 from trueplant.tracking import levels
 
@@ -89,10 +88,11 @@ def demand_of(fit: RowFit, answered: Sequence[int], columns: Sequence[str], prec
     """Gains, slopes, first time constants and dead times of the elements that the pilot has found."""
     names = fit.row.names
     inputs = [columns[spec.column] for spec in fit.row.specs for _ in spec.structure.names]
-    size = np.abs(fit.theta) + felt_lag(fit)
+    size = np.abs(fit.theta) + fit.row.lag_of_dead_times(fit.theta)
     limits = np.full(fit.theta.size, np.inf)
+    wanted = fit.row.is_gain | fit.row.is_dead_time
     for k in answered:
-        if names[k].startswith(("gain", "slope", "dead")) or names[k] == "tau1":
+        if wanted[k] or names[k] == "tau1":
             limits[k] = precision * size[k]
     words = tuple(f"{name.replace('_', ' ')} of {column}" for name, column in zip(names, inputs, strict=True))
     return Demand(limits, words, precision, levels.LEAST_SETTLINGS * settling(fit))
@@ -102,8 +102,8 @@ def settling(fit: RowFit) -> float:
     """How long a move keeps showing: some lags and the dead time of the slowest element."""
     times = [fit.row.pieces[0].h]
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        p, names = fit.theta[part], spec.structure.names
-        times.append(levels.SETTLED * lag_of(names, p) + dead_time_of(names, p))
+        p = fit.theta[part]
+        times.append(levels.SETTLED * spec.structure.lag(p) + spec.structure.longest_dead_time(p))
     return float(max(times))
 
 

@@ -104,9 +104,9 @@ def _grid(structure: Structure, parameters: Array) -> Array:
     except LoopError:
         return frequencies(plants, per_decade=levels.UNCERTAIN_PER_DECADE)
     low, high = found.min() / levels.UNCERTAIN_BELOW, found.max() * levels.UNCERTAIN_ABOVE
-    damping = [parameters[:, k].min() for k, name in enumerate(structure.names) if name.startswith("zeta")]
+    damping = float(np.min(parameters[:, structure.is_damping], initial=1.0))
     # half the width of the sharpest resonance
-    density = max(levels.UNCERTAIN_PER_DECADE, 2 * np.log(10) / max(min(damping, default=1.0), levels.SHARPEST))
+    density = max(levels.UNCERTAIN_PER_DECADE, 2 * np.log(10) / max(damping, levels.SHARPEST))
     return np.geomspace(low, high, int(np.ceil(density * np.log10(high / low))))
 
 
