@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from trueplant.report.detected import detected
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.labels import label
 from trueplant.report.numbers import number, probability
-from trueplant.result import Curves, Result, RetuningCurves, Trend
+from trueplant.result import Curves, Residuals, Result, RetuningCurves, Trend
 
 if TYPE_CHECKING:
     import jinja2
@@ -196,52 +196,20 @@ def _figures(curves: Curves, book: Book, z: float) -> dict[str, Any]:
     from trueplant.report import captions, figures
 
     limit = _points(curves)
-    pairs = [[(i, j) for j in range(len(curves.inputs))] for i in range(len(curves.outputs))]
-
-    def matrix(model: Any, plant: Any, draw: Any, say: Any) -> list[tuple[str, list[Drawn], list[str]]]:
-        rows = []
-        for i, row in enumerate(pairs):
-            active = [(i, j) for _, j in row if figures.has_response(model[:, i, j], plant[:, i, j])]
-            drawn = [
-                book.add(draw(i, j), f"{curves.inputs[j]} → {curves.outputs[i]}", say(curves, i, j)) for i, j in active
-            ]
-            rows.append((curves.outputs[i], drawn, [curves.inputs[j] for _, j in row if (i, j) not in active]))
-        return rows
-
-    steps = matrix(
-        curves.step_model,
-        curves.step_plant,
-        lambda i, j: figures.step_response(curves, i, j),
-        captions.step_response,
+    steps = _matrix(
+        curves,
+        (curves.step_model, curves.step_plant),
+        lambda i, j: (figures.step_response(curves, i, j), captions.step_response(curves, i, j)),
+        book,
     )
     shown = [(t, _trend_figures(curves, t, book, limit)) for t in curves.trends]
-    bodes = matrix(
-        curves.bode_model,
-        curves.bode_plant,
-        lambda i, j: figures.bode(curves, i, j, z),
-        captions.bode,
+    bodes = _matrix(
+        curves,
+        (curves.bode_model, curves.bode_plant),
+        lambda i, j: (figures.bode(curves, i, j, z), captions.bode(curves, i, j)),
+        book,
     )
-    residuals = []
-    for found in curves.residuals:
-        unit = dict(zip(curves.outputs, curves.output_units, strict=True)).get(found.output, "")
-        over_time = book.add(
-            figures.residuals_over_time(found, unit, curves.time_unit, limit),
-            f"Prediction errors of {found.output}",
-            captions.residuals_over_time(found, unit),
-        )
-        pairs_of_lags = [("Autocorrelation", found.lags, found.acf, found.acf_bound, found.lags != 0)] + [
-            (f"Correlation with {name}", found.ccf_lags, value, found.ccf_bound, np.ones(value.size, dtype=bool))
-            for name, value in found.ccf.items()
-        ]
-        correlations = [
-            book.add(
-                figures.correlation(lags, value, bound),
-                title,
-                captions.correlation(lags[told], value[told], bound),
-            )
-            for title, lags, value, bound, told in pairs_of_lags
-        ]
-        residuals.append((found.output, over_time, correlations))
+    residuals = [_residual_figures(curves, found, book, limit) for found in curves.residuals]
     explained = curves.coherence
     coherences = [
         book.add(figures.coherence(curves, explained, i), name, captions.coherence(curves, explained, i))
@@ -267,6 +235,49 @@ def _figures(curves: Curves, book: Book, z: float) -> dict[str, Any]:
         "has_points": bool(np.isfinite(curves.np_value).any()),
         "time_unit": curves.time_unit,
     }
+
+
+def _matrix(
+    curves: Curves, both: tuple[Any, Any], draw: Callable[[int, int], tuple[Any, str]], book: Book
+) -> list[tuple[str, list[Drawn], list[str]]]:
+    """For each output its figures, and the inputs that neither model nor plant answers to.
+
+    both: the curves (n, n_y, n_u) of model and plant; draw: figure and caption of an element.
+    """
+    from trueplant.report import figures
+
+    rows = []
+    for i, output in enumerate(curves.outputs):
+        drawn, still = [], []
+        for j, name in enumerate(curves.inputs):
+            if figures.has_response(both[0][:, i, j], both[1][:, i, j]):
+                figure, caption = draw(i, j)
+                drawn.append(book.add(figure, f"{name} → {output}", caption))
+            else:
+                still.append(name)
+        rows.append((output, drawn, still))
+    return rows
+
+
+def _residual_figures(curves: Curves, found: Residuals, book: Book, limit: int) -> tuple[str, Drawn, list[Drawn]]:
+    """The prediction errors of one output over time, and their correlations."""
+    from trueplant.report import captions, figures
+
+    unit = dict(zip(curves.outputs, curves.output_units, strict=True)).get(found.output, "")
+    over_time = book.add(
+        figures.residuals_over_time(found, unit, curves.time_unit, limit),
+        f"Prediction errors of {found.output}",
+        captions.residuals_over_time(found, unit),
+    )
+    pairs_of_lags = [("Autocorrelation", found.lags, found.acf, found.acf_bound, found.lags != 0)] + [
+        (f"Correlation with {name}", found.ccf_lags, value, found.ccf_bound, np.ones(value.size, dtype=bool))
+        for name, value in found.ccf.items()
+    ]
+    correlations = [
+        book.add(figures.correlation(lags, value, bound), title, captions.correlation(lags[told], value[told], bound))
+        for title, lags, value, bound, told in pairs_of_lags
+    ]
+    return found.output, over_time, correlations
 
 
 def _trend_figures(curves: Curves, trend: Trend, book: Book, limit: int) -> list[Drawn]:
