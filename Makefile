@@ -46,7 +46,7 @@ oracle: .venv/ready-dev
 	$(PIP) install uv
 	$(BIN)/uv venv --quiet --clear --python $(BIN)/python .venv-oracle
 	$(BIN)/uv pip install --quiet --python .venv-oracle/bin/python -e '.[test,hinf]'
-	.venv-oracle/bin/python -m pytest -q tests/test_mu.py tests/test_tune_state_space.py
+	.venv-oracle/bin/python -m pytest -q tests/robust/test_mu.py tests/tune/test_state_space.py
 
 # Pinned versions with hashes; no address of a package index gets into them.
 COMPILE := $(BIN)/python -m piptools compile --quiet --strip-extras --allow-unsafe --generate-hashes \

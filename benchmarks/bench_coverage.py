@@ -20,7 +20,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
+from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant import plants
 from trueplant.identify import identify_matrix, specs_of, unanswered
 from trueplant.loop import simulate
