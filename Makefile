@@ -13,20 +13,25 @@ endif
 # One thread a process: the tests run on all cores already.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test check bench docs lowest oracle lock clean
+.PHONY: demo test test-all check bench docs lowest oracle lock clean
 .DELETE_ON_ERROR:
 
 demo: .venv/ready
 	$(BIN)/trueplant demo splitter
 
+# Below five minutes on two idle cores: all but what pytest's marker `slow` names.
 test: .venv/ready-dev
-	$(BIN)/python -m pytest -q -n 2
+	$(BIN)/python -m pytest -q -n 2 --dist loadscope -m "not slow"
+
+# Quick and slow tests, each once.
+test-all: .venv/ready-dev
+	$(BIN)/python -m pytest -q -n 2 --dist worksteal
 
 check: .venv/ready-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
-	$(BIN)/python -m pytest -q -n 2 --doctest-modules tests src
+	$(BIN)/python -m pytest -q -n 2 --dist loadscope -m "not slow" --doctest-modules tests src
 
 bench: .venv/ready-dev
 	@set -e; for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python "$$file"; done

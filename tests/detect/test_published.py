@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from support.chance import most
 from support.simulated import BLT, coloured, segment_of
 from trueplant import detect, plants
 from trueplant.detect.signals import model_error
@@ -153,7 +154,10 @@ def test_unknown_detector_is_named():
 
 
 def test_thresholds_hold_for_the_whole_matrix_in_open_loop():
-    """OP moved at random, no mismatch, coloured noise: about 5 % of records show a flag (at most 12 of 100)."""
+    """OP moved at random, no mismatch, coloured noise: about 5 % of records show a flag.
+
+    100 seeded runs, at most 11 flags: passes with 0.996 at that level, with 0.013 at 20 %.
+    """
     flags = 0
     for seed in range(100):
         rng = np.random.default_rng(seed)
@@ -162,4 +166,4 @@ def test_thresholds_hold_for_the_whole_matrix_in_open_loop():
         sim = simulate(model, None, np.zeros((600, 1)), 1.0, u=u, v=coloured(rng, 600, 1, [1, -0.8], [1], 0.5))
         segment = replace(segment_of(sim), closed=False)
         flags += bool(detect.published("partial-correlation", [segment], model).flagged.any())
-    assert flags <= 12
+    assert flags <= most(100, 0.05)

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom, chi2
 
+from support.chance import most
 from support.changing import PARAMETERS, changing_wood_berry, varying_lag
 from support.simulated import WOOD_BERRY, segment_of
 from trueplant.detect.change_point import critical, switch_time
@@ -31,6 +32,7 @@ def series(rng: np.random.Generator, count: int, shape: Array | float = 0.0, sca
 
 
 def test_chance_alone_is_called_a_change_as_often_as_asked() -> None:
+    """300 seeded runs, 5 to 28 alarms: passes with 0.998 at the level of 5 %, with less than 1e-6 at 20 %."""
     rng = np.random.default_rng(1)
     runs = 300
     alarms = sum(history(series(rng, count), draws=200).p_value < 0.05 for count in [2, 3, 5, 8, 15, 30] * (runs // 6))
@@ -66,12 +68,21 @@ def test_two_windows_cannot_tell_a_step_from_a_drift() -> None:
 
 
 def test_scatter_beyond_the_covariances_is_counted_and_not_called_a_change() -> None:
+    """400 seeded series, at most 44 changes: passes with more than 0.999 at 5 %, with less than 1e-6 at 20 %.
+
+    It passes with 0.997 at 7 %, which is what comes out of a thousand: the factor is itself an estimate.
+    """
     rng = np.random.default_rng(5)
-    found = [history(series(rng, 24, scatter=2.5), draws=150) for _ in range(100)]
+    found = [history(series(rng, 24, scatter=2.5), draws=150) for _ in range(400)]
     assert np.median([h.scatter for h in found]) == pytest.approx(2.5, rel=0.2)
-    assert sum(h.p_value < 0.05 for h in found) <= 15  # 100 without the factor
-    plain = [history(series(rng, 24), draws=150).scatter for _ in range(100)]
-    assert sum(s > 1 for s in plain) <= 5
+    assert sum(h.p_value < 0.05 for h in found) <= 44  # 400 without the factor
+
+
+def test_scatter_that_the_covariances_explain_is_not_counted() -> None:
+    """400 seeded series, at most 9 with a factor: passes with 0.992 at the level of 1 %, with 0.040 at 4 %."""
+    rng = np.random.default_rng(15)
+    plain = [history(series(rng, 24), draws=10).scatter for _ in range(400)]
+    assert sum(s > 1 for s in plain) <= most(400, 0.01)
 
 
 def test_step_does_not_count_as_scatter() -> None:
@@ -124,17 +135,19 @@ def test_simulated_element_that_does_not_change_is_the_exact_one() -> None:
         assert np.max(np.abs(own - sampled_response(WOOD_BERRY[i, j], u, 1.0))) < 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "size"), [("gain", 0.2), ("tau", 0.5)])
 def test_instant_is_covered(kind: str, size: float) -> None:
-    """24 simulated records each with a change of the process at a known sample, AR(1) disturbance.
+    """80 simulated records each with a change of the process at a known sample, AR(1) disturbance.
 
-    The interval speaks of 95 %: at least 20 of 24 have to cover (chance of fewer: 0.7 %), and it has to say something.
+    The interval speaks of 95 %: at most 9 miss, which passes with 0.993 at that level and with 0.029 at 80 %. It also
+    has to say something.
     """
     specs = tuple(Spec(j, FOPDT, PARAMETERS[0, j]) for j in range(2))
     changing = np.array([True] * 3 + [False] * 3)
     covered, widths = 0, []
-    for seed in range(24):
-        at = 450 + 12 * seed
+    for seed in range(80):
+        at = 450 + 12 * (seed % 24)
         factor = np.where(np.arange(1200) >= at, 1 + size, 1.0)
         sim = changing_wood_berry(seed, 1200, (0, 0), **{kind: factor})
         piece = pieces_of([segment_of(sim)], 0)[0]
@@ -146,7 +159,7 @@ def test_instant_is_covered(kind: str, size: float) -> None:
         # sample `at` is the first that the new process drives; PV shows it from the next on
         covered += found.interval[0] <= at + 1 and at <= found.interval[1]
         widths.append(found.interval[1] - found.interval[0])
-    assert covered >= 20
+    assert 80 - covered <= most(80, 0.05)
     assert np.median(widths) < 250
 
 

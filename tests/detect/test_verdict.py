@@ -16,6 +16,7 @@ def test_holm_is_its_definition():
 
 
 def test_false_alarms_over_the_matrix_are_at_the_level_or_below():
+    """2,000 matrices: passes with 0.9999 at the level of 5 %, with less than 1e-6 at 20 %."""
     rng = np.random.default_rng(11)
     root = np.tril(rng.standard_normal((3, 3))) + 2 * np.eye(3)
     covariance = root @ root.T

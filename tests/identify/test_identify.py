@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from support.chance import most
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant.identify import Held, Options, Row, Spec, estimate_row, fit_row, identify_output, pieces_of, unanswered
 from trueplant.identify.fit import residuals
@@ -35,8 +36,12 @@ def test_exact_without_noise(i):
     assert np.max(np.abs(fit.theta / truth(i) - 1)) < 1e-7
 
 
+@pytest.mark.slow
 def test_rms_error_is_at_the_bound_and_intervals_cover():
-    """40 seeded runs; the thousand of them are in benchmarks/bench_wood_berry.py."""
+    """40 seeded runs; the thousand of them are in benchmarks/bench_wood_berry.py.
+
+    The coverage passes with 0.996 at the level of 5 %, with less than 1e-3 at 20 % (parameters correlated as here).
+    """
     runs, z, squared, bound = 40, [], 0.0, 0.0
     for seed in range(runs):
         segment = segment_of(wood_berry(seed))
@@ -205,13 +210,15 @@ def test_an_input_that_stands_still_is_not_answered():
     assert {3, 4, 5} <= set(unanswered(estimate))
 
 
+@pytest.mark.slow
 def test_profile_interval_of_a_dead_time_covers():
-    hits, runs = 0, 40
+    """80 seeded runs, at most 9 misses: passes with 0.993 at the level of 5 %, with 0.029 at 20 %."""
+    hits, runs = 0, 80
     for seed in range(100, 100 + runs):
         row = Row(tuple(started_wrong(0)), pieces_of([segment_of(wood_berry(seed, samples=800))], 0))
         low, high = profile_interval(estimate_row(row, 15.0), 2, 0.95)
         hits += low < 1.4 < high
-    assert hits >= 34  # binomial, 40 at 0.95: 34 or more in 99.8 % of the cases
+    assert runs - hits <= most(runs, 0.05)
 
 
 def test_order_of_an_autoregression_is_found():

@@ -117,6 +117,7 @@ def test_noise_free_records_give_the_plant_exactly():
     np.testing.assert_allclose(fit.theta, [1 / 3, 2 / 3, 1.234], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_irregular_and_missing_samples_lose_nothing():
     """Noise-free, PV and OP at random instants, a fifth of the PVs missing: exact all the same."""
     rng = np.random.default_rng(4)
@@ -211,6 +212,7 @@ def test_equation_error_is_biased_and_its_instrument_is_not(rao_garnier_runs):
     assert 0.6 < claimed / spread < 1.6
 
 
+@pytest.mark.slow
 def test_closed_loop_under_coloured_noise():
     """10 runs at 10 dB: SRIVC's b0 is biased, CLSRIVC (also with a wrong controller), two-stage and RIVC are not."""
     runs = [closed_loop_record(seed, "coloured") for seed in range(10)]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import binom, kstest
+from scipy.stats import kstest
 
+from support.chance import most
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Spec, identify_output
 from trueplant.identify.slow_tail import slow_p
@@ -32,10 +33,12 @@ def tails():
     return [found(TAIL, seed) for seed in range(8)]
 
 
+@pytest.mark.slow
 def test_level_is_that_of_the_test_where_the_structure_is_the_plants():
-    p = np.array([found(FAST, seed, samples=800).slow_p[0] for seed in range(50)])
-    assert kstest(p, "uniform").pvalue > 0.01
-    assert np.sum(p < 0.05) <= binom.ppf(0.99, p.size, 0.05)
+    """80 seeded runs, at most 9 below 5 %, and uniform: passes with 0.992 at that level, with 0.029 at 20 %."""
+    p = np.array([found(FAST, seed, samples=800).slow_p[0] for seed in range(80)])
+    assert kstest(p, "uniform").pvalue > 0.001
+    assert np.sum(p < 0.05) <= most(80, 0.05)
 
 
 def test_slow_tail_is_seen_where_correlation_over_its_first_samples_sees_nothing(tails):

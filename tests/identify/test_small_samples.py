@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from support.chance import most
 from support.simulated import WOOD_BERRY, random_switching, segment_of, wood_berry
 from trueplant.identify import Spec, identify_matrix, identify_output, specs_of
 from trueplant.identify.small import inflation, widening_by_starts
@@ -26,10 +27,11 @@ def estimated(plant: str, start: tuple[float, float, float], seed: int, samples:
     return identify_output([segment_of(record)], 0, [Spec(0, FOPDT, start)])
 
 
+@pytest.mark.slow
 def test_no_dead_time_is_read_into_a_record_that_shows_none():
-    """Of 12 records one in twenty would show one by chance."""
-    dead = np.array([estimated("2/(12 s + 1)", (1.6, 15.0, 0.0), seed).theta[2] for seed in range(12)])
-    assert np.sum(dead > 0) <= 2
+    """80 seeded runs, at most 9 with one: passes with 0.993 at the level of 5 %, with 0.029 at 20 %."""
+    dead = np.array([estimated("2/(12 s + 1)", (1.6, 15.0, 0.0), seed).theta[2] for seed in range(80)])
+    assert np.sum(dead > 0) <= most(80, 0.05)
 
 
 def test_its_interval_still_says_how_large_it_could_be():
@@ -60,8 +62,13 @@ def test_slow_noise_widens_more_than_fast_noise_and_short_records_more_than_long
     assert inflation(wandering, 0.95) > 1.5
 
 
+@pytest.mark.slow
 def test_many_gaps_in_closed_loop_are_allowed_for():
-    """Of every 60 samples 8 are lost."""
+    """Of every 60 samples 8 are lost.
+
+    8 seeded runs of 12 parameters: the coverage passes with 0.79 at the level of 5 %, with 0.008 at 20 % (parameters
+    correlated as here). It is measured by `benchmarks/bench_coverage.py --only gaps`; a run takes seconds.
+    """
     covered, plain = [], []
     for seed in range(8):
         whole = segment_of(wood_berry(seed, 1000))

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from support.chance import most
 from support.simulated import BLT, WOOD_BERRY, random_switching, segment_of, wood_berry
 from trueplant.errors import Refused, UsageError
 from trueplant.identify.subspace import subspace
@@ -61,21 +62,26 @@ def test_response_is_unbiased_in_closed_loop_and_as_sure_as_it_says(runs):
     assert np.median(reduced_error / spread) < 1.15
 
 
-def test_model_test_is_calibrated_and_finds_what_changed(runs):
-    """On the true plant p-values are uniform; a gain 30 % up is found in its element and rejected nowhere else."""
+@pytest.mark.slow
+def test_model_test_is_calibrated_and_finds_what_changed():
+    """On the true plant p-values are uniform; a gain 30 % up is found in its element and rejected nowhere else.
+
+    80 seeded runs of 4 elements, at most 26 of 320 below 5 %, and at most 20 of 240 in the elements that have not
+    changed: each passes with more than 0.99 at that level, with less than 1e-3 at 20 %.
+    """
     changed = TransferMatrix((WOOD_BERRY.elements[0], (WOOD_BERRY[1, 0], WOOD_BERRY[1, 1] * 1.3)), WOOD_BERRY.time_unit)
     true, wrong = [], []
-    for segment in runs:
-        model = varx([segment], LAGS)
+    for seed in range(80):
+        model = varx([segment_of(wood_berry(seed, samples=4000))], LAGS)
         true.append(model.test(WOOD_BERRY, HOLD)[0])
         wrong.append(model.test(changed, HOLD)[0])
     p = np.array(true)
-    # uniform: mean 0.5 with standard error 0.08 for each element; 5 % of 48 below 0.05
-    assert np.all(np.abs(p.mean(axis=0) - 0.5) < 0.3)
-    assert np.mean(p < 0.05) < 0.12
+    # uniform: mean 0.5 with standard error 0.03 for each element
+    assert np.all(np.abs(p.mean(axis=0) - 0.5) < 0.12)
+    assert np.sum(p < 0.05) <= most(320, 0.05)
     found = np.array(wrong) < 0.05
     assert found[:, 1, 1].mean() > 0.9
-    assert np.all(found[:, [0, 0, 1], [0, 1, 0]].mean(axis=0) < 0.2)
+    assert np.sum(found[:, [0, 0, 1], [0, 1, 0]]) <= most(240, 0.05)
 
 
 def test_gaps_and_several_records_are_taken_along(runs):

@@ -62,7 +62,10 @@ def test_two_white_setpoints_give_the_known_share_of_signal_in_the_whole():
 
 @pytest.mark.parametrize("n_r", [1, 2, 3])
 def test_noise_alone_exceeds_the_level_in_one_of_twenty(n_r):
-    """40 seeded records of AR(1) noise beside set-points that switch at random: 5 % over frequencies and runs."""
+    """40 seeded records of AR(1) noise beside set-points that switch at random: 5 % over frequencies and runs.
+
+    Passes with more than 0.999 at that level, with less than 1e-6 at 20 %.
+    """
     above, partial, count = 0, 0, 0
     for seed in range(40):
         rng = np.random.default_rng(seed)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import f as fisher
 
+from support.chance import most
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant.errors import LoopError, Refused, UsageError
 from trueplant.loop import PID, Controller, simulate
@@ -86,7 +87,8 @@ def test_open_loop_inputs_that_repeat_give_the_exact_sampled_response():
 def test_errors_over_their_standard_error_are_complex_normal(method, how, std):
     """25 seeded runs, 12 degrees of freedom: |error|^2/std^2 has the F distribution with 2 and 24 degrees.
 
-    About 2,900 lines x 4 elements where all are reliable; elements of a row and a line share their noise.
+    About 2,900 lines x 4 elements where all are reliable; elements of a row and a line share their noise. Passes with
+    more than 0.999 at the level of 5 %, with less than 1e-3 at 20 %, counted as 2,900 alone.
     """
     inside, left_out = [], []
     for seed in range(25):
@@ -108,17 +110,21 @@ def test_a_drift_that_all_periods_share_is_taken_out():
     np.testing.assert_allclose(found.sampled, still.sampled, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["joint", "closed-form"])
 def test_intervals_of_parameters_cover_the_truth(method):
-    """80 seeded runs of 10 periods with AR(1) noise, from a model that is 20 % off."""
+    """100 seeded runs of 10 periods with AR(1) noise, from a model that is 20 % off.
+
+    At most 11 misses: each parameter passes with 0.996 at the level of 5 %, with 0.013 at 20 %.
+    """
     scaled = []
-    for seed in range(80):
+    for seed in range(100):
         fit = fit_locally([one_loop(10, seed)], {(0, 0): FOPDT}, MODEL, method, LOOP, periodic=True)
         scaled.append((fit.parameters[0, 0] - TRUTH) / np.sqrt(np.diag(fit.covariance[0, 0])))
     size = np.sqrt(np.mean(np.square(scaled), axis=0))
     coverage = np.mean(np.abs(scaled) < 1.96, axis=0)
     print(f"\n{method}: error over standard error {size.round(2)}, coverage {coverage}")
-    assert np.all((coverage >= 0.88) & (size > 0.75) & (size < 1.3))
+    assert np.all((100 * (1 - coverage) <= most(100, 0.05) + 0.5) & (size > 0.75) & (size < 1.3))
 
 
 def test_few_periods_compare_with_local_polynomials_many_are_left_to_averages():

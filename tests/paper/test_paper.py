@@ -138,6 +138,7 @@ def written(tmp_path_factory):
     return status, folder, said.getvalue()
 
 
+@pytest.mark.slow
 def test_the_command_writes_both_files(written, entries):
     status, folder, said = written
     assert status == 0
@@ -164,6 +165,7 @@ def test_the_command_writes_both_files(written, entries):
     }
 
 
+@pytest.mark.slow
 def test_the_page_shows_every_value_and_needs_no_network(written):
     page = (written[1] / "paper.html").read_text("utf-8")
     text = page[: page.index('<script type="application/json"')]
@@ -183,6 +185,7 @@ def test_the_page_shows_every_value_and_needs_no_network(written):
     assert "simulated" in text
 
 
+@pytest.mark.slow
 def test_the_page_explains_everything_once(written):
     """Notes that many rows of a table share stand above it; a difference is explained where the differences stand."""
     page = (written[1] / "paper.html").read_text("utf-8")

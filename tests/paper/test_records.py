@@ -85,6 +85,7 @@ def test_the_slow_disturbance_costs_what_the_bound_says():
     assert 4 < np.sqrt(slow[3] / white[3]) < 9
 
 
+@pytest.mark.slow
 def test_white_noise_gives_gains_and_time_constants_to_a_few_per_cent():
     """Eight records, seeds 0 to 7; the hundred of the benchmark are meant to stay below 1.5 % and 3 %."""
     runs = together(estimate("white", seed) for seed in range(8))

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from support.chance import most
 from support.one_loop import one_loop, single
 from trueplant.lti import TransferMatrix
 
@@ -36,26 +37,32 @@ def test_records_without_noise_are_unchanged(tmp_path):
         assert result.elements[0].verdict == "unchanged"
 
 
+@pytest.mark.slow
 def test_equal_lags_raise_no_alarm(tmp_path):
+    """80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %."""
     plant = TransferMatrix.of([["2 exp(-5 s)/(8 s + 1)^2"]])
     alarms = sum(
         single(tmp_path, one_loop(50 + k, plant, 1500), "2 exp(-5 s)/(8 s + 1)^2").elements[0].verdict == "changed"
-        for k in range(20)
+        for k in range(80)
     )
-    assert alarms <= 4  # of 20 at the 5 % level: more happen once in 400 times
+    assert alarms <= most(80, 0.05)
 
 
+@pytest.mark.slow
 def test_gaps_raise_no_alarm(tmp_path):
-    """Eight of every sixty samples lost, at the same place of set-point, OP and PV."""
+    """Eight of every sixty samples lost, at the same place of set-point, OP and PV.
+
+    80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %.
+    """
     alarms = 0
-    for seed in range(15):
+    for seed in range(80):
         whole = one_loop(300 + seed, TransferMatrix.of([["2 exp(-3.4 s)/(15 s + 1)"]]), 1200)
         keep = np.arange(1200) % 60 < 52
         cut = dataclasses.replace(whole, t=whole.t[keep], r=whole.r[keep], u=whole.u[keep], y=whole.y[keep])
         result = single(tmp_path, cut, "2 exp(-3.4 s)/(15 s + 1)")
         assert len(result.data[0]["used"]) == 20
         alarms += result.elements[0].verdict == "changed"
-    assert alarms <= 3
+    assert alarms <= most(80, 0.05)
 
 
 def test_one_loop_without_any_model_is_estimated_from_the_data_alone(tmp_path):

@@ -38,6 +38,7 @@ def tclab(real_data: Path) -> dict[str, Result]:
     return {key: analysed(name, tolerance=10.0) for key, name in names.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["together", "first", "second", "undeclared"])
 def test_tclab_parameters(tclab, key):
     result = tclab[key]
@@ -57,12 +58,14 @@ def test_tclab_parameters(tclab, key):
         assert element(result, f"temperature_{i}", f"heater_{j}").verdict == "changed"
 
 
+@pytest.mark.slow
 def test_tclab_controller_is_confirmed(tclab):
     checked = tclab["together"].methods["controller_consistency"]
     assert len(checked) == 4
     assert all(entry["confirmed"] and entry["rms"] < 0.01 for entry in checked)
 
 
+@pytest.mark.slow
 def test_tclab_without_the_controller_is_the_same_within_the_intervals(tclab):
     assert len(tclab["together"].elements) == 4
     for one, other in zip(tclab["together"].elements, tclab["undeclared"].elements, strict=True):
@@ -70,6 +73,7 @@ def test_tclab_without_the_controller_is_the_same_within_the_intervals(tclab):
             assert p.ci[0] <= q.plant <= p.ci[1]
 
 
+@pytest.mark.slow
 def test_tclab_spikes_and_saturation_are_found(tclab):
     assert len(tclab["together"].data) == 2
     for table in tclab["together"].data:
@@ -80,6 +84,7 @@ def test_tclab_spikes_and_saturation_are_found(tclab):
         assert 0.1 < table["saturated_share"]["heater_1"] < 0.35
 
 
+@pytest.mark.slow
 def test_tclab_runs_disagree_and_their_spread_is_in_the_intervals(tclab):
     together, first, second = (tclab[key] for key in ("together", "first", "second"))
     assert any(note.code == "runs-disagree" and note.where == "temperature_2" for note in together.notes)
@@ -92,11 +97,13 @@ def test_tclab_runs_disagree_and_their_spread_is_in_the_intervals(tclab):
         assert high - low <= 2 * spread
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["first", "second"])
 def test_one_run_alone_says_that_the_between_run_part_is_missing(tclab, key):
     assert any(note.code == "one-experiment" for note in tclab[key].notes)
 
 
+@pytest.mark.slow
 def test_tclab_open_loop(real_data, tclab):
     result = analysed("tclab_openloop")
     assert result.status == "ok"
@@ -106,6 +113,7 @@ def test_tclab_open_loop(real_data, tclab):
         assert abs(gain / closed - 1) < 0.25
 
 
+@pytest.mark.slow
 def test_lqg_rig_without_controller(real_data):
     result = analysed("tclab_lqg_arx")
     k11, k22 = parameter(result, 1, 1, "gain"), parameter(result, 2, 2, "gain")

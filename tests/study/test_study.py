@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, wood_berry
+from support.chance import most
+from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from support.two_loops import CONTROLLERS, changed, project, scaled, written
 from trueplant import Project, run
+from trueplant.detect import verdicts
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix, sampled_response
 
@@ -24,25 +26,26 @@ def test_the_one_element_that_changed_is_found(tmp_path):
     assert "reflux -> bottom" in result.headline
 
 
+@pytest.mark.slow
 def test_false_alarms_are_rare_when_nothing_changed(tmp_path):
-    """20 seeded runs at the 5 % level: more than 4 would happen once in 400 times."""
+    """80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %."""
     alarms = 0
-    for seed in range(20):
+    for seed in range(80):
         written(tmp_path, "record.csv", wood_berry(200 + seed, samples=1500))
         alarms += bool(changed(run(project(tmp_path))))
-    assert alarms <= 4
+    assert alarms <= most(80, 0.05)
 
 
-def test_a_changed_disturbance_is_no_mismatch(tmp_path):
-    """One alarm in four records would be chance (one in twenty each), two hardly."""
+@pytest.mark.slow
+def test_a_changed_disturbance_is_no_mismatch():
+    """80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %."""
     alarms = 0
-    for seed in range(7, 11):
+    for seed in range(7, 87):
         rng = np.random.default_rng(seed)
         v = coloured(rng, 3000, 2, [1, -1.7, 0.72], [1], 0.6)
-        written(tmp_path, "record.csv", simulate(WOOD_BERRY, BLT, random_switching(rng, 3000, 2, 20.0), 1.0, v=v))
-        result = run(project(tmp_path, controller=CONTROLLERS))
-        alarms += bool(changed(result))
-    assert alarms <= 1
+        record = segment_of(simulate(WOOD_BERRY, BLT, random_switching(rng, 3000, 2, 20.0), 1.0, v=v))
+        alarms += any(found.verdict == "changed" for found in verdicts([record], WOOD_BERRY).values())
+    assert alarms <= most(80, 0.05)
 
 
 def test_another_controller_is_said_and_is_no_mismatch(tmp_path):
@@ -142,10 +145,12 @@ def test_an_element_that_was_left_out_is_named_and_estimated_along(tmp_path):
     assert abs(gain.plant - 6.6) < 4 * gain.std_error and gain.std_error < 0.5
 
 
+@pytest.mark.slow
 def test_an_absent_element_that_is_asked_for_raises_no_alarm(tmp_path):
+    """80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %."""
     plant = TransferMatrix(((WOOD_BERRY[0, 0], WOOD_BERRY[0, 1] * 0.0), WOOD_BERRY.elements[1]))
     alarms = 0
-    for seed in range(15):
+    for seed in range(80):
         written(tmp_path, "record.csv", wood_berry(400 + seed, samples=1500, plant=plant))
         made = project(tmp_path)
         elements = [e.model_dump(exclude_unset=True) for e in made.model]
@@ -153,13 +158,17 @@ def test_an_absent_element_that_is_asked_for_raises_no_alarm(tmp_path):
         tables = made.model_dump(by_alias=True, exclude_unset=True) | {"model": elements}
         result = run(Project.from_toml(Project(**tables).to_toml(), tmp_path))
         alarms += ("steam", "top") in changed(result)
-    assert alarms <= 3
+    assert alarms <= most(80, 0.05)
 
 
+@pytest.mark.slow
 def test_a_disturbance_that_reaches_both_outputs_is_said_and_raises_no_alarm(tmp_path):
-    """Wood-Berry's own feed disturbance, unmeasured: with one noise model an output 6 of 20 such records raise one."""
+    """Wood-Berry's own feed disturbance, unmeasured: with one noise model an output 6 of 20 such records raise one.
+
+    80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %.
+    """
     alarms = 0
-    for seed in range(70, 73):
+    for seed in range(70, 150):
         rng = np.random.default_rng(seed)
         feed = coloured(rng, 3000, 1, [1, -0.9], [1], 0.3)[:, 0]
         v = np.column_stack([sampled_response(FEED[i, 0], feed, 1.0, "linear") for i in range(2)])
@@ -168,7 +177,7 @@ def test_a_disturbance_that_reaches_both_outputs_is_said_and_raises_no_alarm(tmp
         result = run(project(tmp_path))
         alarms += bool(changed(result))
         assert any(note.code == "crossed" and "together" in note.message for note in result.notes)
-    assert alarms <= 1
+    assert alarms <= most(80, 0.05)
 
 
 def test_independent_disturbances_are_not_said_to_be_crossed(tmp_path):
@@ -215,6 +224,7 @@ def test_margins_on_model_and_plant(tmp_path):
     assert result.robustness["worse"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("variant", "peak"), [("printed", 4.964), ("eq37", 1.426)])
 def test_the_mill_loses_robust_performance(tmp_path, variant, peak):
     """Paper, Figure 4 and theory: 0.9728 at 0.889 rad/min on the model; the plants' values are the limits at rest.

@@ -58,6 +58,7 @@ def test_the_share_holds_for_plants_never_seen(kind):
 
 
 def test_the_promise_is_kept_as_often_as_its_confidence_says():
+    """20 seeded runs: passes with 0.990 where 20 % miss, as the confidence allows, with 1e-4 where 80 % do."""
     kept = 0
     fresh = draw_parameters(FOPDT, MEAN, COV, 1500, 99)
     for seed in range(20):

@@ -16,6 +16,8 @@ from trueplant.lti import TransferMatrix
 from trueplant.project.tables import Tuning
 from trueplant.tune import loop_metrics
 
+pytestmark = pytest.mark.slow
+
 
 def law_of(result: Result, method: str, scan: float | None) -> Controller:
     """The controllers as a user would type them in."""

@@ -61,6 +61,7 @@ def everything(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return analysed(tmp_path_factory.mktemp("all"), wood_berry(31, samples=3000, plant=GROWN), "all")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ESTIMATORS[1:])
 def test_the_plant_lies_within_the_intervals(everything, method):
     """None of 12 parameters is out by 3.5 standard errors (one of all would be, once in 180 records).
@@ -77,6 +78,7 @@ def test_the_plant_lies_within_the_intervals(everything, method):
                 assert p["std_error"] < 0.06 * max(abs(value), 3.0)
 
 
+@pytest.mark.slow
 def test_methods_that_agree_share_a_sentence_and_those_that_do_not_have_their_own(everything):
     together, alone = everything.methods["agreement"]
     assert together == (
@@ -99,18 +101,21 @@ def test_srivc_and_the_two_stage_method_under_white_noise_lie_within_theirs(tmp_
     assert not {"closed-form", "rivc", "clsrivc", "two-stage", "black_box"} & result.methods.keys()
 
 
+@pytest.mark.slow
 def test_a_disagreement_that_has_a_reason_is_said_with_it(everything):
     (said,) = (s for s in everything.methods["agreement"] if s.startswith("srivc"))
     assert "disagree" in said and "biases SRIVC" in said
     assert any(said in note.message for note in everything.notes)
 
 
+@pytest.mark.slow
 def test_verdicts_are_those_of_the_direct_fit_whatever_is_asked_for(everything, tmp_path):
     alone = analysed(tmp_path, wood_berry(31, samples=3000, plant=GROWN), "direct")
     assert alone.elements == everything.elements
     assert {(e.output, e.input) for e in alone.elements if e.verdict == "changed"} == {("bottom", "reflux")}
 
 
+@pytest.mark.slow
 def test_the_black_box_finds_what_the_model_lacks_and_no_fault_with_the_fit(everything):
     table = everything.methods["black_box"]
     assert table["remembers"] == table["lags"] == 64
@@ -121,6 +126,7 @@ def test_the_black_box_finds_what_the_model_lacks_and_no_fault_with_the_fit(ever
     assert all(row[name] > 0.01 for row in p.values() for name in ("direct", *ESTIMATORS[1:]))
 
 
+@pytest.mark.slow
 def test_terminal_and_report_show_them_beside_each_other(everything, tmp_path):
     text = text_summary(everything)
     assert "beside the direct fit, on which the verdicts rest:" in text
@@ -141,6 +147,7 @@ def test_without_a_controller_clsrivc_says_why(tmp_path):
     assert result.status == "ok"
 
 
+@pytest.mark.slow
 def test_kept_elements_and_measured_disturbances_are_taken_along(tmp_path):
     """One element is kept at its value, a disturbance of its own is measured: both belong to PV."""
     rng = np.random.default_rng(9)

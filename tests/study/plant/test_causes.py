@@ -202,7 +202,10 @@ model = [{output = "y", input = "u", tf = "2 exp(-2.3 s)/(10 s + 1)"}]
 
 
 def test_equal_factors_keep_their_level():
-    """2,000 draws of a row with a true common factor: equality rejected in about 5 %."""
+    """2,000 draws of a row with a true common factor: equality rejected in about 5 %.
+
+    Passes with 0.9999 at that level, with less than 1e-6 at 20 %.
+    """
     rng = np.random.default_rng(47)
     sigma = np.array([[0.0004, 0.0002, 0.0], [0.0002, 0.0009, 0.0], [0.0, 0.0, 0.0004]])
     covariance = np.zeros((6, 6))
@@ -227,6 +230,7 @@ def test_factors_that_are_not_known_well_enough_are_no_common_factor():
 
 
 def test_changed_noise_keeps_its_level_and_sees_colour_and_size():
+    """400 seeded runs: passes with 0.995 at the level of 5 %, with less than 1e-6 at 20 %."""
     rng = np.random.default_rng(48)
     p = [
         noise_change(

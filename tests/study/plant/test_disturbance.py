@@ -1,79 +1,28 @@
 """Disturbances through the whole analysis: measured ones in the closed form, unmeasured ones estimated along.
 
-All records here are simulated.
+All records here are simulated. Of a single record at most 2 of 12 intervals may miss, which only tells a method that is
+wrong from one that is right; benchmarks/bench_disturbance.py measures how often they miss.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
-import polars as pl
 import pytest
 
-from support.simulated import BLT, WOOD_BERRY, coloured, random_switching
-from trueplant import Project, Result, run
-from trueplant.loop import simulate, step_disturbance
-from trueplant.lti import TransferMatrix, sampled_response, to_formula
-from trueplant.lti.structure import structure_of
-
-FEED = TransferMatrix.of([["3.8 exp(-8.1 s)/(14.9 s + 1)"], ["4.9 exp(-3.4 s)/(13.2 s + 1)"]])
-"""Wood and Berry (1973): feed flow to both compositions."""
-LAWS = [
-    {"input": "reflux", "output": "top", "Kc": 0.375, "Ti": 8.29, "sample_time": 1.0},
-    {"input": "steam", "output": "bottom", "Kc": -0.0754, "Ti": 23.6, "sample_time": 1.0},
-]
-PLANT = TransferMatrix(
-    ((WOOD_BERRY[0, 0], WOOD_BERRY[0, 1]), (WOOD_BERRY[1, 0] * 1.3, WOOD_BERRY[1, 1])), WOOD_BERRY.time_unit
+from support.disturbed import (
+    FEED,
+    LAWS,
+    WITH_CLOSED_FORM,
+    WITH_FIT,
+    analysed,
+    outside,
+    parameters,
+    true_value,
 )
-"""One gain 30 % higher than the model's."""
-WITH_FIT, WITH_CLOSED_FORM = "fit with disturbance estimate", "closed-form with disturbance estimate"
-
-
-def analysed(folder: Path, v: np.ndarray, r: np.ndarray, d: np.ndarray | None = None, **tables: Any) -> Result:
-    """Wood-Berry with PLANT under the disturbance v, analysed with the old model."""
-    simulation = simulate(PLANT, BLT, r, 1.0, v=v)
-    columns = {"t": simulation.t}
-    for k in range(2):
-        columns |= {f"sp{k}": simulation.r[:, k], f"op{k}": simulation.u[:, k], f"pv{k}": simulation.y[:, k]}
-    if d is not None:
-        columns["feed"] = d[:, 0]
-    pl.DataFrame(columns).write_csv(folder / "record.csv")
-    elements = [
-        {"output": y, "input": u, "tf": to_formula(WOOD_BERRY[i, j], digits=12)}
-        for i, y in enumerate(["top", "bottom"])
-        for j, u in enumerate(["reflux", "steam"])
-    ]
-    made = Project(
-        time_unit="min",
-        data={"files": ["record.csv"], "time": "t"},
-        output=[{"name": "top", "pv": "pv0", "sp": "sp0"}, {"name": "bottom", "pv": "pv1", "sp": "sp1"}],
-        input=[{"name": "reflux", "op": "op0"}, {"name": "steam", "op": "op1"}],
-        model=elements + tables.pop("more", []),
-        controller=tables.pop("controller", LAWS),
-        **tables,
-    )
-    return run(Project.from_toml(made.to_toml(), folder))
-
-
-def parameters(result: Result, method: str) -> dict[tuple[str, str], list[dict[str, Any]]]:
-    return {(e["output"], e["input"]): e["parameters"] for e in result.methods[method]}
-
-
-def true_value(output: str, column: str, k: int) -> float:
-    matrix = FEED if column == "feed" else PLANT
-    j = 0 if column == "feed" else ["reflux", "steam"].index(column)
-    return float(structure_of(matrix[["top", "bottom"].index(output), j])[1][k])
-
-
-def outside(result: Result, method: str) -> int:
-    """Intervals that miss the true value."""
-    return sum(
-        not p["ci"][0] < true_value(*place, k) < p["ci"][1]
-        for place, row in parameters(result, method).items()
-        for k, p in enumerate(row)
-    )
+from support.simulated import coloured, random_switching
+from trueplant import Result
+from trueplant.loop import step_disturbance
+from trueplant.lti import sampled_response
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +35,7 @@ def stepped(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return analysed(tmp_path_factory.mktemp("stepped"), v, r, unmeasured=declared)
 
 
+@pytest.mark.slow
 def test_closed_form_with_the_disturbance_estimate_recovers_the_mismatch(stepped):
     found = parameters(stepped, WITH_CLOSED_FORM)
     assert set(found) == {(y, u) for y in ("top", "bottom") for u in ("reflux", "steam")}
@@ -95,6 +45,7 @@ def test_closed_form_with_the_disturbance_estimate_recovers_the_mismatch(stepped
         assert outside(stepped, method) <= 2
 
 
+@pytest.mark.slow
 def test_the_verdict_rests_on_a_fit_that_knows_the_step(stepped):
     """Without the jump as a term of its own the same record gives 10.6 for a gain of 8.58."""
     assert [(e.output, e.input) for e in stepped.elements if e.verdict == "changed"] == [("bottom", "reflux")]
@@ -120,6 +71,7 @@ def test_a_drift_is_taken_along(tmp_path):
         assert 0.3 < row["declared"][0]["found_std"] / 2e-3 <= 1
 
 
+@pytest.mark.slow
 def test_the_step_is_found_and_said(stepped):
     table = {row["output"]: row for row in stepped.methods["disturbance"]}
     for output, size in (("top", 8.0), ("bottom", -8.0)):
@@ -132,6 +84,7 @@ def test_the_step_is_found_and_said(stepped):
     assert not any(note.code == "disturbance-model" for note in stepped.notes)
 
 
+@pytest.mark.slow
 def test_what_the_step_takes_from_the_parameters_is_said(stepped):
     """A level that is not known takes from the gains, which are levels too, and next to nothing from the dead times."""
     rows = stepped.methods["disturbance"]
@@ -142,6 +95,7 @@ def test_what_the_step_takes_from_the_parameters_is_said(stepped):
         assert max(shares["dead_time"]) < 0.2
 
 
+@pytest.mark.slow
 def test_forms_that_a_step_breaks_are_not_applied(stepped):
     for name in ("joint", "closed-form"):
         assert "has to be estimated along" in stepped.methods["not_applied"][name]
