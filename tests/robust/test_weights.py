@@ -73,6 +73,7 @@ def test_covariance_weight_is_the_largest_error_on_the_ellipsoid(kind):
 
 
 def test_covariance_weight_holds_the_promised_share_of_plants():
+    """600 plants each: passes with 0.998 where 20 % lie outside, as promised, with less than 1e-6 where 80 % do."""
     shape = TransferMatrix.of([["-0.58/(10 s + 1)", "4 exp(-3 s)/(15 s + 1)"], ["0", "3.8 exp(-0.5 s)/(2.8 s + 1)"]])
     base = shape(1j * np.geomspace(0.01, 1, 12))
 
