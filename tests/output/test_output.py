@@ -6,6 +6,7 @@ import pytest
 
 import trueplant as tp
 from trueplant import output
+from trueplant.project import plant_project
 from trueplant.result import Result
 
 PLANT = """\
@@ -64,6 +65,16 @@ def test_paths_of_the_plant_hold_where_it_lies(tmp_path):
     assert plant.experiments[0].path.resolve() == (tmp_path / "project" / "record.csv").resolve()
     assert plant.simulate is not None
     assert plant.simulate.plant == "../../project/other.toml"
+
+
+def test_comments_of_the_project_stand_in_the_plant(tmp_path):
+    text = plant_project(
+        tp.Project.from_toml(PLANT.replace('"record.csv"]', '"record.csv"] # of March'), tmp_path),
+        {(0, 0): tp.tf("2/(s + 1)")},
+    )
+    written = output.write_results(Result("ok", (), {}, (), (), plant_toml=text), tmp_path / "out", None, tmp_path)
+    assert 'files = ["../record.csv"] # of March\n' in written["plant.toml"].read_text()
+    assert tp.Project.load(written["plant.toml"]).model_matrix().dc_gain.tolist() == [[2]]
 
 
 def test_refusal_has_no_plant(tmp_path):

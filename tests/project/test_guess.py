@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import trueplant as tp
 from trueplant.project.guess import guess_loops, guess_project, guess_time
@@ -54,3 +58,82 @@ def test_transmitter_and_controller_tags_of_one_loop_belong_together():
         ("TI101.PV", "TIC101.OP", "TIC101.SP"),
         ("FT7.PV", "FIC7.OP", None),
     ]
+
+
+def test_no_two_signals_get_the_same_name():
+    columns = ["t", "pv", "op", "pv1", "op1", "A.B.PV", "A.B.OP", "AB.PV", "AB.OP"]
+    project = tp.Project.from_toml(guess_project("d.csv", columns))
+    assert project.output_names == ("y1", "y1_2", "ab_pv", "ab_4_pv")
+    assert project.input_names == ("u1", "u1_2", "ab_op", "ab_4_op")
+
+
+HOSTILE = (
+    "a\n[[model]]\n",
+    "a\r\nseed = 1",
+    'a"\ntime_unit = "h"\n#',
+    "a'''\n",
+    '"""\nb = 1',
+    "\\",
+    "\\n",
+    "\x00\x07\x1f\x7f",
+    "a\x85b",
+    "a\u2028b = 1",
+    "# a",
+    "a]",
+    "{x}",
+    "${x}",
+    "é °C",
+)
+
+
+def shape(project: tp.Project) -> list[object]:
+    """What the file declares, without the names in it."""
+    tables = tomllib.loads(project.to_toml())
+    return [
+        tables.keys(),
+        tables["data"].keys(),
+        *([e.keys() for e in tables[k]] for k in ("output", "input", "model")),
+    ]
+
+
+PLAIN = shape(tp.Project.from_toml(guess_project("d.csv", ["t", "spare", "a.pv", "a.op"], {"a.pv": "degC"})))
+
+
+def declares(file: str, columns: list[str], unit: str) -> None:
+    time, _, pv, op = columns
+    project = tp.Project.from_toml(guess_project(file, columns, {pv: unit}))
+    assert shape(project) == PLAIN
+    assert project.data.files == [file]
+    assert project.data.time == time
+    assert (project.outputs[0].pv, project.outputs[0].unit, project.inputs[0].op) == (pv, unit, op)
+    assert project.estimate(0, 0)
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_names_never_become_part_of_the_file(text):
+    declares(f"{text}.csv", ["t", f"{text} spare", f"{text}.pv", f"{text}.op"], text)
+    declares(text, ["time", text, "pv", "op"], text)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=12), min_size=3, max_size=3))
+def test_any_name_is_quoted(texts):
+    loop, file, unit = texts
+    declares(file, ["t", f"{loop}\nnot a signal", f"{loop}.pv", f"{loop}.op"], unit)
+
+
+def test_what_is_not_used_is_named_on_one_line():
+    text = guess_project("d.csv", ["t", "pv", "op", "Füllstand, links", "a\n[[model]]"])
+    assert "# columns not used: Füllstand, links, 'a\\n[[model]]'\n" in text
+
+
+def test_controllers_to_fill_in_are_toml_once_the_marks_are_taken_off():
+    text = guess_project("d.csv", ["t", 'a"\n.pv', 'a"\n.op'])
+    head, tail = text.split("second, independent answer.\n")
+    project = tp.Project.from_toml(head + "\n" + "\n".join(line.removeprefix("# ") for line in tail.split("\n")))
+    assert [(law.form, law.Kc, law.action) for law in project.controllers] == [("ideal", 1.0, "reverse")]
+
+
+def test_file_name_that_is_not_unicode_is_refused():
+    with pytest.raises(tp.DataError, match=r"udcff.*rename the file"):
+        guess_project("\udcff.csv", ["t", "pv", "op"])

@@ -17,7 +17,7 @@ from trueplant.project.tables import Controller
 from trueplant.report import loopfigures, loops, render, retuned
 from trueplant.report.numbers import number
 from trueplant.report.style import DARK, LIGHT
-from trueplant.result import MuCurves, Result, RetuningCurves
+from trueplant.result import LoopRetuning, LoopRobustness, MoreData, MuCurves, Result, RetuningCurves, build
 from trueplant.result.summary import loop_line, settings_lines, text_summary
 
 
@@ -41,7 +41,7 @@ def rows(parsed: Page) -> list[str]:
 
 
 def test_margins_of_model_and_plant_stand_side_by_side(result, parsed):
-    found = result.robustness["margins"]
+    found = result.to_dict()["robustness"]["margins"]
     model, plant = found["model"][0], found["plant"][0]
     assert plant["Ms"] > model["Ms"] > 1.3
     labels = {"gain_margin": "Gain margin", "Ms": "Ms, peak of the sensitivity", "Mt": "Mt, peak of T"}
@@ -52,7 +52,7 @@ def test_margins_of_model_and_plant_stand_side_by_side(result, parsed):
 
 
 def test_peaks_are_marked_where_they_fail(result, parsed):
-    peaks = result.robustness["peaks"]
+    peaks = result.to_dict()["robustness"]["peaks"]
     assert peaks["model"]["RP"]["upper"] < 1 < peaks["plant"]["RP"]["upper"]
     row = next(row for row in rows(parsed) if row.startswith("Robust performance (RP)"))
     for name in ("model", "plant", "estimate"):
@@ -63,7 +63,7 @@ def test_peaks_are_marked_where_they_fail(result, parsed):
 
 
 def test_worst_plant_stands_in_the_report(result, parsed):
-    formula = result.robustness["peaks"]["plant"]["worst_plant"][0]["tf"]
+    formula = result.to_dict()["robustness"]["peaks"]["plant"]["worst_plant"][0]["tf"]
     assert any(row == f"top_temperature reflux {formula}" for row in rows(parsed))
 
 
@@ -115,7 +115,7 @@ def test_high_peaks_get_a_logarithmic_axis():
 
 
 def test_new_settings_come_before_all_else_that_explains_them(result, parsed):
-    loop = result.controllers[0]
+    loop = result.to_dict()["controllers"][0]
     assert loop["recommended"]
     new = next(p for p in loop["proposals"] if p["method"] == loop["recommended"])["shown"]
     said = next(text for a, text in parsed.all("section") if a.get("id") == "next")
@@ -127,11 +127,15 @@ def test_new_settings_come_before_all_else_that_explains_them(result, parsed):
 
 
 def test_every_proposal_has_its_row(result, parsed):
-    said = [row for row in rows(parsed) if any(row.startswith(p["method"]) for p in result.controllers[0]["proposals"])]
-    assert len(said) == len(result.controllers[0]["proposals"]) >= 2
-    for row, proposal in zip(said, result.controllers[0]["proposals"], strict=True):
+    said = [
+        row
+        for row in rows(parsed)
+        if any(row.startswith(p["method"]) for p in result.to_dict()["controllers"][0]["proposals"])
+    ]
+    assert len(said) == len(result.to_dict()["controllers"][0]["proposals"]) >= 2
+    for row, proposal in zip(said, result.to_dict()["controllers"][0]["proposals"], strict=True):
         if proposal["metrics"]:
-            now = result.controllers[0]["current"]["metrics"]["plant"]["load"]["iae"]
+            now = result.to_dict()["controllers"][0]["current"]["metrics"]["plant"]["load"]["iae"]
             assert f"{number(100 * proposal['metrics']['plant']['load']['iae'] / now, 3)} %" in row
             assert f"{number(100 * proposal['drawn']['share'], 3)} %" in row
             mu = proposal["metrics"]["plant"]["mu"]["upper"]
@@ -139,7 +143,7 @@ def test_every_proposal_has_its_row(result, parsed):
 
 
 def test_before_and_after_are_compared_on_the_plant(result, parsed):
-    loop = result.controllers[0]
+    loop = result.to_dict()["controllers"][0]
     now = loop["current"]["metrics"]
     new = next(p for p in loop["proposals"] if p["method"] == loop["recommended"])["metrics"]["plant"]
     text = (
@@ -151,7 +155,7 @@ def test_before_and_after_are_compared_on_the_plant(result, parsed):
 
 
 def test_pasted_settings_are_a_controller_of_the_project(result, page):
-    loop = result.controllers[0]
+    loop = result.to_dict()["controllers"][0]
     pasted = re.search(r"<pre><code>(.*?)</code></pre>", page, re.DOTALL)
     assert pasted
     table = tomllib.loads(unescape(pasted[1]))["controller"][0]
@@ -200,8 +204,8 @@ def test_captions_of_responses_state_what_the_curves_do():
 
 
 def test_nothing_recommended_says_keep_and_why(result):
-    loop = {**result.controllers[0], "recommended": None, "reason": "today's settings hold what is asked"}
-    kept = dataclasses.replace(result, controllers=(loop,))
+    loop = {**result.to_dict()["controllers"][0], "recommended": None, "reason": "today's settings hold what is asked"}
+    kept = dataclasses.replace(result, controllers=(build(LoopRetuning, loop),))
     parsed = Page(without_plotly(render(kept)))
     said = next(text for a, text in parsed.all("section") if a.get("id") == "next")
     assert "Enter these settings" not in said and "Keep the settings of the controllers" in said
@@ -216,7 +220,7 @@ def test_settings_that_stay_are_not_to_be_entered(result):
     chosen["settings"], chosen["shown"] = loop["current"]["settings"], loop["current"]["shown"]
     made = retuned.retuned(loop, "%", "degC")
     assert made.keeps and not [s for s in made.settings if s.changes]
-    assert "keep today's settings" in render(dataclasses.replace(result, controllers=(loop,)))
+    assert "keep today's settings" in render(dataclasses.replace(result, controllers=(build(LoopRetuning, loop),)))
 
 
 def test_a_law_that_is_no_pid_is_shown_as_its_formula(result):
@@ -230,7 +234,7 @@ def test_a_law_that_is_no_pid_is_shown_as_its_formula(result):
     assert ("Transfer function", "none", formula) in [(s.label, s.now, s.new) for s in made.settings]
     own, other = (Controller(**table) for table in tomllib.loads(made.toml)["controller"])
     assert own.tf == "0.5 (4 s + 1)/(4 s (s + 1))" and (other.output, other.tf) == ("level", "0.1/s")
-    line = settings_lines(dataclasses.replace(result, controllers=(loop,)))[0]
+    line = settings_lines(dataclasses.replace(result, controllers=(build(LoopRetuning, loop),)))[0]
     assert "tf = 0.5 (4 s + 1)/(4 s (s + 1)) (now none), and from level as in the report" in line
 
 
@@ -256,7 +260,7 @@ def test_unstable_loop_on_the_plant_is_said_first_and_in_the_table(result):
     robustness["peaks"]["plant"] = {"stable": False, "robust_performance_holds": False} | {
         test: {"lower": None, "upper": None, "frequency": None} for test in ("NP", "RS", "RP")
     }
-    broken = dataclasses.replace(result, robustness=robustness)
+    broken = dataclasses.replace(result, robustness=build(LoopRobustness, robustness))
     assert loop_line(broken) == "Today's controller leaves the loop of reflux unstable on the plant as estimated."
     parsed = Page(without_plotly(render(broken)))
     assert any(row.startswith("Gain margin") and row.endswith("▲ unstable") for row in rows(parsed))
@@ -283,7 +287,7 @@ def test_both_palettes_know_every_role(page):
 
 def test_fit_and_residual_tests_are_tables_not_nested_lists(result, parsed):
     said = next(text for a, text in parsed.all("section") if a.get("id") == "fit")
-    row = result.fit[0]
+    row = result.to_dict()["fit"][0]
     tests = row["residual_tests"]
     assert f"{number(row['fit_percent_model'])} {number(row['fit_percent_plant'])}" in said
     assert f"{number(tests['whiteness_p'])} {number(tests['input_p']['reflux'])}" in said
@@ -297,10 +301,21 @@ def test_moves_that_would_settle_what_is_open_are_listed(result):
     plan = {
         "sentence": "move the set-point of top temperature by ±2 degC every 16 min",
         "moves": [{"signal": "set-point", "name": "top_temperature", "size": 2.0, "unit": "degC", "every": 16.1}],
-        "settles": [{"output": "top_temperature", "input": "reflux", "parameter": "gain", "now": None, "then": 0.04}],
+        "settles": [
+            {
+                "output": "top_temperature",
+                "input": "reflux",
+                "parameter": "gain",
+                "unit": "degC/%",
+                "now": None,
+                "wanted": 0.05,
+                "then": 0.04,
+            }
+        ],
     }
-    parsed = Page(without_plotly(render(dataclasses.replace(result, more_data=(plan,)))))
+    parsed = Page(without_plotly(render(dataclasses.replace(result, more_data=(build(MoreData, plan),)))))
     said = next(text for a, text in parsed.all("section") if a.get("id") == "more-data")
     assert "Move the set-point of top temperature by ±2 degC every 16 min." in said
-    assert "set-point top_temperature 2 degC 16.1" in said and "top_temperature reflux gain – 0.04" in said
+    assert "set-point top_temperature 2 degC 16.1" in said
+    assert "top_temperature reflux gain degC/% – 0.05 0.04" in said
     assert not [a for a, _ in Page(without_plotly(render(result))).all("section") if a.get("id") == "more-data"]

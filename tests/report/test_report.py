@@ -18,7 +18,27 @@ from support.report_sample import refused, sample
 from trueplant.report import render
 from trueplant.report.numbers import number, to_precision
 from trueplant.report.style import DARK, LIGHT
-from trueplant.result import Reason, Result, Trend
+from trueplant.result import (
+    ControllerSettings,
+    CurrentSettings,
+    DetectedElement,
+    Detection,
+    FaceplateSettings,
+    LoopMargins,
+    LoopMetrics,
+    LoopRetuning,
+    LoopRobustness,
+    Margins,
+    MetricsOfBoth,
+    Notation,
+    Peak,
+    ProposedSettings,
+    Reason,
+    Result,
+    RetuningLimits,
+    SystemPeaks,
+    Trend,
+)
 
 
 @pytest.fixture(scope="module")
@@ -163,25 +183,52 @@ def test_unanswered_parameters_give_their_reason():
     assert any("plant not answered" in text for _, text in page.all("figcaption"))
 
 
+def retuned_loop() -> LoopRetuning:
+    """One loop for which one method proposes a smaller gain."""
+    metrics = MetricsOfBoth(LoopMetrics(True, Ms=1.5), LoopMetrics(True, Ms=1.6))
+
+    def settings(gain: float) -> tuple[ControllerSettings, FaceplateSettings]:
+        own = ControllerSettings(form="ideal", Kc=gain, Ti=8.0, Td=0.0)
+        return own, FaceplateSettings(gain, 8.0, 0.0, None, None)
+
+    return LoopRetuning(
+        input="reflux",
+        output="top_temperature",
+        controller_of="run_1",
+        form="ideal",
+        gain_unit="engineering",
+        time_unit="min",
+        notation=Notation("gain", "time", "ratio", "min"),
+        limits=RetuningLimits(1.59, None, 0.95, 0.5, "twice today's"),
+        assumptions=(),
+        current=CurrentSettings(*settings(1.25), metrics, None),
+        proposals=(ProposedSettings("simc", "", *settings(0.875), metrics, None),),
+        recommended=None,
+        reason="no proposal holds",
+        price=None,
+    )
+
+
 @pytest.mark.parametrize("section", ["robustness", "controllers", "fit", "methods", "data"])
 def test_sections_without_content_are_left_out(section, result):
-    content = {"robustness": {"RP": {"upper": 0.97}}, "controllers": ({"loop": "reflux", "Kc": 1.25},)}
-    full = dataclasses.replace(result, **content)
-    empty = dataclasses.replace(full, **{section: type(getattr(full, section))(), "curves": None})
+    margins = Margins((LoopMargins("reflux", True, Ms=1.5),), (LoopMargins("reflux", True, Ms=1.6),))
+    full = dataclasses.replace(result, robustness=LoopRobustness("run_1", margins, ()), controllers=(retuned_loop(),))
+    nothing = None if section == "robustness" else type(getattr(full, section))()
+    empty = dataclasses.replace(full, **{section: nothing, "curves": None})
     assert f'<section id="{section}"' in render(full)
     assert f'id="{section}"' not in render(empty)
     assert f'href="#{section}"' not in render(empty)
 
 
-def test_everything_in_robustness_and_controllers_is_shown(result):
+def test_peaks_and_settings_are_shown(result):
+    margins = Margins((LoopMargins("reflux", True, Ms=1.5),), (LoopMargins("reflux", True, Ms=1.6),))
+    peaks = {"model": SystemPeaks(True, True, RP=Peak(0.9728, 0.9728, 0.889))}
     full = dataclasses.replace(
-        result,
-        robustness={"model": {"RP": {"upper": 0.9728, "frequency": 0.889}}, "plant": None},
-        controllers=({"loop": "reflux", "Kc": 1.25, "tuned": {"SIMC": {"Kc": 0.875}}},),
+        result, robustness=LoopRobustness("run_1", margins, (), peaks), controllers=(retuned_loop(),)
     )
     page = Page(without_plotly(render(full)))
     text = " ".join(text for _, text in page.all("section"))
-    for value in ("0.9728", "0.889", "1.25", "0.875", "SIMC"):
+    for value in ("0.973", "0.889", "1.25", "0.875", "simc"):
         assert value in text
 
 
@@ -265,20 +312,24 @@ def test_published_detectors_are_one_table_beside_the_verdicts():
 
     def entry(name, flagged, refused=None):
         said = [
-            {
-                "output": e.output,
-                "input": e.input,
-                "statistic": 3.25 if e is flagged else 0.5,
-                "threshold": 2.0,
-                "flagged": e is flagged,
-                "kind": "dead time" if e is flagged else "",
-            }
+            DetectedElement(
+                output=e.output,
+                input=e.input,
+                statistic=3.25 if e is flagged else 0.5,
+                threshold=2.0,
+                flagged=e is flagged,
+                kind="dead time" if e is flagged else "",
+            )
             for e in (first, second)
         ]
-        return {"name": name, "refused": refused, "note": "", "elements": [] if refused else said}
+        return Detection(name, refused, "", () if refused else tuple(said))
 
     asked = [entry("stepwise", first), entry("cross-correlation", second), entry("one-class", None, "too few windows")]
-    page = Page(without_plotly(render(dataclasses.replace(base, methods=base.methods | {"detectors": asked}))))
+    page = Page(
+        without_plotly(
+            render(dataclasses.replace(base, methods=dataclasses.replace(base.methods, detectors=tuple(asked))))
+        )
+    )
     found = [text for _, text in page.all("tr")]
     flag, calm = "▲ 3.25 > 2 (dead time)", "0.5 ≤ 2"
     for element, cells in ((first, f"{flag} {calm}"), (second, f"{calm} {flag}")):

@@ -13,13 +13,26 @@ import pytest
 
 from trueplant.cli.show import show
 from trueplant.output import to_json
-from trueplant.result import Element, Importance, Parameter, Reason, Result
+from trueplant.result import (
+    DetectedElement,
+    Detection,
+    Element,
+    Importance,
+    Methods,
+    Parameter,
+    Provenance,
+    Reason,
+    Result,
+    Settings,
+)
+from trueplant.result.codec import plain
 from trueplant.result.detectors_words import detector_lines
-from trueplant.result.document import plain
 from trueplant.result.numbers import number, value_with_interval
 from trueplant.result.summary import html_summary, parameter_line, text_summary
 from trueplant.study.methods.agreement import in_sentences
 from trueplant.study.plant.notes import grouped
+
+PROVENANCE = Provenance("0.1.0", "project", "0" * 64, {}, {}, "s", 0, Settings("auto", 0.95, 0.0))
 
 
 def _parameter(name="tau1", unit="s", model=390.0, plant=183.0, half=4.0, changed=True, **rest) -> Parameter:
@@ -46,7 +59,9 @@ def _element(
 
 
 def _result(*elements: Element, **rest) -> Result:
-    return Result(**({"status": "ok", "reasons": (), "provenance": {}, "data": (), "elements": elements} | rest))
+    return Result(
+        **({"status": "ok", "reasons": (), "provenance": PROVENANCE, "data": (), "elements": elements} | rest)
+    )
 
 
 def test_change_is_said_with_both_values():
@@ -150,7 +165,7 @@ def test_numbers(value, text):
 
 def test_summaries_hold_verdicts_parameters_and_notes():
     note = Reason("single", "between-run variance is <missing>", "run 1")
-    result = _result(_element(), notes=(note,), provenance={"settings": {"confidence": 0.95}})
+    result = _result(_element(), notes=(note,))
     text = text_summary(result)
     assert text == repr(result)
     assert text.splitlines()[0] == result.headline
@@ -214,25 +229,22 @@ def test_each_note_is_said_once_with_all_its_places():
     )
 
 
-def _detected(name: str, flagged: dict[tuple[str, str], bool], refused=None) -> dict:
-    entries = [
-        {"output": o, "input": i, "statistic": 1.0, "threshold": 0.5, "flagged": f, "kind": "gain" if f else ""}
-        for (o, i), f in flagged.items()
-    ]
-    return {"name": name, "refused": refused, "note": "", "elements": [] if refused else entries}
+def _detected(name: str, flagged: dict[tuple[str, str], bool], refused=None) -> Detection:
+    entries = [DetectedElement(o, i, 1.0, 0.5, f, "gain" if f else "") for (o, i), f in flagged.items()]
+    return Detection(name, refused, "", () if refused else tuple(entries))
 
 
 def test_published_detectors_are_said_with_what_the_verdicts_say_otherwise(capsys):
     changed, kept = ("temperature_1", "heater_1"), ("temperature_2", "heater_2")
     result = replace(
         _result(_element(*changed), _element(*kept, verdict="unchanged")),
-        methods={
-            "detectors": [
+        methods=Methods(
+            detectors=(
                 _detected("stepwise", {changed: True, kept: False}),
                 _detected("cross-correlation", {changed: False, kept: True}),
                 _detected("one-class", {}, "12 windows are needed"),
-            ]
-        },
+            )
+        ),
     )
     told = [
         "published detectors, on which no verdict rests:",

@@ -60,7 +60,7 @@ def test_gaps_raise_no_alarm(tmp_path):
         keep = np.arange(1200) % 60 < 52
         cut = dataclasses.replace(whole, t=whole.t[keep], r=whole.r[keep], u=whole.u[keep], y=whole.y[keep])
         result = single(tmp_path, cut, "2 exp(-3.4 s)/(15 s + 1)")
-        assert len(result.data[0]["used"]) == 20
+        assert len(result.to_dict()["data"][0]["used"]) == 20
         alarms += result.elements[0].verdict == "changed"
     assert alarms <= most(80, 0.05)
 

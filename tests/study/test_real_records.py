@@ -60,7 +60,7 @@ def test_tclab_parameters(tclab, key):
 
 @pytest.mark.slow
 def test_tclab_controller_is_confirmed(tclab):
-    checked = tclab["together"].methods["controller_consistency"]
+    checked = tclab["together"].to_dict()["methods"]["controller_consistency"]
     assert len(checked) == 4
     assert all(entry["confirmed"] and entry["rms"] < 0.01 for entry in checked)
 
@@ -75,8 +75,8 @@ def test_tclab_without_the_controller_is_the_same_within_the_intervals(tclab):
 
 @pytest.mark.slow
 def test_tclab_spikes_and_saturation_are_found(tclab):
-    assert len(tclab["together"].data) == 2
-    for table in tclab["together"].data:
+    assert len(tclab["together"].to_dict()["data"]) == 2
+    for table in tclab["together"].to_dict()["data"]:
         kinds = {finding["kind"] for finding in table["findings"]}
         assert {"spike", "saturated", "quantised", "held"} <= kinds
         spikes = sum(f["samples"] for f in table["findings"] if f["kind"] == "spike")
@@ -144,7 +144,7 @@ def test_refinery_loops_have_a_gain_and_no_dynamics(real_data, name):
 
 def test_oven_whose_controller_is_not_what_its_owner_declared(real_data):
     result = analysed("pid_oven_20180114")
-    by_run = {entry["experiment"]: entry for entry in result.methods["controller_consistency"]}
+    by_run = {entry["experiment"]: entry for entry in result.to_dict()["methods"]["controller_consistency"]}
     # Only P acts in run 5, so that a wrong period does not show there.
     assert [entry["confirmed"] for name, entry in sorted(by_run.items()) if "run5" in name] == [True]
     wrong = [entry for name, entry in by_run.items() if "run5" not in name]
@@ -155,7 +155,7 @@ def test_oven_whose_controller_is_not_what_its_owner_declared(real_data):
 
 def test_oven_runs_together_confirm_the_controller_and_claim_no_more_than_they_know(real_data):
     result = analysed("pid_oven_20180205")
-    assert {entry["confirmed"] for entry in result.methods["controller_consistency"]} == {True}
+    assert {entry["confirmed"] for entry in result.to_dict()["methods"]["controller_consistency"]} == {True}
     gain, tau, _ = result.elements[0].parameters
     # Longer runs of this oven give 0.62..0.70 and 215..340 s; two minutes must not be surer than that allows.
     assert gain.plant is None or gain.ci[0] < 0.70

@@ -146,8 +146,8 @@ def test_an_op_at_its_limit_now_and_then_is_used_and_said(tmp_path):
     assert 0.02 < at < 0.4
     result = answered(tmp_path, columns_of(simulation), limits=[-0.5, 1.4])
     assert result.elements[0].verdict == "unchanged" and covers(result)
-    assert result.data[0]["saturated_share"]["heater"] == pytest.approx(at, abs=1e-3)
-    (finding,) = [f for f in result.data[0]["findings"] if f["kind"] == "saturated"]
+    assert result.to_dict()["data"][0]["saturated_share"]["heater"] == pytest.approx(at, abs=1e-3)
+    (finding,) = [f for f in result.to_dict()["data"][0]["findings"] if f["kind"] == "saturated"]
     assert f"at a limit for {100 * at:.3g} %" in finding["message"]
 
 
@@ -165,8 +165,8 @@ def test_a_pv_that_froze_for_a_while_is_left_out_there_and_said(tmp_path):
     record["pv"][600:1000] = record["pv"][600]
     result = answered(tmp_path, record)
     assert result.elements[0].verdict == "unchanged" and covers(result)
-    assert result.data[0]["usable_share"]["temperature"] == pytest.approx(1 - 400 / SAMPLES, abs=2e-3)
-    (finding,) = [f for f in result.data[0]["findings"] if f["kind"] == "frozen"]
+    assert result.to_dict()["data"][0]["usable_share"]["temperature"] == pytest.approx(1 - 400 / SAMPLES, abs=2e-3)
+    (finding,) = [f for f in result.to_dict()["data"][0]["findings"] if f["kind"] == "frozen"]
     assert "stood still" in finding["message"] and "left out" in finding["message"] and finding["excludes"]
 
 
@@ -191,7 +191,7 @@ def test_a_loop_in_manual_most_of_the_time_is_refused(tmp_path):
 def test_a_loop_in_manual_for_a_while_is_used_and_said(tmp_path):
     result = answered(tmp_path, in_manual(9, 0.2), mode="mode", automatic_values=["AUTO"])
     assert result.elements[0].verdict == "unchanged" and covers(result)
-    (finding,) = [f for f in result.data[0]["findings"] if f["kind"] == "manual"]
+    (finding,) = [f for f in result.to_dict()["data"][0]["findings"] if f["kind"] == "manual"]
     assert finding["message"] == "heater was in manual for 20 % of the record."
 
 
@@ -206,7 +206,7 @@ def test_compressed_signals_are_answered_qualified_or_refused(tmp_path, digits):
 
     lightly = through_historian(0.005, 0.005)
     assert covers(lightly) and not notes(lightly, "compressed")
-    assert sum(f["kind"] == "compressed" for f in lightly.data[0]["findings"]) == 2
+    assert sum(f["kind"] == "compressed" for f in lightly.to_dict()["data"][0]["findings"]) == 2
     (sentence,) = notes(through_historian(0.07, 0.0), "compressed")
     assert "a historian stored only part of temperature" in sentence
     assert "Export the record without compression" in sentence

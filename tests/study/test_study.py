@@ -112,8 +112,8 @@ def test_open_and_closed_experiments_together(tmp_path):
     together = run(project(tmp_path, experiment=[{"file": "closed.csv"}, {"file": "open.csv", "loop": "open"}]))
     alone = run(project(tmp_path, experiment=[{"file": "closed.csv"}]))
     assert not changed(together)
-    assert "open-loop response" in together.methods
-    assert "joint" in {**together.methods, **together.methods["not_applied"]}
+    assert "open-loop response" in together.to_dict()["methods"]
+    assert "joint" in {**together.to_dict()["methods"], **together.to_dict()["methods"]["not_applied"]}
     for both, one in zip(together.elements, alone.elements, strict=True):
         assert both.parameters[0].std_error < one.parameters[0].std_error
 
@@ -216,12 +216,12 @@ def test_margins_on_model_and_plant(tmp_path):
         {"input": "steam", "output": "bottom", "Kc": 0.5, "Ti": 2.0},
     ]
     result = run(Project.from_toml(Project(**tables).to_toml(), tmp_path))
-    rows = {name: found[1] for name, found in result.robustness["margins"].items()}
+    rows = {name: found[1] for name, found in result.to_dict()["robustness"]["margins"].items()}
     assert abs(rows["model"]["gain_margin"] - 4.47) < 0.01
     assert abs(rows["model"]["phase_margin"] - 60.6) < 0.1
     assert abs(rows["model"]["Ms"] - 1.398) < 0.001
     assert abs(rows["plant"]["Ms"] - 1.398) < 0.05
-    assert result.robustness["worse"] == []
+    assert result.to_dict()["robustness"]["worse"] == []
 
 
 @pytest.mark.slow
@@ -242,7 +242,7 @@ def test_the_mill_loses_robust_performance(tmp_path, variant, peak):
     law.append({"input": "steam", "output": "bottom", "Kc": 0.42, "Ti": 5.2})
     weights = {"wI": {"gain_percent": 10.0, "dead_time": 0.2}, "wP": "(0.45 s + 0.05)/s"}
     result = run(project(tmp_path, case.model, controller=law, robustness=weights))
-    model, plant = result.robustness["peaks"]["model"], result.robustness["peaks"]["plant"]
+    model, plant = result.to_dict()["robustness"]["peaks"]["model"], result.to_dict()["robustness"]["peaks"]["plant"]
     assert abs(model["RP"]["upper"] - 0.9728) < 1e-4
     assert abs(model["RP"]["frequency"] - 0.889) < 2e-3
     assert model["robust_performance_holds"]

@@ -54,7 +54,7 @@ def analysed(folder: Path, v: np.ndarray, r: np.ndarray, d: np.ndarray | None = 
 
 
 def parameters(result: Result, method: str) -> dict[tuple[str, str], list[dict[str, Any]]]:
-    return {(e["output"], e["input"]): e["parameters"] for e in result.methods[method]}
+    return {(e["output"], e["input"]): e["parameters"] for e in result.to_dict()["methods"][method]}
 
 
 def true_value(output: str, column: str, k: int) -> float:

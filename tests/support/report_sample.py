@@ -16,7 +16,28 @@ from scipy.optimize import least_squares
 from scipy.signal import csd
 from scipy.stats import norm
 
-from trueplant.result import Curves, Element, Importance, Parameter, Reason, Residuals, Result, Trend
+from trueplant.result import (
+    ControllerCheck,
+    Curves,
+    DataFinding,
+    Element,
+    Excitation,
+    Exclusion,
+    ExperimentData,
+    FitRow,
+    Importance,
+    MethodElement,
+    MethodParameter,
+    Methods,
+    Parameter,
+    Provenance,
+    Reason,
+    Residuals,
+    Result,
+    Settings,
+    SignalExcitation,
+    Trend,
+)
 
 Array = NDArray[np.float64]
 NAMES, H, N = ("gain", "tau1", "dead_time"), 0.5, 480
@@ -88,23 +109,26 @@ def sample(
     return Result(
         status="ok",
         reasons=(),
-        provenance={
-            "version": "0.1.0",
-            "project_sha256": "0" * 64,
-            "data_sha256": {f"run_{k + 1}.csv": f"{k:064x}" for k in range(experiments)},
-            "time_spans": [[0.0, float(t[-1])]] * experiments,
-            "seed": seed,
-            "settings": {"method": "auto", "confidence": 0.95, "tolerance_percent": 0.0},
-        },
+        provenance=Provenance(
+            version="0.1.0",
+            project="project",
+            project_sha256="0" * 64,
+            data_sha256={f"run_{k + 1}.csv": f"{k:064x}" for k in range(experiments)},
+            time_spans={f"run_{k + 1}.csv": (0.0, float(t[-1])) for k in range(experiments)},
+            time_unit="min",
+            seed=seed,
+            settings=Settings("auto", 0.95, 0.0),
+        ),
         data=tuple(_data(f"run_{k + 1}", outputs, inputs, records[k], t) for k in range(experiments)),
         elements=elements,
         fit=tuple(_fit_row(outputs[k], trend, k) for trend in trends for k in range(n_y)),
-        methods={
-            "joint": [_summary(e) for e in elements],
-            "direct": [_summary(e) for e in elements[:-1]],
-            "agreement": ["joint and direct agree within their intervals."],
-            "controller_consistency": {inputs[0]: {"consistent": True, "rms": 0.021, "from": None}},
-        },
+        methods=Methods(
+            answers={"joint": tuple(map(_summary, elements)), "direct": tuple(map(_summary, elements[:-1]))},
+            agreement=("joint and direct agree within their intervals.",),
+            controller_consistency=(
+                ControllerCheck("run_1", inputs[0], "%", True, 0.021, "the declared controller reproduces OP"),
+            ),
+        ),
         notes=(Reason("one-disturbance", "The spread between runs was added to the intervals."),),
         curves=curves,
         plant_toml='time_unit = "min"\n',
@@ -157,10 +181,9 @@ def _element(output: str, input_: str, model: Array, plant: Array, error: Array,
     )
 
 
-def _summary(element: Element) -> dict[str, object]:
-    keys = ("name", "unit", "plant", "std_error", "ci")
-    parameters = [{k: getattr(p, k) for k in keys} for p in element.parameters]
-    return {"output": element.output, "input": element.input, "parameters": parameters}
+def _summary(element: Element) -> MethodElement:
+    parameters = (MethodParameter(p.name, p.plant, p.std_error, p.ci) for p in element.parameters)
+    return MethodElement(element.output, element.input, tuple(parameters))
 
 
 def _predictions(u: Array, y: Array, parameters: Array) -> Array:
@@ -261,27 +284,31 @@ def _curves(
 
 def _data(
     name: str, outputs: Sequence[str], inputs: Sequence[str], record: tuple[Array, Array, Array], t: Array
-) -> dict[str, object]:
-    u, y, _ = record
-    return {
-        "name": name,
-        "samples": N,
-        "sample_time": H,
-        "used": [[0.0, 150.0], [158.5, float(t[-1])]],
-        "excluded": [{"from": 150.0, "to": 158.5, "signal": "all", "reason": "excluded in the project file"}],
-        "findings": [{"kind": "saturated", "signal": inputs[0], "message": "OP at its upper limit.", "samples": 12}],
-        "excitation": {
-            "outputs": dict(zip(outputs, y.std(axis=0).tolist(), strict=True)),
-            "inputs": dict(zip(inputs, u.std(axis=0).tolist(), strict=True)),
-        },
-    }
+) -> ExperimentData:
+    u, _, _ = record
+    moves = (SignalExcitation(i, 12, float(std), (0.01, 1.0)) for i, std in zip(inputs, u.std(axis=0), strict=True))
+    return ExperimentData(
+        name=name,
+        loop="open",
+        samples=N,
+        sample_time=H,
+        start=None,
+        span=(0.0, float(t[-1])),
+        used=((0.0, 150.0), (158.5, float(t[-1]))),
+        usable_share=dict.fromkeys(outputs, 0.98),
+        saturated_share=dict.fromkeys(inputs, 0.0),
+        excluded=(Exclusion(150.0, 158.5, "all", "excluded in the project file"),),
+        findings=(DataFinding("saturated", inputs[0], "OP at its upper limit.", 12, False, None, ()),),
+        refused=None,
+        excitation=Excitation("inputs", len(inputs), tuple(moves), 3.5, ()),
+    )
 
 
-def _fit_row(output: str, trend: Trend, k: int) -> dict[str, object]:
+def _fit_row(output: str, trend: Trend, k: int) -> FitRow:
     y = trend.y[:, k]
     spread = np.linalg.norm(y - y.mean())
     model, plant = (float(100 * (1 - np.linalg.norm(y - p[:, k]) / spread)) for p in (trend.model, trend.plant))
-    return {"experiment": trend.name, "output": output, "fit_percent_model": model, "fit_percent_plant": plant}
+    return FitRow(output, trend.name, model, plant)
 
 
 def refused(curves: bool = False) -> Result:
@@ -307,7 +334,7 @@ def refused(curves: bool = False) -> Result:
     return Result(
         status="refused",
         reasons=(Reason("no-excitation", "The valve never moved: make set-point steps, record again.", "run_1.csv"),),
-        provenance={"version": "0.1.0"},
+        provenance=Provenance("0.1.0", "project", "0" * 64, {}, {}, "min", 0, Settings("auto", 0.95, 0.0)),
         data=(),
         elements=(element,) if curves else (),
         curves=None if full is None or full.curves is None else _unanswered(full.curves),

@@ -44,8 +44,7 @@ def show(result: Result, written: Sequence[Path]) -> None:
 
 def elements_table(result: Result) -> Table:
     """One row a parameter: what the model says, what the plant does, and the verdict of its element."""
-    confidence = result.provenance.get("settings", {}).get("confidence")
-    plant = f"plant ({100 * confidence:g} % interval)" if confidence else "plant"
+    plant = f"plant ({100 * result.provenance.settings.confidence:g} % interval)"
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for heading in ("element", "verdict", "grade", "parameter", "model", plant, "change"):
         table.add_column(heading, justify="right" if heading in ("model", "change") else "left", overflow="fold")

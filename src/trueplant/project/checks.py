@@ -17,7 +17,7 @@ def check_project(project: Declaration) -> None:
     _check_names(project)
     _check_references(project)
     _check_experiments(project)
-    check_controllers(project, project.controllers, ())
+    _check_controllers(project, project.controllers, ())
     _check_simulation(project)
     _check_tuning(project)
 
@@ -107,10 +107,10 @@ def _check_experiments(project: Declaration) -> None:
         for name in experiment.limits:
             _known(name, project.input_names, "[[input]]", "experiment", k, "limits", name)
         where = ("experiment", k, "controllers")
-        check_controllers(project, project.overridden(experiment.controllers, where), where)
+        _check_controllers(project, project.overridden(experiment.controllers, where), where)
 
 
-def check_controllers(project: Declaration, controllers: Iterable[Controller], where: tuple[str | int, ...]) -> None:
+def _check_controllers(project: Declaration, controllers: Iterable[Controller], where: tuple[str | int, ...]) -> None:
     outputs = {entry.name: entry for entry in project.outputs}
     inputs = {entry.name: entry for entry in project.inputs}
     seen: set[tuple[str, str]] = set()

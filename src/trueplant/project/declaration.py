@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import Field, PrivateAttr, ValidationError
 
+from trueplant import datasets
 from trueplant.lti import tf
 from trueplant.project.messages import message
 from trueplant.project.tables import (
@@ -48,8 +49,6 @@ class ExperimentPlan:
     def path(self) -> Path:
         """Where the file is; an example record is fetched if it is not at hand (SourceError where it cannot be)."""
         if self.name.startswith("dataset:"):
-            from trueplant import datasets
-
             return datasets.path(self.name.removeprefix("dataset:"))
         return self.folder / self.name
 
@@ -73,7 +72,6 @@ class Declaration(Table):
 
     _folder: Path = PrivateAttr(default=Path())
     _source: str = PrivateAttr(default="project")
-    _sha256: str = PrivateAttr(default="")
 
     @property
     def source(self) -> str:

@@ -11,6 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from trueplant.project.levels import ALIKE, SHOWN_CHARACTERS
+
 Where = tuple[str | int, ...]
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
@@ -55,7 +57,7 @@ def line_numbers(text: str) -> dict[Where, int]:
     count: dict[Where, int] = {}
     table: Where = ()
     in_string = False
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(text.split("\n"), 1):
         quotes = line.count('"""') + line.count("'''")
         inside, in_string = in_string, in_string != bool(quotes % 2)
         if inside:
@@ -198,7 +200,7 @@ def _nearest(where: Where, model: type[BaseModel]) -> str:
         for key in keys_of(member)
     ]
     lowered = {key.lower(): key for key in reversed(keys)}
-    close = difflib.get_close_matches(str(where[-1]).lower(), lowered, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(str(where[-1]).lower(), lowered, n=1, cutoff=ALIKE)
     return f'did you mean "{lowered[close[0]]}"?' if close else f"its keys are {', '.join(keys)}"
 
 
@@ -206,4 +208,4 @@ def _shown(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     text = f'"{value}"' if isinstance(value, str) else str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return text if len(text) <= SHOWN_CHARACTERS else f"{text[: SHOWN_CHARACTERS - 3]}..."

@@ -9,16 +9,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import ValidationError, model_validator
+from pydantic import PrivateAttr, ValidationError, model_validator
 
 from trueplant import loop
 from trueplant.errors import ProjectError
-from trueplant.lti import TransferFunction, TransferMatrix, to_formula
+from trueplant.lti import TransferFunction, TransferMatrix, tf, to_formula
 from trueplant.project.checks import check_project
 from trueplant.project.controllers import controller_of, layout_of
 from trueplant.project.declaration import Declaration
+from trueplant.project.document import to_toml, with_formulas, with_moved_paths
 from trueplant.project.messages import message
-from trueplant.project.toml import to_toml
 from trueplant.record.layout import Layout
 
 
@@ -28,6 +28,10 @@ class Project(Declaration):
     Built by `Project.load`, or in code with the same keys: ``Project(time_unit="min", output=[{...}], ...)``. Raises
     ProjectError with one message that names the key (and the line of the file).
     """
+
+    _text: str = PrivateAttr(default="")
+    """What the project was read from; empty where it was built in code."""
+    _sha256: str = PrivateAttr(default="")
 
     def __init__(self, /, **tables: Any) -> None:
         try:
@@ -51,15 +55,15 @@ class Project(Declaration):
             line = content[: error.start].count(b"\n") + 1
             what = f"{file}, line {line}: is not UTF-8 text: save the project file as UTF-8"
             raise ProjectError(_if_record(file) or what) from None
-        return cls._read(text, file, hashlib.sha256(content).hexdigest())
+        return cls._read(text, file, _sha256(content))
 
     @classmethod
     def from_toml(cls, text: str, folder: str | os.PathLike[str] = ".") -> Self:
         """Read a project from TOML text; relative paths in it start from ``folder``."""
-        return cls._read(text, Path(folder) / "project.toml", hashlib.sha256(text.encode()).hexdigest())
+        return cls._read(text, Path(folder) / "project.toml")
 
     @classmethod
-    def _read(cls, text: str, file: Path, digest: str) -> Self:
+    def _read(cls, text: str, file: Path, digest: str = "") -> Self:
         try:
             tables = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
@@ -70,7 +74,8 @@ class Project(Declaration):
             if not isinstance(error.__cause__, ValidationError):
                 raise
             raise ProjectError(message(error.__cause__, cls, str(file), text)) from None
-        project._folder, project._source, project._sha256 = file.parent, str(file), digest
+        project._folder, project._source = file.parent, str(file)
+        project._text, project._sha256 = text, digest or _sha256(text.encode())
         return project
 
     # -- what the tables say together -------------------------------------------------------------------
@@ -85,7 +90,7 @@ class Project(Declaration):
     @property
     def sha256(self) -> str:
         """Of the project file, or of the TOML text of a project built in code."""
-        return self._sha256 or hashlib.sha256(self.to_toml().encode()).hexdigest()
+        return self._sha256 or _sha256(self.to_toml().encode())
 
     def model_matrix(self) -> TransferMatrix:
         """The model from the inputs, (n_y, n_u); zero where no element is declared."""
@@ -114,39 +119,55 @@ class Project(Declaration):
         """Which column is what, for the readers of `record`."""
         return layout_of(self)
 
-    def with_model(self, elements: Mapping[tuple[int, int], TransferFunction]) -> Project:
-        """This project with other transfer functions at the elements (i, j); j counts inputs, then disturbances."""
+    def with_model(self, elements: Mapping[tuple[int, int], TransferFunction]) -> Self:
+        """This project with other transfer functions at the elements (i, j); j counts inputs, then disturbances.
+
+        The text of a project that was read from a file stays, but for the formulas that differ.
+        """
         sources = (*self.input_names, *self.disturbance_names)
-        model = {(e.output, e.input): e.model_dump(by_alias=True, exclude_unset=True) for e in self.model}
+        formulas = {}
         for (i, j), system in elements.items():
-            pair = (self.output_names[i], sources[j])
-            model.setdefault(pair, {"output": pair[0], "input": pair[1]})["tf"] = to_formula(system)
-        tables = self.model_dump(by_alias=True, exclude_unset=True) | {"model": list(model.values())}
-        project = Project(**tables)
-        project._folder = self._folder
-        return project
+            declared, formula = self.element(i, j), to_formula(system)
+            if declared is None or to_formula(tf(declared.tf)) != formula:
+                formulas[self.output_names[i], sources[j]] = formula
+        return self._read(with_formulas(self.to_toml(), formulas), Path(self._source))
 
     def to_toml(self, folder: str | os.PathLike[str] | None = None) -> str:
-        """The project as TOML text; with ``folder``, relative paths are written so that they hold from there."""
-        tables = self.model_dump(by_alias=True, exclude_unset=True)
-        if folder is not None:
-            for entry, key in [(tables.get("data", {}), "files"), *((e, "file") for e in tables.get("experiment", []))]:
-                if key in entry:
-                    names = entry[key]
-                    moved = [self._moved(n, folder) for n in ([names] if isinstance(names, str) else names)]
-                    entry[key] = moved[0] if isinstance(names, str) else moved
-            for exclude in tables.get("data", {}).get("exclude", []):
-                if exclude.get("file"):
-                    exclude["file"] = self._moved(exclude["file"], folder)
-            plant = tables.get("simulate", {}).get("plant", "model")
-            if isinstance(plant, str) and plant != "model":
-                tables["simulate"]["plant"] = self._moved(plant, folder)
-        return to_toml(tables)
+        """The project as TOML text; with ``folder``, relative paths are written so that they hold from there.
+
+        A project that was read from TOML keeps its comments, order and formatting.
+        """
+        text = self._text or to_toml(self.model_dump(by_alias=True, exclude_unset=True))
+        if folder is None or os.path.relpath(self._folder, folder) == os.curdir:
+            return text
+        return with_moved_paths(text, lambda name: self._moved(name, folder))
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy, with ``update`` put in unchecked; it is then no longer the project of the file."""
+        copy = super().model_copy(update=update, deep=deep)
+        if update:
+            copy._text = copy._sha256 = ""
+        return copy
 
     def _moved(self, name: str, folder: str | os.PathLike[str]) -> str:
         if name.startswith("dataset:") or os.path.isabs(name):
             return name
         return Path(os.path.relpath(self._folder / name, folder)).as_posix()
+
+
+def plant_project(
+    project: Project, elements: Mapping[tuple[int, int], TransferFunction], folder: str | os.PathLike[str] | None = None
+) -> str:
+    """The text of plant.toml in ``folder``: the project with the updated plant as its model.
+
+    ``elements`` are the updated transfer functions at (i, j), j counting inputs, then disturbances. Without ``folder``
+    relative paths start where those of the project do.
+    """
+    return project.with_model(elements).to_toml(folder)
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def _if_record(file: Path) -> str:

@@ -5,23 +5,18 @@ from __future__ import annotations
 import io
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
+from numpy.typing import NDArray
 
 from trueplant import loop
 from trueplant.errors import LoopError, OutputError, ProjectError
 from trueplant.lti import TransferMatrix
 from trueplant.project.controllers import check_signs
+from trueplant.project.levels import DECIMALS, MOST_STEPS, STEPS_PER_TIME_CONSTANT, WHOLE_NUMBER
 from trueplant.project.project import Project
 from trueplant.project.tables import Simulate
-
-if TYPE_CHECKING:
-    import polars as pl
-    from numpy.typing import NDArray
-
-_FINEST = 1000
-"""Most steps of the simulator in one sample of the record."""
 
 
 def simulate_record(project: Project) -> pl.DataFrame:
@@ -30,8 +25,6 @@ def simulate_record(project: Project) -> pl.DataFrame:
     Raises ProjectError without a [simulate] table or a controller, or with a pv_transform, LoopError for a loop that is
     unstable or cannot run.
     """
-    import polars as pl
-
     plan = project.simulate
     if plan is None:
         raise ProjectError(f"{project.source}: has no [simulate] table: add one with duration and sample_time")
@@ -69,7 +62,7 @@ def simulate_record(project: Project) -> pl.DataFrame:
         columns[entry.op] = done.u[:, j]
     for i, output in enumerate(project.outputs):
         columns[output.pv] = done.y[:, i]
-    return pl.DataFrame({name: np.round(column, 9) for name, column in columns.items()})
+    return pl.DataFrame({name: np.round(column, DECIMALS) for name, column in columns.items()})
 
 
 def checked_format(path: str | Path) -> str:
@@ -111,10 +104,10 @@ def steps_per_sample(project: Project, plan: Simulate, plant: TransferMatrix) ->
     scans = [law.sample_time for law in project.controllers if law.sample_time is not None]
     wanted = 1
     if len(scans) < len(project.controllers):
-        wanted = math.ceil(plan.sample_time / _shortest_time(project, plan, plant) * 20)
-    for every in range(max(wanted, 1), _FINEST + 1):
+        wanted = math.ceil(plan.sample_time / _shortest_time(project, plan, plant) * STEPS_PER_TIME_CONSTANT)
+    for every in range(max(wanted, 1), MOST_STEPS + 1):
         h = plan.sample_time / every
-        if all(scan >= h * (1 - 1e-9) and abs(scan / h - round(scan / h)) < 1e-6 for scan in scans):
+        if all(scan >= h * (1 - 1e-9) and abs(scan / h - round(scan / h)) < WHOLE_NUMBER for scan in scans):
             return every
     raise LoopError(
         f"sample_time {plan.sample_time:g} in [simulate] does not go with the loop: choose one that is a multiple or a "
@@ -127,7 +120,7 @@ def _shortest_time(project: Project, plan: Simulate, plant: TransferMatrix) -> f
     poles = np.concatenate([plant[i, j].poles for i in range(plant.shape[0]) for j in range(plant.shape[1])])
     times = [1 / abs(p) for p in poles if abs(p) > 0]
     for law in project.controllers:
-        filters = [law.Tf, law.Ti, (law.Td or 0.0) * (0.1 if law.alpha is None else law.alpha)]
+        filters = [law.Tf, law.Ti, (law.Td or 0.0) * (loop.PID.alpha if law.alpha is None else law.alpha)]
         times += [time for time in filters if time]
     return min(times, default=plan.sample_time)
 

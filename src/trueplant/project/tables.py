@@ -9,6 +9,10 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pydantic_core import PydanticCustomError
 
 from trueplant.errors import FormulaError
+from trueplant.lti import parse_pv, require_proper, tf
+from trueplant.lti.structure import Structure
+from trueplant.project.levels import MOST_SAMPLES
+from trueplant.tune import ALL_METHODS
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -39,8 +43,6 @@ Limits = Annotated[tuple[Finite, Finite], BeforeValidator(_as_tuple), AfterValid
 
 
 def _transfer_function(text: str | float) -> str | float:
-    from trueplant.lti import require_proper, tf
-
     try:
         require_proper(tf(text), "the transfer function")
     except FormulaError as error:
@@ -49,8 +51,6 @@ def _transfer_function(text: str | float) -> str | float:
 
 
 def _pv_formula(text: str) -> str:
-    from trueplant.lti import parse_pv
-
     try:
         parse_pv(text)
     except FormulaError as error:
@@ -59,8 +59,6 @@ def _pv_formula(text: str) -> str:
 
 
 def _structure(text: str) -> str:
-    from trueplant.lti.structure import Structure
-
     try:
         Structure.parse(text)
     except FormulaError as error:
@@ -337,8 +335,6 @@ class Tuning(Table):
     @model_validator(mode="after")
     def _methods_exist(self) -> Tuning:
         if self.methods:
-            from trueplant.tune import ALL_METHODS
-
             for k, name in enumerate(self.methods):
                 if name not in ALL_METHODS:
                     raise problem(f"{name!r} is no tuning method: use {', '.join(ALL_METHODS)}", "methods", k)
@@ -373,6 +369,9 @@ class Simulate(Table):
     def _has_steps(self) -> Simulate:
         if self.duration < 2 * self.sample_time:
             raise problem("must be at least two sample times", "duration")
-        if self.duration / self.sample_time > 5e7:
-            raise problem("gives more than 50 million samples: shorten it or raise sample_time", "duration")
+        if self.duration / self.sample_time > MOST_SAMPLES:
+            raise problem(
+                f"gives more than {MOST_SAMPLES // 1_000_000} million samples: shorten it or raise sample_time",
+                "duration",
+            )
         return self

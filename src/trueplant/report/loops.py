@@ -22,7 +22,6 @@ SYSTEMS = {
     "plant": "Plant, declared uncertainty",
     "estimate": "Plant, what the data leave open",
 }
-KNOWN = {"controller_of", "margins", "worse", "drawn", "pairing", "peaks"}
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ def render(result: Result) -> str:
 
     The same result gives the same text. Raises nothing for results without curves, elements or data.
     """
-    from trueplant.result.document import plain
+    from trueplant.result.codec import plain
     from trueplant.result.summary import loop_line
 
     book = Book()
@@ -44,13 +44,12 @@ def render(result: Result) -> str:
             data=plain(result.data),
             fits=tables.fit_tables(plain(result.fit)),
             loop_line=loop_line(result),
-            robustness=plain(result.robustness),
+            robustness=plain(result.robustness) or {},
             today=_today(result),
-            controllers=[one for one in plain(result.controllers) if not retuned.is_proposal(one)],
             retuned=_retuned(result, book),
             more_data=plain(result.more_data),
             comparison=tables.comparison(plain(result.methods), result.elements),
-            detected=detected(plain(result.methods).get("detectors", ()), result.elements),
+            detected=detected(result.methods.detectors, result.elements),
             elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in result.elements],
             grid=_grid(result),
             scale=number(scale),
@@ -86,9 +85,7 @@ def environment(*packages: str) -> jinja2.Environment:
 
 
 def _confidence(result: Result) -> float:
-    settings = result.provenance.get("settings")
-    value = settings.get("confidence", 0.95) if isinstance(settings, Mapping) else 0.95
-    return float(value)
+    return result.provenance.settings.confidence
 
 
 def _z(confidence: float) -> float:
@@ -124,11 +121,11 @@ def _grid(result: Result) -> tuple[list[str], list[tuple[str, list[Any]]]]:
 
 
 def _today(result: Result) -> dict[str, Any]:
-    """Today's loops as tables; what is there besides is shown as it stands."""
-    from trueplant.result.document import plain
+    """Today's loops as tables."""
+    from trueplant.result.codec import plain
 
-    found, curves = plain(result.robustness), result.curves
-    unit = curves.time_unit if curves else str(result.provenance.get("time_unit", ""))
+    found, curves = plain(result.robustness) or {}, result.curves
+    unit = curves.time_unit if curves else result.provenance.time_unit
     outputs, inputs = (curves.outputs, curves.inputs) if curves else ((), ())
     systems, peaks = loops.peak_rows(found, unit)
     return {
@@ -139,13 +136,12 @@ def _today(result: Result) -> dict[str, Any]:
         "drawn": loops.drawn_sentences(found),
         "inputs": inputs,
         "pairing": loops.pairing_rows(found, outputs, inputs),
-        "rest": {key: value for key, value in found.items() if key not in loops.KNOWN},
     }
 
 
 def _retuned(result: Result, book: Book) -> list[tuple[retuned.Retuned, list[Drawn]]]:
     """New settings, a loop at a time, with the responses before and after."""
-    from trueplant.result.document import plain
+    from trueplant.result.codec import plain
 
     curves = result.curves
     outputs = dict(zip(curves.outputs, curves.output_units, strict=True)) if curves else {}
@@ -153,11 +149,10 @@ def _retuned(result: Result, book: Book) -> list[tuple[retuned.Retuned, list[Dra
     drawn = {(c.input, c.output): c for c in curves.retuning} if curves else {}
     found = []
     for loop in plain(result.controllers):
-        if retuned.is_proposal(loop):
-            place = loop["input"], loop["output"]
-            pv, op = outputs.get(place[1], ""), inputs.get(place[0], "")
-            responses = _retuning_figures(drawn[place], pv, op, loop["time_unit"], book) if place in drawn else []
-            found.append((retuned.retuned(loop, op, pv), responses))
+        place = loop["input"], loop["output"]
+        pv, op = outputs.get(place[1], ""), inputs.get(place[0], "")
+        responses = _retuning_figures(drawn[place], pv, op, loop["time_unit"], book) if place in drawn else []
+        found.append((retuned.retuned(loop, op, pv), responses))
     return found
 
 

@@ -88,11 +88,6 @@ class Retuned:
         return self.recommended and not any(setting.changes for setting in self.settings)
 
 
-def is_proposal(loop: Any) -> bool:
-    """Whether a mapping of `controllers` has what this section draws."""
-    return isinstance(loop, Mapping) and {"current", "proposals", "recommended"} <= loop.keys()
-
-
 def retuned(loop: Table, input_unit: str, output_unit: str) -> Retuned:
     """The texts of one loop of `controllers`; units of OP and PV."""
     proposals = [p for p in loop["proposals"] if p.get("settings")]

@@ -155,7 +155,7 @@ class ComparisonRow:
     answers: tuple[str, ...]
 
 
-APART = ("coherence", "detectors")
+APART = ("coherence", "detectors", "disagreements")
 """Entries of `methods` that figures, or tables of their own, show."""
 
 
@@ -199,7 +199,7 @@ def comparison(methods: Mapping[str, Any], elements: Sequence[Element] = ()) -> 
         )
         for element, rows in found.items()
     )
-    return Comparison(names, rows_of, {k: v for k, v in methods.items() if k not in (*names, *APART)})
+    return Comparison(names, rows_of, {k: v for k, v in methods.items() if v and k not in (*names, *APART)})
 
 
 def _answer(p: Mapping[str, Any]) -> str:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def render(track: Track) -> str:
     """The track as HTML text: no file or address outside of it is needed. The same track gives the same text."""
-    from trueplant.result.document import plain
+    from trueplant.result.codec import plain
 
     book = Book()
     figures = [(e, _drawn(track, e, book)) for e in track.elements]
@@ -31,8 +31,8 @@ def render(track: Track) -> str:
         .render(
             track=track,
             headline=track.headline.replace("->", "→"),
-            confidence=track.provenance["settings"]["confidence"],
-            precision=track.provenance["settings"]["precision_percent"],
+            confidence=track.provenance.settings.confidence,
+            precision=track.provenance.settings.precision_percent,
             changes=[(c, change_sentence(c, track.time_unit).replace("->", "→")) for c in track.changes],
             figures=figures,
             refused=refused_stretches(track),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
+from trueplant.result.methods import Detection
 from trueplant.result.outcome import Outcome
 
 Place = tuple[str, str]
@@ -12,21 +12,21 @@ Place = tuple[str, str]
 
 def detector_lines(result: Outcome) -> list[str]:
     """A line for each detector that was asked for: what it flags, and where that is not the verdict."""
-    found = result.methods.get("detectors", ())
+    found = result.methods.detectors
     if not found:
         return []
     verdicts = {(e.output, e.input): e.verdict for e in result.elements}
     return ["published detectors, on which no verdict rests:", *(f"  {_line(one, verdicts)}" for one in found)]
 
 
-def _line(found: Mapping[str, Any], verdicts: Mapping[Place, str]) -> str:
-    if found["refused"] is not None:
-        return f"{found['name']} does not apply: {found['refused']}"
-    flagged = {(e["output"], e["input"]): e["kind"] for e in found["elements"] if e["flagged"]}
+def _line(found: Detection, verdicts: Mapping[Place, str]) -> str:
+    if found.refused is not None:
+        return f"{found.name} does not apply: {found.refused}"
+    flagged = {(e.output, e.input): e.kind for e in found.elements if e.flagged}
     said = ", ".join(_arrow(place) + (f" ({kind})" if kind else "") for place, kind in flagged.items())
-    text = f"{found['name']} flags {said or 'nothing'}"
+    text = f"{found.name} flags {said or 'nothing'}"
     more = [place for place in flagged if verdicts.get(place) == "unchanged"]
-    tested = [(e["output"], e["input"]) for e in found["elements"]]
+    tested = [(e.output, e.input) for e in found.elements]
     missed = [place for place in tested if verdicts.get(place) == "changed" and place not in flagged]
     if not more and not missed:
         return text

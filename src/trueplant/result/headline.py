@@ -40,8 +40,8 @@ def headline(result: Outcome) -> str:
         whole = "" if open_ones else "all " if kept > 1 else ""
         where = f"{whole}{counted(kept, 'element')}" if kept > 1 or open_ones else _arrow(result.elements[0])
         text = f"No change was found in {where}{_hidden([e for e in result.elements if e.verdict == 'unchanged'])}."
-        settings = result.provenance.get("settings", {})
-        tolerance, level = settings.get("tolerance_percent"), 1 - settings.get("confidence", 0.95)
+        settings = result.provenance.settings
+        tolerance, level = settings.tolerance_percent, 1 - settings.confidence
         p_values = [p.p_adjusted for e in result.elements for p in e.parameters if p.p_adjusted is not None]
         if tolerance and min(p_values, default=1.0) < level:
             text += f" Differences beyond chance are there, but none above the tolerance of {tolerance:g} %."

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
+from trueplant.result.controllers import LoopRetuning
 from trueplant.result.element import Element
+from trueplant.result.methods import Methods
+from trueplant.result.provenance import Provenance
 from trueplant.result.reason import Reason
+from trueplant.result.robustness import LoopRobustness
 
 
 class Outcome(Protocol):
@@ -21,10 +24,10 @@ class Outcome(Protocol):
     @property
     def elements(self) -> tuple[Element, ...]: ...
     @property
-    def provenance(self) -> Mapping[str, Any]: ...
+    def provenance(self) -> Provenance: ...
     @property
-    def methods(self) -> Mapping[str, Any]: ...
+    def methods(self) -> Methods: ...
     @property
-    def robustness(self) -> Mapping[str, Any]: ...
+    def robustness(self) -> LoopRobustness | None: ...
     @property
-    def controllers(self) -> tuple[Mapping[str, Any], ...]: ...
+    def controllers(self) -> tuple[LoopRetuning, ...]: ...

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from trueplant.result.codec import document
+from trueplant.result.controllers import LoopRetuning
 from trueplant.result.curves import Curves
-from trueplant.result.document import document
+from trueplant.result.data import ExperimentData
 from trueplant.result.element import Element
+from trueplant.result.fit import FitRow
 from trueplant.result.headline import headline
+from trueplant.result.methods import Methods
 from trueplant.result.plans import MoreData
+from trueplant.result.provenance import Provenance
 from trueplant.result.reason import Reason
+from trueplant.result.robustness import LoopRobustness
 from trueplant.result.summary import html_summary, text_summary
 
 
@@ -21,13 +26,14 @@ class Result:
 
     status: str
     reasons: tuple[Reason, ...]
-    provenance: Mapping[str, Any]
-    data: tuple[Mapping[str, Any], ...]
+    provenance: Provenance
+    data: tuple[ExperimentData, ...]
     elements: tuple[Element, ...]
-    fit: tuple[Mapping[str, Any], ...] = ()
-    methods: Mapping[str, Any] = field(default_factory=dict)
-    robustness: Mapping[str, Any] = field(default_factory=dict)
-    controllers: tuple[Mapping[str, Any], ...] = ()
+    fit: tuple[FitRow, ...] = ()
+    methods: Methods = field(default_factory=Methods)
+    robustness: LoopRobustness | None = field(default=None, metadata={"none_as": {}})
+    """None where no controller is declared, or nothing is answered."""
+    controllers: tuple[LoopRetuning, ...] = ()
     more_data: tuple[MoreData, ...] = ()
     """Moves that would settle what is open, the shortest first."""
     notes: tuple[Reason, ...] = ()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import math
-from typing import Any
 
 from trueplant.result.detectors_words import detector_lines
 from trueplant.result.element import Parameter
@@ -12,6 +11,7 @@ from trueplant.result.headline import headline
 from trueplant.result.methods_words import comparison_lines
 from trueplant.result.numbers import number, sentence, spoken, value_with_interval
 from trueplant.result.outcome import Outcome
+from trueplant.result.robustness import Margins
 
 _SYMBOLS = {"gain": "K", "slope": "K'", "dead_time": "dead time"}
 
@@ -42,8 +42,8 @@ def text_summary(result: Outcome) -> str:
     """What a terminal shows."""
 
     lines = [headline(result)]
-    confidence = result.provenance.get("settings", {}).get("confidence") if result.elements else None
-    if confidence:
+    if result.elements:
+        confidence = result.provenance.settings.confidence
         lines.append(f"(± is half of the {100 * confidence:g} % interval)")
     for element in result.elements:
         grade = f", grade {element.grade}" if element.grade else ""
@@ -68,64 +68,64 @@ def text_summary(result: Outcome) -> str:
 
 def loop_line(result: Outcome) -> str:
     """Whether the change matters to today's loops, in a sentence or two; empty where no controller is declared."""
-    margins = result.robustness.get("margins")
-    if not margins:
+    found = result.robustness
+    if found is None:
         return ""
-    unstable = [spoken(loop["input"]) for loop in margins["plant"] if not loop["stable"]]
+    unstable = [spoken(loop.input) for loop in found.margins.plant if not loop.stable]
     if unstable:
-        every = len(unstable) == len(margins["plant"]) > 1
+        every = len(unstable) == len(found.margins.plant) > 1
         which = "the loops" if every else f"the loop of {' and '.join(unstable)}"
         return f"Today's controller leaves {which} unstable on the plant as estimated."
-    measured = [loop for loop in margins["plant"] if loop["Ms"] is not None]
-    text = "Today's controller keeps the plant stable"
-    if measured:
-        highest = max(measured, key=lambda loop: float(loop["Ms"]))
-        before = next(loop for loop in margins["model"] if loop["input"] == highest["input"])
-        text += f"; the sensitivity peaks at Ms = {number(highest['Ms'])} ({spoken(highest['input'])}; usual is below 2"
-        text += f"; {number(before['Ms'])} on the model)" if before["stable"] else "; unstable on the model)"
-    text += "."
-    peaks = result.robustness.get("peaks", {})
-    if "RP" in peaks.get("plant", {}):
-        before, today = peaks["model"]["RP"]["upper"], peaks["plant"]["RP"]["upper"]
-        holds = "holds" if peaks["plant"]["robust_performance_holds"] else "does not hold"
-        peak = f"mu peaks at {number(today)} ({number(before)} on the model)" if _finite(today) else "mu has no bound"
+    text = f"Today's controller keeps the plant stable{_highest_peak(found.margins)}."
+    on_model, on_plant = found.peaks.get("model"), found.peaks.get("plant")
+    if on_model and on_plant and on_model.RP and on_plant.RP:
+        before, today = on_model.RP.upper, on_plant.RP.upper
+        holds = "holds" if on_plant.robust_performance_holds else "does not hold"
+        finite = math.isfinite(today)
+        peak = f"mu peaks at {number(today)} ({number(before)} on the model)" if finite else "mu has no bound"
         text += f" Robust performance {holds}: {peak}."
-    drawn = result.robustness.get("drawn", {})
-    if drawn and drawn["share_stable"] < 1:
-        text += f" It is unstable on {100 * (1 - drawn['share_stable']):.2g} % of the plants that the data leave open."
+    if found.drawn and found.drawn.share_stable < 1:
+        unstable_share = 100 * (1 - found.drawn.share_stable)
+        text += f" It is unstable on {unstable_share:.2g} % of the plants that the data leave open."
     return text
 
 
-def _finite(value: float | None) -> bool:
-    return value is not None and math.isfinite(value)
+def _highest_peak(margins: Margins) -> str:
+    measured = [(loop.Ms, loop) for loop in margins.plant if loop.Ms is not None]
+    if not measured:
+        return ""
+    peak, highest = max(measured, key=lambda one: one[0])
+    before = next(loop for loop in margins.model if loop.input == highest.input)
+    text = f"; the sensitivity peaks at Ms = {number(peak)} ({spoken(highest.input)}; usual is below 2"
+    return text + (f"; {number(before.Ms)} on the model)" if before.stable else "; unstable on the model)")
 
 
 def settings_lines(result: Outcome) -> list[str]:
     """The settings to enter, a line a loop; one line where today's are to stay; nothing where none were asked for."""
-    loops = [loop for loop in result.controllers if "recommended" in loop]
+    loops = result.controllers
     lines = []
     for loop in loops:
-        chosen = next((p for p in loop["proposals"] if p["method"] == loop["recommended"]), None)
-        if chosen is None:
+        if loop.chosen is None or loop.chosen.settings is None:
             continue
-        now, new = loop["current"]["settings"] or {}, chosen["settings"]
+        now = {} if loop.current.settings is None else loop.current.settings.values
+        new = loop.chosen.settings
         changed = [
-            f"{key} = {_setting(new[key])} (now {_setting(now.get(key))})"
-            for key in new
-            if key != "others" and _setting(new[key]) != _setting(now.get(key))
+            f"{key} = {_setting(value)} (now {_setting(now.get(key))})"
+            for key, value in new.values.items()
+            if _setting(value) != _setting(now.get(key))
         ]
         said = ", ".join(changed) or "as today"
-        if new.get("others"):
-            said += f", and from {', '.join(new['others'])} as in the report"
-        lines.append(f"recommended for {loop['input']} ({loop['recommended']}): {said}")
-    if lines and loops[0]["reason"]:
-        lines.append(f"  because it {sentence(loops[0]['reason'])}")
+        if new.others:
+            said += f", and from {', '.join(new.others)} as in the report"
+        lines.append(f"recommended for {loop.input} ({loop.recommended}): {said}")
+    if lines and loops[0].reason:
+        lines.append(f"  because it {sentence(loops[0].reason)}")
     if loops and not lines:
-        lines.append(f"no retuning is recommended: {sentence(loops[0]['reason'] or 'see the report')}")
+        lines.append(f"no retuning is recommended: {sentence(loops[0].reason or 'see the report')}")
     return lines
 
 
-def _setting(value: Any) -> str:
+def _setting(value: float | str | None) -> str:
     return "none" if value is None else value if isinstance(value, str) else f"{value:.4g}"
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from trueplant.result.changes import Change, TrackedElement, TrackedExperiment, Window
-from trueplant.result.document import document
+from trueplant.result.codec import document
+from trueplant.result.provenance import Provenance
 from trueplant.result.reason import Reason
 from trueplant.result.track_words import headline
 
@@ -20,7 +20,7 @@ class Track:
     """ "ok", or "refused" if no window could be fitted."""
     reasons: tuple[Reason, ...]
     notes: tuple[Reason, ...]
-    provenance: Mapping[str, Any]
+    provenance: Provenance
     time_unit: str
     experiments: tuple[TrackedExperiment, ...]
     elements: tuple[TrackedElement, ...] = ()

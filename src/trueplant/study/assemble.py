@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from trueplant.lti import UncertainPlant, to_formula
 from trueplant.mismatch import Coherence
-from trueplant.result import Element, Importance, MoreData, Parameter, Reason, Result
+from trueplant.project import plant_project
+from trueplant.result import (
+    CascadeCheck,
+    ControllerCheck,
+    Detection,
+    Element,
+    Importance,
+    MethodElement,
+    MethodParameter,
+    Methods,
+    MoreData,
+    Reason,
+    Result,
+)
 from trueplant.study.curves import curves_of
 from trueplant.study.data.cascade import cascade_notes
-from trueplant.study.data.nonparametric import coherence_curves, coherence_rows
+from trueplant.study.data.nonparametric import coherence_curves, coherence_table
 from trueplant.study.data.tables import data_tables, provenance
 from trueplant.study.loops.retuning import Retuning
 from trueplant.study.loops.robustness import LoopToday
@@ -22,18 +34,16 @@ from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.notes import controller_notes, grouped, notes_of
 from trueplant.study.study import Study
 
-Rows = Sequence[Mapping[str, Any]]
-
 
 @dataclass(frozen=True, eq=False)
 class Checked:
     """What the data show before and beside an estimate."""
 
-    controllers: Rows
+    controllers: tuple[ControllerCheck, ...]
     """Does each declared controller reproduce OP?"""
-    cascades: Rows
+    cascades: tuple[CascadeCheck, ...]
     coherence: Coherence | None
-    detectors: Rows
+    detectors: tuple[Detection, ...]
     reasons: tuple[Reason, ...]
     """Why nothing, or not everything, can be answered."""
 
@@ -72,7 +82,7 @@ def assemble(study: Study, checked: Checked, found: Found) -> Result:
         more_data=found.plans,
         notes=_notes(study, checked, found),
         curves=replace(curves, mu=found.loop.mu, retuning=found.retuned.curves),
-        plant_toml=study.project.with_model(updated).to_toml(),
+        plant_toml=plant_project(study.project, updated),
     )
 
 
@@ -96,11 +106,6 @@ def refused(study: Study, checked: Checked) -> Result:
         )
         for (i, j), spec in sorted(study.specs.items())
     )
-    methods: dict[str, Any] = {"controller_consistency": list(checked.controllers)} if checked.controllers else {}
-    if checked.cascades:
-        methods["cascade"] = checked.cascades
-    if study.project.analysis.detectors:
-        methods["detectors"] = checked.detectors
     notes = [*study.notes, *controller_notes(checked.controllers), *cascade_notes(checked.cascades)]
     return Result(
         status="refused",
@@ -108,7 +113,7 @@ def refused(study: Study, checked: Checked) -> Result:
         provenance=provenance(study),
         data=data_tables(study),
         elements=elements,
-        methods=methods,
+        methods=_beside(checked),
         notes=grouped(notes),
         plant_toml=study.project.to_toml(),
     )
@@ -124,35 +129,32 @@ def _unanswered(elements: Sequence[Element]) -> list[Reason]:
     ]
 
 
-def _methods(study: Study, checked: Checked, found: Found) -> dict[str, Any]:
-    elements, others = found.judged.elements, found.compared
-    direct = [{"output": e.output, "input": e.input, "parameters": [_short(p) for p in e.parameters]} for e in elements]
-    methods: dict[str, Any] = {"direct": direct, **others.elements, "agreement": list(others.agreement)}
-    if any(others.not_applied.values()):
-        methods["not_applied"] = dict(others.not_applied)
-    if others.remarks:
-        methods["remarks"] = dict(others.remarks)
-    if others.black_box:
-        methods["black_box"] = dict(others.black_box)
-    if others.assumed:
-        methods["assumed"] = others.assumed
-    if others.disturbance:
-        methods["disturbance"] = list(others.disturbance)
-    if checked.cascades:
-        methods["cascade"] = checked.cascades
-    if checked.controllers:
-        methods["controller_consistency"] = list(checked.controllers)
-    if others.band and found.judged.answered:
-        methods["band"] = others.band
-    if checked.coherence is not None:
-        methods["coherence"] = coherence_rows(study, checked.coherence)
-    if study.project.analysis.detectors:
-        methods["detectors"] = checked.detectors
-    return methods
+def _beside(checked: Checked) -> Methods:
+    """What the data show without an estimate."""
+    return Methods(cascade=checked.cascades, controller_consistency=checked.controllers, detectors=checked.detectors)
 
 
-def _short(p: Parameter) -> dict[str, Any]:
-    return {"name": p.name, "plant": p.plant, "std_error": p.std_error, "ci": p.ci}
+def _methods(study: Study, checked: Checked, found: Found) -> Methods:
+    direct = tuple(
+        MethodElement(
+            e.output, e.input, tuple(MethodParameter(p.name, p.plant, p.std_error, p.ci) for p in e.parameters)
+        )
+        for e in found.judged.elements
+    )
+    others = found.compared
+    return replace(
+        _beside(checked),
+        answers={"direct": direct, **others.elements},
+        agreement=others.agreement,
+        disagreements=others.disagreements,
+        not_applied=others.not_applied if any(others.not_applied.values()) else {},
+        remarks={name: tuple(said) for name, said in others.remarks.items()},
+        black_box=others.black_box,
+        assumed=others.assumed,
+        disturbance=others.disturbance,
+        band=others.band if found.judged.answered else (),
+        coherence=None if checked.coherence is None else coherence_table(study, checked.coherence),
+    )
 
 
 def _notes(study: Study, checked: Checked, found: Found) -> tuple[Reason, ...]:

@@ -62,7 +62,7 @@ def track(project: Project, precision: float = PRECISION, progress: Progress = q
         status="ok" if any(w.status == "ok" for w in windows) else "refused",
         reasons=tuple(reasons),
         notes=(*study.notes, *_notes(followed)),
-        provenance=_provenance(study, precision),
+        provenance=provenance(study, 100 * precision),
         time_unit=project.time_unit,
         experiments=tuple(experiments),
         windows=tuple(sorted(windows, key=lambda w: (w.output, w.start))),
@@ -131,11 +131,6 @@ def _notes(followed: list[Followed]) -> list[Reason]:
     return notes
 
 
-def _provenance(study: Study, precision: float) -> dict[str, Any]:
-    whole = provenance(study)
-    return whole | {"settings": whole["settings"] | {"precision_percent": 100 * precision}}
-
-
 def _refused(study: Study, experiments: list[TrackedExperiment], reasons: list[Reason], precision: float) -> Track:
     windows = tuple(
         Window(output, e.name, e.span[0], e.span[1], "refused", s.refusal or reasons[0].message)
@@ -146,7 +141,7 @@ def _refused(study: Study, experiments: list[TrackedExperiment], reasons: list[R
         status="refused",
         reasons=tuple(reasons),
         notes=study.notes,
-        provenance=_provenance(study, precision),
+        provenance=provenance(study, 100 * precision),
         time_unit=study.project.time_unit,
         experiments=tuple(experiments),
         windows=windows,

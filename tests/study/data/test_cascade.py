@@ -58,7 +58,7 @@ def analysed(folder: Path, **tables: Any) -> Result:
 
 
 def slave_of(result: Result) -> dict[str, Any]:
-    (entry,) = result.methods["cascade"]
+    (entry,) = result.to_dict()["methods"]["cascade"]
     assert any(note.code == "cascade" and note.message == entry["message"] for note in result.notes)
     return entry
 

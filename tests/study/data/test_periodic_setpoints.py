@@ -58,7 +58,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 @pytest.mark.parametrize("method", ["periodic", "closed-form"])
 def test_averages_over_periods_answer_all_elements_beside_the_fit(result, method):
-    rows = result.methods[method]
+    rows = result.to_dict()["methods"][method]
     truth = {
         ("top", "reflux"): (14.5, 16.7, 1.4),
         ("top", "steam"): (-18.9, 21.0, 3.4),
@@ -73,9 +73,12 @@ def test_averages_over_periods_answer_all_elements_beside_the_fit(result, method
     ]
     assert np.max(np.abs(apart)) < 4
     assert np.sqrt(np.mean(np.square(apart))) < 1.8
-    assert "closed-form and periodic agree with the fit within their uncertainties" in result.methods["agreement"]
-    assert "paper-route" not in result.methods
-    assert "averages over their periods" in result.methods["not_applied"]["joint"]
+    assert (
+        "closed-form and periodic agree with the fit within their uncertainties"
+        in result.to_dict()["methods"]["agreement"]
+    )
+    assert "paper-route" not in result.to_dict()["methods"]
+    assert "averages over their periods" in result.to_dict()["methods"]["not_applied"]["joint"]
 
 
 def test_the_plant_is_held_against_the_averages_and_the_band_is_told(result):
@@ -110,12 +113,12 @@ def test_coherence_is_in_the_result_and_drawn(result):
 
 def test_setpoints_that_do_not_repeat_say_so_only_where_they_are_asked(tmp_path):
     usual = single(tmp_path, one_loop(0))
-    assert "periodic" not in usual.methods
-    assert "periodic" not in usual.methods.get("not_applied", {})
-    assert usual.methods["band"][0]["by"].endswith("local polynomials")
+    assert "periodic" not in usual.to_dict()["methods"]
+    assert "periodic" not in usual.to_dict()["methods"].get("not_applied", {})
+    assert usual.to_dict()["methods"]["band"][0]["by"].endswith("local polynomials")
     project = declared(tmp_path, one_loop(0), "2 exp(-13.4 s)/(60 s + 1)")
     asked = run(Project.from_toml(project.to_toml() + '\n[analysis]\nmethod = "periodic"\n', tmp_path))
-    assert "do not repeat, sample by sample" in asked.methods["not_applied"]["periodic"]
+    assert "do not repeat, sample by sample" in asked.to_dict()["methods"]["not_applied"]["periodic"]
 
 
 def test_one_loop_with_a_square_wave_is_averaged(tmp_path):

@@ -46,7 +46,7 @@ def test_a_declared_disturbance_does_not_bring_them_back(tmp_path):
     made = declared(tmp_path, recorded(2, 500), MODEL, LAW | {"sample_time": 0.5})
     with_disturbance = made.model_copy(update={"unmeasured": [Unmeasured(output="y", kind="drift", std=0.001)]})
     result = run(with_disturbance)
-    assert "disturbance" in result.methods
+    assert "disturbance" in result.to_dict()["methods"]
     assert [p.plant is None for p in result.elements[0].parameters] == [False, True, True]
 
 
@@ -102,10 +102,10 @@ def test_an_op_at_its_limits_is_no_sign_of_a_faster_scan(tmp_path):
 
 def test_a_scan_that_is_the_records_is_confirmed_without_being_declared(tmp_path):
     """A continuous law would not have written what derivative action on noise wrote once a sample."""
-    confirmed = run(declared(tmp_path, recorded(1), MODEL, LAW)).methods["controller_consistency"]
+    confirmed = run(declared(tmp_path, recorded(1), MODEL, LAW)).to_dict()["methods"]["controller_consistency"]
     assert [entry["confirmed"] for entry in confirmed] == [True]
     assert confirmed[0]["message"] == "the declared controller reproduces OP to rounding"
-    other = run(declared(tmp_path, recorded(1, Kc=-0.6), MODEL, LAW)).methods["controller_consistency"]
+    other = run(declared(tmp_path, recorded(1, Kc=-0.6), MODEL, LAW)).to_dict()["methods"]["controller_consistency"]
     assert [entry["confirmed"] for entry in other] == [False]
 
 
@@ -136,5 +136,7 @@ def test_the_rounding_of_op_is_no_other_tuning(tmp_path):
     rounded = dataclasses.replace(made, u=np.round(made.u))
     step = 1 / np.sqrt(12) / float(np.std(made.u))
     assert step > 0.05
-    checked = run(declared(tmp_path, rounded, MODEL, LAW | PI | {"sample_time": 1.0})).methods["controller_consistency"]
+    checked = run(declared(tmp_path, rounded, MODEL, LAW | PI | {"sample_time": 1.0})).to_dict()["methods"][
+        "controller_consistency"
+    ]
     assert [entry["confirmed"] for entry in checked] == [True]

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 def law_of(result: Result, method: str, scan: float | None) -> Controller:
     """The controllers as a user would type them in."""
     entries = []
-    for loop in result.controllers:
+    for loop in result.to_dict()["controllers"]:
         rows = {p["method"]: p for p in loop["proposals"]} | {"current": loop["current"]}
         entries.append(PID(**rows[method]["settings"], sample_time=scan))
     return Controller.diagonal(entries)
@@ -53,7 +53,7 @@ def test_the_loop_that_was_designed_is_restored(name, request):
     """as-designed: on the plant as estimated each loop is again what it was on the model, where today it is not."""
     result, _ = request.getfixturevalue(name)
     gained = []
-    for loop in result.controllers:
+    for loop in result.to_dict()["controllers"]:
         wanted = loop["current"]["metrics"]["model"]["setpoint"]["iae"]
         before, after = (
             row["metrics"]["plant"]["setpoint"]["iae"] for row in (loop["current"], proposal(loop, "as-designed"))
@@ -69,9 +69,9 @@ def test_the_loop_that_was_designed_is_restored(name, request):
 def test_the_recommended_settings_are_better_on_the_true_plant(name, request):
     result, plant = request.getfixturevalue(name)
     assert {loop["recommended"] for loop in result.controllers} == {"certain-share"}
-    scan = result.provenance and {"splitter": 0.1, "mill": 0.05}[name]
+    scan = result.to_dict()["provenance"] and {"splitter": 0.1, "mill": 0.05}[name]
     before, after = (law_of(result, method, scan) for method in ("current", "certain-share"))
-    for i, _ in enumerate(result.controllers):
+    for i, _ in enumerate(result.to_dict()["controllers"]):
         old, new = (loop_metrics(plant, law, output=i, input=i) for law in (before, after))
         assert new.load.iae <= old.load.iae * 1.02
         assert new.margins.Ms < 1.62
@@ -82,11 +82,11 @@ def test_the_recommended_settings_are_better_on_the_true_plant(name, request):
 @pytest.mark.parametrize("name", ["splitter", "mill"])
 def test_the_share_is_that_of_plants_drawn_independently(name, request):
     result, _ = request.getfixturevalue(name)
-    assert len(result.controllers) == 2
-    for loop in result.controllers:
+    assert len(result.to_dict()["controllers"]) == 2
+    for loop in result.to_dict()["controllers"]:
         drawn = proposal(loop, "certain-share")["drawn"]
         assert drawn["count"] == 1000
-        assert drawn["seed"] == result.provenance["seed"] + 2
+        assert drawn["seed"] == result.to_dict()["provenance"]["seed"] + 2
         assert 0.95 <= drawn["share_all"] <= drawn["share"] <= drawn["stable"] <= 1
         assert drawn["Ms"]["q50"] <= drawn["Ms"]["q95"] <= 1.6
 
@@ -94,7 +94,7 @@ def test_the_share_is_that_of_plants_drawn_independently(name, request):
 def test_no_gain_is_proposed_that_the_record_cannot_support(splitter):
     """The element to the top temperature has no dead time: no rule would bound its gain."""
     result, _ = splitter
-    top = result.controllers[0]
+    top = result.to_dict()["controllers"][0]
     assert top["input"] == "reflux"
     assert "could be hidden" in top["assumptions"][0]
     today = top["current"]["metrics"]["plant"]["crossover"]
@@ -105,7 +105,7 @@ def test_no_gain_is_proposed_that_the_record_cannot_support(splitter):
 
 def test_settings_are_written_as_the_controller_is_declared(splitter):
     result, _ = splitter
-    top, bottom = result.controllers
+    top, bottom = result.to_dict()["controllers"]
     declared = {"form": "ideal", "Kc": 1.0, "Ti": 8.0, "Td": 0.5, "alpha": 0.1, "action": "direct"}
     assert top["current"]["settings"] == declared
     for row in top["proposals"]:
@@ -137,11 +137,11 @@ def test_bands_hold_the_curve_of_the_plant_and_end_at_rest(splitter):
 
 def test_mu_is_reported_with_weights(mill):
     result, _ = mill
-    assert len(result.controllers) == 2
-    for loop in result.controllers:
+    assert len(result.to_dict()["controllers"]) == 2
+    for loop in result.to_dict()["controllers"]:
         now = loop["current"]["metrics"]
         assert now["model"]["mu"]["upper"] >= now["model"]["mu"]["lower"] > 0.3
-        assert now["plant"]["mu"] == result.controllers[0]["current"]["metrics"]["plant"]["mu"]
+        assert now["plant"]["mu"] == result.to_dict()["controllers"][0]["current"]["metrics"]["plant"]["mu"]
         assert 0 <= proposal(loop, "certain-share")["drawn"]["mu_share"] <= 1
 
 
@@ -169,5 +169,5 @@ def test_a_proposal_from_one_run_holds_on_the_plant_of_another(real_data):
         assert new.margins.Ms < 1.59 and new.margins.Mt < 1.59
         assert new.load.iae < 0.75 * old.load.iae
         assert new.setpoint.settling < 1.2 * old.setpoint.settling
-        crossover = result.controllers[i]["current"]["metrics"]["plant"]["crossover"]
+        crossover = result.to_dict()["controllers"][i]["current"]["metrics"]["plant"]["crossover"]
         assert new.margins.phase_margin_frequency < 2.2 * crossover

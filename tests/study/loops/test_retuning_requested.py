@@ -21,7 +21,7 @@ def test_vendor_notation(tmp_path):
     """Percent of span: a span of 200 of PV and 100 of OP halve the engineering gain."""
     asked = '[tuning]\nmethods = ["simc", "certain-share"]\nform = "series"\ngain_unit = "percent of span"\n'
     asked += 'gain = "proportional band"\nintegral = "repeats"\ntime_unit = "s"'
-    loop = tp.run(small(tmp_path, asked, DECLARED, law=PI_LAW)).controllers[0]
+    loop = tp.run(small(tmp_path, asked, DECLARED, law=PI_LAW)).to_dict()["controllers"][0]
     simc = proposal(loop, "simc")
     # dead time 2 and half a scan, within what the data say: Kc = 10/(2 (2.5 + 2.5)) in engineering units
     assert simc["settings"]["Kc"] * 100 / 200 == pytest.approx(1.0, rel=0.1)
@@ -35,7 +35,7 @@ def test_vendor_notation(tmp_path):
 
 def test_as_designed_undoes_a_change_of_gain(tmp_path):
     asked = '[tuning]\nmethods = ["as-designed"]'
-    loop = tp.run(small(tmp_path, asked, DECLARED, law=PI_LAW)).controllers[0]
+    loop = tp.run(small(tmp_path, asked, DECLARED, law=PI_LAW)).to_dict()["controllers"][0]
     settings = proposal(loop, "as-designed")["settings"]
     assert settings["Kc"] == pytest.approx(0.75, rel=0.03)
     assert settings["Ti"] == pytest.approx(10, rel=0.05)
@@ -46,7 +46,7 @@ def test_a_loop_that_needs_nothing_is_left_alone(tmp_path):
     law = PID(Kc=0.8, Ti=5.0, sample_time=1.0)
     declared = DECLARED.replace("Kc = 1.0\nTi = 10", "Kc = 0.8\nTi = 5")
     asked = '[tuning]\nmethods = ["certain-share", "amigo"]\nlimits = {Ms = 1.75}'
-    loop = tp.run(small(tmp_path, asked, declared, law=law)).controllers[0]
+    loop = tp.run(small(tmp_path, asked, declared, law=law)).to_dict()["controllers"][0]
     assert loop["recommended"] is None
     assert "keep them" in loop["reason"]
     assert loop["current"]["drawn"]["share_all"] >= 0.95
@@ -55,7 +55,7 @@ def test_a_loop_that_needs_nothing_is_left_alone(tmp_path):
 def test_a_loop_too_lively_is_calmed(tmp_path):
     law = PID(Kc=1.9, Ti=7.0, sample_time=1.0)
     declared = DECLARED.replace("Kc = 1.0\nTi = 10", "Kc = 1.9\nTi = 7")
-    loop = tp.run(small(tmp_path, "[tuning]\n", declared, law=law)).controllers[0]
+    loop = tp.run(small(tmp_path, "[tuning]\n", declared, law=law)).to_dict()["controllers"][0]
     assert loop["current"]["drawn"]["share"] < 0.05
     assert loop["recommended"] == "certain-share"
     assert proposal(loop, "certain-share")["drawn"]["share"] >= 0.95
@@ -69,7 +69,7 @@ def test_designs_that_are_no_pid_are_transfer_functions(tmp_path):
     asked = '[tuning]\nmethods = ["lqg", "h2", "certain-share"]'
     project = small(tmp_path, asked, DECLARED, law=PI_LAW)
     result = tp.run(project)
-    loop = result.controllers[0]
+    loop = result.to_dict()["controllers"][0]
     plant = TransferMatrix(((tf(result.elements[0].tf_plant),),))
     for method in ("lqg", "h2"):
         row = proposal(loop, method)
@@ -84,7 +84,9 @@ def test_designs_that_are_no_pid_are_transfer_functions(tmp_path):
 
 def test_h_infinity_without_slycot_says_what_to_do(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "slycot", None)
-    loop = tp.run(small(tmp_path, '[tuning]\nmethods = ["h-infinity"]', DECLARED, law=PI_LAW)).controllers[0]
+    loop = tp.run(small(tmp_path, '[tuning]\nmethods = ["h-infinity"]', DECLARED, law=PI_LAW)).to_dict()["controllers"][
+        0
+    ]
     assert "trueplant[hinf]" in proposal(loop, "h-infinity")["note"]
     assert proposal(loop, "h-infinity")["settings"] is None
     assert loop["recommended"] is None
@@ -94,7 +96,7 @@ def test_a_controller_that_acts_on_a_transformed_pv_gets_gains_for_it(tmp_path):
     """With pv_transform = "2 pv" the gain in front of it is half of what acts on PV."""
     declared = DECLARED.replace("Kc = 1.0", 'Kc = 0.5\npv_transform = "2 * pv"')
     asked = '[tuning]\nmethods = ["as-designed"]'
-    loop = tp.run(small(tmp_path, asked, declared, law=PI_LAW)).controllers[0]
+    loop = tp.run(small(tmp_path, asked, declared, law=PI_LAW)).to_dict()["controllers"][0]
     assert loop["current"]["settings"]["Kc"] == 0.5
     assert proposal(loop, "as-designed")["settings"]["Kc"] == pytest.approx(0.375, rel=0.03)
 

@@ -103,14 +103,14 @@ def test_peaks_under_the_declared_uncertainty_are_those_of_the_library(result):
     wI, wP = tf("((1 + 0.075)*0.2 s + 0.15)/(0.1 s + 1)"), tf("(0.5 s + 0.03)/s")
     for name, plant in (("model", splitter().model), ("plant", estimated(result))):
         found = robust_performance(plant, law(result), wI, wP)
-        said = result.robustness["peaks"][name]
+        said = result.to_dict()["robustness"]["peaks"][name]
         for test in ("NP", "RS", "RP"):
             assert said[test]["upper"] == pytest.approx(getattr(found, test).upper, rel=1e-4)
         assert said["robust_performance_holds"] is found.passes
 
 
 def test_worst_plant_reaches_the_peak_and_stays_in_the_uncertainty(result):
-    said = result.robustness["peaks"]["plant"]
+    said = result.to_dict()["robustness"]["peaks"]["plant"]
     found = {(e["output"], e["input"]): e["tf"] for e in said["worst_plant"]}
     outputs, inputs = ("top_temperature", "vaporisation"), ("reflux", "fuel_gas")
     worst = TransferMatrix.of([[found.get((y, u), "0") for u in inputs] for y in outputs], "min")
@@ -153,9 +153,9 @@ def plants_of_the_region(result: Result, count: int) -> list[TransferMatrix]:
 
 
 def test_robust_performance_of_the_estimate_holds_for_the_plants_it_speaks_of(result):
-    said = result.robustness["peaks"]["estimate"]
+    said = result.to_dict()["robustness"]["peaks"]["estimate"]
     assert said["robust_performance_holds"] and said["RP"]["upper"] < 1
-    assert result.robustness["peaks"]["plant"]["NP"]["upper"] < said["RP"]["upper"] and "NP" not in said
+    assert result.to_dict()["robustness"]["peaks"]["plant"]["NP"]["upper"] < said["RP"]["upper"] and "NP" not in said
     s, controller, asked = 1j * np.geomspace(1e-4, 30, 500), law(result), tf("(0.5 s + 0.03)/s")
     for plant in plants_of_the_region(result, 40):
         assert unstable_poles(plant, controller) == 0
@@ -164,7 +164,7 @@ def test_robust_performance_of_the_estimate_holds_for_the_plants_it_speaks_of(re
 
 
 def test_peaks_of_drawn_loops_lie_between_those_at_the_ends_of_the_intervals(result):
-    drawn = result.robustness["drawn"]
+    drawn = result.to_dict()["robustness"]["drawn"]
     assert drawn["share_stable"] == 1.0 and drawn["share_performance"] == 1.0 and drawn["count"] == 500
     fuel = next(row for row in drawn["loops"] if row["input"] == "fuel_gas")
     assert fuel["share"] == 1.0

@@ -29,7 +29,7 @@ def test_detectors_run_on_request_and_leave_the_verdicts_alone(tmp_path):
     written(tmp_path, wood_berry(21, samples=1200, plant=scaled(1, 0, 1.5)))
     plain = run(project(tmp_path, controller=CONTROLLERS))
     asked = run(project(tmp_path, controller=CONTROLLERS, analysis={"detectors": list(detect.DETECTORS)}))
-    assert "detectors" not in plain.methods
+    assert "detectors" not in plain.to_dict()["methods"]
     assert [e.verdict for e in plain.elements] == [e.verdict for e in asked.elements]
     entries = {entry["name"]: entry for entry in asked.to_dict()["methods"]["detectors"]}
     assert tuple(entries) == detect.DETECTORS
@@ -43,7 +43,7 @@ def test_a_detector_for_routine_data_answers_where_the_analysis_refuses(tmp_path
     v = coloured(np.random.default_rng(22), 3000, 2, [1, -0.8], [1], 0.3)
     written(tmp_path, simulate(WOOD_BERRY, BLT, np.zeros((3000, 2)), 1.0, v=v))
     result = run(project(tmp_path, analysis={"detectors": ["one-class", "stepwise"]}))
-    one_class, stepwise = result.methods["detectors"]
+    one_class, stepwise = result.to_dict()["methods"]["detectors"]
     assert result.status == "refused"
     assert one_class["refused"] is None and len(one_class["elements"]) == 4
     assert "set-point" in stepwise["refused"]

@@ -49,7 +49,7 @@ def analysed(folder: Path, simulation: Simulation, method: str, model: TransferM
 
 
 def values(result: Result, method: str) -> dict[tuple[str, str], list[dict]]:
-    return {(e["output"], e["input"]): e["parameters"] for e in result.methods[method]}
+    return {(e["output"], e["input"]): e["parameters"] for e in result.to_dict()["methods"][method]}
 
 
 GROWN = TransferMatrix((WOOD_BERRY.elements[0], (WOOD_BERRY[1, 0] * 1.3, WOOD_BERRY[1, 1])), "min")
@@ -80,7 +80,7 @@ def test_the_plant_lies_within_the_intervals(everything, method):
 
 @pytest.mark.slow
 def test_methods_that_agree_share_a_sentence_and_those_that_do_not_have_their_own(everything):
-    together, alone = everything.methods["agreement"]
+    together, alone = everything.to_dict()["methods"]["agreement"]
     assert together == (
         "closed-form, rivc, clsrivc, two-stage and the black box agree with the fit within their uncertainties"
     )
@@ -97,13 +97,13 @@ def test_srivc_and_the_two_stage_method_under_white_noise_lie_within_theirs(tmp_
         truth = structure_of(WOOD_BERRY[NAMES[0].index(output), NAMES[1].index(name)])[1]
         assert all(abs(p["plant"] - v) < 3.5 * p["std_error"] for p, v in zip(found, truth, strict=True))
     # only what was asked for ran
-    assert {"direct", "srivc"} <= result.methods.keys()
-    assert not {"closed-form", "rivc", "clsrivc", "two-stage", "black_box"} & result.methods.keys()
+    assert {"direct", "srivc"} <= result.to_dict()["methods"].keys()
+    assert not {"closed-form", "rivc", "clsrivc", "two-stage", "black_box"} & result.to_dict()["methods"].keys()
 
 
 @pytest.mark.slow
 def test_a_disagreement_that_has_a_reason_is_said_with_it(everything):
-    (said,) = (s for s in everything.methods["agreement"] if s.startswith("srivc"))
+    (said,) = (s for s in everything.to_dict()["methods"]["agreement"] if s.startswith("srivc"))
     assert "disagree" in said and "biases SRIVC" in said
     assert any(said in note.message for note in everything.notes)
 
@@ -117,7 +117,7 @@ def test_verdicts_are_those_of_the_direct_fit_whatever_is_asked_for(everything, 
 
 @pytest.mark.slow
 def test_the_black_box_finds_what_the_model_lacks_and_no_fault_with_the_fit(everything):
-    table = everything.methods["black_box"]
+    table = everything.to_dict()["methods"]["black_box"]
     assert table["remembers"] == table["lags"] == 64
     assert 4 <= table["states"] <= 40 and "least whose response" in table["states_reason"]
     p = {(row["output"], row["input"]): row["p_values"] for row in table["elements"]}
@@ -141,8 +141,8 @@ def test_terminal_and_report_show_them_beside_each_other(everything, tmp_path):
 
 def test_without_a_controller_clsrivc_says_why(tmp_path):
     result = analysed(tmp_path, wood_berry(5, samples=1500), "clsrivc", controllers=[])
-    assert "clsrivc" not in result.methods
-    assert "declare it, or use two-stage" in result.methods["not_applied"]["clsrivc"]
+    assert "clsrivc" not in result.to_dict()["methods"]
+    assert "declare it, or use two-stage" in result.to_dict()["methods"]["not_applied"]["clsrivc"]
     assert "clsrivc does not apply: clsrivc drives" in text_summary(result)
     assert result.status == "ok"
 
@@ -171,8 +171,8 @@ def test_kept_elements_and_measured_disturbances_are_taken_along(tmp_path):
         for place, truth in ((("top", "reflux"), WOOD_BERRY[0, 0]), (("bottom", "feed"), feed[1, 0])):
             for p, value in zip(found[place], structure_of(truth)[1], strict=True):
                 assert abs(p["plant"] - value) < 4 * p["std_error"], (method, place)
-    assert "knows no measured disturbances" in result.methods["not_applied"]["clsrivc"]
-    rows = result.methods["black_box"]["elements"]
+    assert "knows no measured disturbances" in result.to_dict()["methods"]["not_applied"]["clsrivc"]
+    rows = result.to_dict()["methods"]["black_box"]["elements"]
     assert rows and all(row["p_values"]["direct"] > 0.01 for row in rows)
 
 
@@ -199,8 +199,8 @@ def one_loop(folder: Path, method: str, held: int = 1) -> Result:
 def test_values_that_only_stand_still_are_not_taken_for_measured(tmp_path):
     result = one_loop(tmp_path, "all", held=4)
     names = {"equation-error", "srivc", "rivc", "clsrivc", "two-stage", "black-box"}
-    assert not names & result.methods.keys()
-    why = result.methods["not_applied"]
+    assert not names & result.to_dict()["methods"].keys()
+    why = result.to_dict()["methods"]["not_applied"]
     assert all("export the record at the interval of the updates" in why[name] for name in names)
     assert result.status == "ok"
 
@@ -210,12 +210,14 @@ def test_one_loop_alone(tmp_path, method):
     """The equation error is biased by noise in PV, and says so; the black box alone says only its own."""
     result = one_loop(tmp_path, method)
     if method == "black-box":
-        assert [row["p_values"].keys() for row in result.methods["black_box"]["elements"]] == [{"model", "direct"}]
+        assert [row["p_values"].keys() for row in result.to_dict()["methods"]["black_box"]["elements"]] == [
+            {"model", "direct"}
+        ]
         return
     ((place, found),) = values(result, method).items()
     assert place == ("y", "u")
     assert found[0]["std_error"] > 0 and found[2]["std_error"] is None and found[2]["ci"] is None
-    assert any("biased by noise" in remark for remark in result.methods["remarks"][method])
+    assert any("biased by noise" in remark for remark in result.to_dict()["methods"]["remarks"][method])
 
 
 def test_a_misspelt_method_is_answered_with_the_nearest():

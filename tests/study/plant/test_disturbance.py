@@ -66,14 +66,14 @@ def test_a_drift_is_taken_along(tmp_path):
     result = analysed(tmp_path, v, random_switching(rng, samples, 2, 20.0), unmeasured=declared)
     assert outside(result, "direct") <= 2
     assert ("bottom", "reflux") in {(e.output, e.input) for e in result.elements if e.verdict == "changed"}
-    for row in result.methods["disturbance"]:
+    for row in result.to_dict()["methods"]["disturbance"]:
         assert row["jumps"] == []
         assert 0.3 < row["declared"][0]["found_std"] / 2e-3 <= 1
 
 
 @pytest.mark.slow
 def test_the_step_is_found_and_said(stepped):
-    table = {row["output"]: row for row in stepped.methods["disturbance"]}
+    table = {row["output"]: row for row in stepped.to_dict()["methods"]["disturbance"]}
     for output, size in (("top", 8.0), ("bottom", -8.0)):
         (jump,) = table[output]["jumps"]
         assert jump["time"] == 700.0
@@ -87,7 +87,7 @@ def test_the_step_is_found_and_said(stepped):
 @pytest.mark.slow
 def test_what_the_step_takes_from_the_parameters_is_said(stepped):
     """A level that is not known takes from the gains, which are levels too, and next to nothing from the dead times."""
-    rows = stepped.methods["disturbance"]
+    rows = stepped.to_dict()["methods"]["disturbance"]
     assert rows
     for row in rows:
         shares = {name: [x["share"] for x in row["lost"] if x["name"] == name] for name in ("gain", "dead_time")}
@@ -98,8 +98,8 @@ def test_what_the_step_takes_from_the_parameters_is_said(stepped):
 @pytest.mark.slow
 def test_forms_that_a_step_breaks_are_not_applied(stepped):
     for name in ("joint", "closed-form"):
-        assert "has to be estimated along" in stepped.methods["not_applied"][name]
-        assert name not in stepped.methods
+        assert "has to be estimated along" in stepped.to_dict()["methods"]["not_applied"][name]
+        assert name not in stepped.to_dict()["methods"]
 
 
 def test_measured_disturbance_with_a_drifted_model_in_the_closed_form(tmp_path):
@@ -124,8 +124,13 @@ def test_measured_disturbance_with_a_drifted_model_in_the_closed_form(tmp_path):
         # as sure as the fit, or nearly: what the feed does is not left in as noise
         own = found[place].parameters[0].std_error
         assert row[0]["std_error"] < 1.6 * own
-    assert "feed -> top as the fit estimated it along; feed -> bottom as declared" in result.methods["assumed"]
-    assert result.methods["agreement"] == ["joint and closed-form agree with the fit within their uncertainties"]
+    assert (
+        "feed -> top as the fit estimated it along; feed -> bottom as declared"
+        in result.to_dict()["methods"]["assumed"]
+    )
+    assert result.to_dict()["methods"]["agreement"] == [
+        "joint and closed-form agree with the fit within their uncertainties"
+    ]
 
 
 def test_closed_form_is_refused_where_setpoint_and_pv_act_differently(tmp_path):
@@ -134,8 +139,11 @@ def test_closed_form_is_refused_where_setpoint_and_pv_act_differently(tmp_path):
     laws = [law | {"setpoint_weight": 0.5} for law in LAWS]
     declared = [{"output": "top", "kind": "ar1", "std": 0.2, "time_constant": 5.0}]
     result = analysed(tmp_path, v, random_switching(rng, 800, 2, 20.0), controller=laws, unmeasured=declared)
-    assert "otherwise on its set-point" in result.methods["not_applied"][WITH_CLOSED_FORM]
-    assert {(e["output"], e["input"]) for e in result.methods[WITH_FIT]} == {("top", "reflux"), ("top", "steam")}
+    assert "otherwise on its set-point" in result.to_dict()["methods"]["not_applied"][WITH_CLOSED_FORM]
+    assert {(e["output"], e["input"]) for e in result.to_dict()["methods"][WITH_FIT]} == {
+        ("top", "reflux"),
+        ("top", "steam"),
+    }
 
 
 def test_where_a_disturbance_could_have_been_the_mismatch_it_is_said(tmp_path):

@@ -6,9 +6,10 @@ reached the plant. Elsewhere the slave's lag is in the plant, and a change of th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from trueplant.errors import LoopError, Refused, UnstableLoop
 from trueplant.lti import TransferMatrix
 from trueplant.mismatch import FrequencyResponse, hold_response, local_response
 from trueplant.record import Record, Segment
-from trueplant.result import Reason
+from trueplant.result import CascadeCheck, Reason
 from trueplant.robust import margins
 from trueplant.study.study import Study
 
@@ -39,7 +40,7 @@ OWN_SETPOINT = 0.1
 """Share of the slave's set-point that OP may leave unexplained."""
 
 
-def check_cascades(study: Study, plant: TransferMatrix) -> list[dict[str, Any]]:
+def check_cascades(study: Study, plant: TransferMatrix) -> tuple[CascadeCheck, ...]:
     """One entry for each usable experiment and input with slave signals, as in result.json.
 
     `plant` (n_y, n_u + n_d) gives the master's bandwidth.
@@ -51,16 +52,13 @@ def check_cascades(study: Study, plant: TransferMatrix) -> list[dict[str, Any]]:
             continue
         for j, named in enumerate(study.project.inputs):
             if named.slave_sp is not None:
-                name = study.project.experiments[k].name
-                segments = _segments(record, screened.segments, j)
-                entry = {"experiment": name, "input": named.name}
-                entries.append(entry | _checked(study, k, j, plant, segments))
-    return entries
+                entries.append(_checked(study, k, j, plant, _segments(record, screened.segments, j)))
+    return tuple(entries)
 
 
-def cascade_notes(entries: Sequence[Mapping[str, Any]]) -> list[Reason]:
+def cascade_notes(entries: Sequence[CascadeCheck]) -> list[Reason]:
     """What the reader has to know of the slaves."""
-    return [Reason("cascade", str(e["message"]), f"{e['experiment']}, {e['input']}") for e in entries]
+    return [Reason("cascade", e.message, f"{e.experiment}, {e.input}") for e in entries]
 
 
 def _segments(record: Record, segments: Sequence[Segment], j: int) -> list[Segment]:
@@ -91,68 +89,83 @@ def _segments(record: Record, segments: Sequence[Segment], j: int) -> list[Segme
     return found
 
 
-def _checked(study: Study, k: int, j: int, plant: TransferMatrix, segments: list[Segment]) -> dict[str, Any]:
-    nothing: dict[str, Any] = {"follows": None, "band": None, "basis": "", "deviation": None, "at": None}
-    nothing |= {"gain": None, "lag": None, "held_share": None, "stuck_share": None}
+def _checked(study: Study, k: int, j: int, plant: TransferMatrix, segments: list[Segment]) -> CascadeCheck:
+    said = partial(CascadeCheck, study.project.experiments[k].name, study.project.inputs[j].name)
     if not segments:
-        return nothing | {"message": "the slave's set-point is missing: whether the slave follows cannot be told"}
+        return said("the slave's set-point is missing: whether the slave follows cannot be told")
     try:
         response = local_response(segments, "direct")
     except Refused as error:
-        return nothing | {"message": f"whether the slave follows its set-point cannot be told: {error}"}
+        return said(f"whether the slave follows its set-point cannot be told: {error}")
     top, basis = _bandwidth(study, k, j, plant, segments)
     unit = study.project.time_unit
     inside = response.w <= max(top, response.w[response.points - 1])
     T, std = response.value[:, 0, 0], response.std[:, 0, 0] / np.abs(hold_response(response.w, response.h))
     known = inside & (std < KNOWN)
     (high, low), stuck = _held(segments), _stuck(segments)
-    entry = nothing | {"band": [float(response.w[0]), float(top)], "basis": basis}
-    entry |= {"held_share": high + low, "stuck_share": stuck}
+    said = partial(said, band=(float(response.w[0]), float(top)), basis=basis, held_share=high + low, stuck_share=stuck)
     if known.sum() < max(1, inside.sum() // 2):
-        return entry | {"message": "the slave's set-point moves too little to tell whether the slave follows it"}
+        return said("the slave's set-point moves too little to tell whether the slave follows it")
     deviation = _deviation(response, T)
     clear = np.where(known, deviation - 2 * std, -np.inf)
     worst = int(np.argmax(np.where(known, deviation, -np.inf)))
     weight = known * response.w**2 / np.maximum(std, 1e-12) ** 2
     lag = float(np.sum(weight * -np.angle(T) / response.w) / np.sum(weight))
     gain = float(np.abs(T[int(np.argmax(known))]))
-    entry |= {"deviation": float(deviation[worst]), "at": float(response.w[worst]), "gain": gain, "lag": lag}
+    measured = _Slave(gain, lag, float(deviation[worst]), float(response.w[worst]), high, low, stuck)
     follows = bool(np.max(clear) <= FOLLOWS) and high + low < HELD and stuck < STUCK
     band = f"up to {top:.3g} rad/{unit} ({basis})"
     text = "" if _asked(segments) else "its set-point is not OP (in other units): was the slave in cascade mode? "
     if follows:
         text += f"the slave follows its set-point {band}: T differs from 1 by at most {deviation[worst]:.2g}"
     else:
-        why = _why(entry, high, low, unit)
+        why = _why(measured, unit)
         text += f"the slave does not follow its set-point {band}, where T should be about 1: {why}"
-    return entry | {"follows": follows, "message": text}
+    return said(text, follows=follows, deviation=measured.deviation, at=measured.at, gain=gain, lag=lag)
 
 
-def _why(entry: Mapping[str, Any], high: float, low: float, unit: str) -> str:
-    if high + low >= HELD:
-        end = "both ends" if min(high, low) >= HELD / 4 else "its upper end" if high > low else "its lower end"
+@dataclass(frozen=True)
+class _Slave:
+    """What was measured of a slave."""
+
+    gain: float
+    lag: float
+    deviation: float
+    """Largest |T - 1|, at the frequency `at`."""
+    at: float
+    high: float
+    low: float
+    """Shares of the record held at its upper and lower end."""
+    stuck: float
+
+
+def _why(slave: _Slave, unit: str) -> str:
+    if slave.high + slave.low >= HELD:
+        both = min(slave.high, slave.low) >= HELD / 4
+        end = "both ends" if both else "its upper end" if slave.high > slave.low else "its lower end"
         return (
-            f"it is at {end} for {100 * (high + low):.2g} % of the record while more is asked of it. OP did not reach "
-            "the plant then: the gain found is too small and is no property of the plant. Leave these stretches out"
+            f"it is at {end} for {100 * (slave.high + slave.low):.2g} % of the record while more is asked of it. OP "
+            "did not reach the plant then: the gain found is too small and is no property of the plant. Leave these "
+            "stretches out"
         )
-    if abs(entry["gain"] - 1) > FOLLOWS:
+    if abs(slave.gain - 1) > FOLLOWS:
         return (
-            f"at low frequency it does {entry['gain']:.2g} of what is asked. A slave without integral action, another "
+            f"at low frequency it does {slave.gain:.2g} of what is asked. A slave without integral action, another "
             "span or a valve that sticks or is closed would do that; the gains found include it"
         )
-    if entry["deviation"] > FOLLOWS and entry["lag"] * entry["at"] > FOLLOWS / 2:
+    if slave.deviation > FOLLOWS and slave.lag * slave.at > FOLLOWS / 2:
         return (
-            f"it is too slow, with a lag of about {entry['lag']:.2g} {unit}. The plant seen from OP includes that lag: "
+            f"it is too slow, with a lag of about {slave.lag:.2g} {unit}. The plant seen from OP includes that lag: "
             "tuning the slave will look like a change of the plant, and the master cannot be tuned without it"
         )
-    if entry["stuck_share"] >= STUCK:
-        share = 100 * entry["stuck_share"]
+    if slave.stuck >= STUCK:
+        share = 100 * slave.stuck
         return (
             f"it sticks: it stands still for {share:.2g} % of the record while its set-point moves. OP is not "
             "what reached the plant then: take the slave's measurement for OP (op = ...), or mend the valve"
         )
     return (
-        f"T is off by {entry['deviation']:.2g} at {entry['at']:.2g} rad/{unit}, and neither lag nor gain explains it: "
+        f"T is off by {slave.deviation:.2g} at {slave.at:.2g} rad/{unit}, and neither lag nor gain explains it: "
         "the slave rings, perhaps. The plant seen from OP includes that"
     )
 

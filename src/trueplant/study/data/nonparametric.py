@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from trueplant.arrays import Array
 from trueplant.errors import TrueplantError
 from trueplant.mismatch import Coherence, FrequencyResponse, coherence
-from trueplant.result import CoherenceCurves
+from trueplant.result import CoherenceCurves, CoherenceTable, PartialCoherence, SignalCoherence
 from trueplant.study.study import Study
 
 LISTED, DRAWN = 100, 400
@@ -60,30 +59,30 @@ def coherence_of(study: Study) -> Coherence | None:
         return None
 
 
-def coherence_rows(study: Study, found: Coherence) -> Mapping[str, Any]:
-    """As in result.json."""
+def coherence_table(study: Study, found: Coherence) -> CoherenceTable:
+    """As the result has it."""
     keep, project = _kept(found, LISTED), study.project
     references = project.output_names if found.which == "r" else project.input_names
     signals = (*project.output_names, *(project.input_names if found.which == "r" else ()))
-    return {
-        "with": "set-points" if found.which == "r" else "OP",
-        "windows": found.windows,
-        "significance": found.significance,
-        "level": found.level,
-        "partial_level": found.partial_level,
-        "frequencies": found.w[keep].tolist(),
-        "signals": [
-            {
-                "signal": name,
-                "multiple": found.multiple[keep, k].tolist(),
-                "partial": [
-                    {"of": reference, "values": found.partial[keep, k, j].tolist()}
+    return CoherenceTable(
+        references="set-points" if found.which == "r" else "OP",
+        windows=found.windows,
+        significance=found.significance,
+        level=found.level,
+        partial_level=found.partial_level,
+        frequencies=tuple(found.w[keep].tolist()),
+        signals=tuple(
+            SignalCoherence(
+                name,
+                tuple(found.multiple[keep, k].tolist()),
+                tuple(
+                    PartialCoherence(reference, tuple(found.partial[keep, k, j].tolist()))
                     for j, reference in enumerate(references)
-                ],
-            }
+                ),
+            )
             for k, name in enumerate(signals)
-        ],
-    }
+        ),
+    )
 
 
 def coherence_curves(study: Study, found: Coherence) -> CoherenceCurves:

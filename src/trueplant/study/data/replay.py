@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from trueplant.errors import LoopError
 from trueplant.loop import Controller, replay
 from trueplant.record import Segment
 from trueplant.record.sensor import quantum
+from trueplant.result import ControllerCheck
 from trueplant.study.study import Study
 
 START = 20
@@ -24,7 +25,7 @@ ROUNDING = 1e-6
 """A difference below this share of OP's own movement (rms) is called rounding."""
 
 
-def check_controllers(study: Study) -> list[dict[str, Any]]:
+def check_controllers(study: Study) -> tuple[ControllerCheck, ...]:
     """One entry for each closed experiment and input with a declared controller, as in result.json."""
     entries = []
     for k, plan in enumerate(study.project.experiments):
@@ -35,21 +36,21 @@ def check_controllers(study: Study) -> list[dict[str, Any]]:
         written = {i for i, _ in controller.entries}
         for i in sorted(written):
             entries.append(_entry(study, k, plan.name, controller, segments, i))
-    return entries
+    return tuple(entries)
 
 
 def _entry(
     study: Study, k: int, name: str, controller: Controller, segments: tuple[Segment, ...], i: int
-) -> dict[str, Any]:
-    unit = study.project.inputs[i].unit
-    entry: dict[str, Any] = {"experiment": name, "input": study.project.input_names[i], "unit": unit}
+) -> ControllerCheck:
+    signal = study.project.inputs[i]
+    unit, unchecked = signal.unit, partial(ControllerCheck, name, signal.name, signal.unit, None, None)
     try:
         replayed = _best_replay(controller, segments, study, k, i)
     except LoopError as problem:
-        return entry | {"confirmed": None, "rms": None, "message": f"the controller cannot be checked: {problem}"}
+        return unchecked(f"the controller cannot be checked: {problem}")
     if not replayed:
         why = study.screened[k].refusal or "set-point or PV is missing"
-        return entry | {"confirmed": None, "rms": None, "message": f"the controller cannot be checked: {why}"}
+        return unchecked(f"the controller cannot be checked: {why}")
     e = np.concatenate([error for _, error in replayed])
     t = np.concatenate([segment.t for segment, _ in replayed])
     u = np.concatenate([segment.u[:, i] for segment, _ in replayed])
@@ -57,17 +58,17 @@ def _entry(
     scale = float(np.std(u)) or 1.0
     rounding = quantum(u) / np.sqrt(12)
     confirmed = rms <= max(CLOSE * scale, ROUNDED * rounding)
-    entry |= {"confirmed": confirmed, "rms": rms, "relative": rms / scale, "from": None}
+    checked = partial(ControllerCheck, name, signal.name, unit, confirmed, rms, relative=rms / scale)
     if confirmed:
         to = "rounding" if rms < max(ROUNDING * scale, ROUNDED * rounding) else f"{rms:.3g} {unit}".rstrip() + " rms"
-        return entry | {"message": f"the declared controller reproduces OP to {to}"}
+        return checked(message=f"the declared controller reproduces OP to {to}")
     since = _since(e, t, CLOSE * scale)
-    entry["from"] = since
     where = "throughout" if since is None else f"from t = {since:g} on"
-    return entry | {
-        "message": f"the declared controller does not reproduce OP: {rms:.3g} {unit} rms, {100 * rms / scale:.0f} % of "
-        f"OP's own movement, {where}. Its tuning, action, scan or mode is not what was declared"
-    }
+    return checked(
+        message=f"the declared controller does not reproduce OP: {rms:.3g} {unit} rms, {100 * rms / scale:.0f} % of "
+        f"OP's own movement, {where}. Its tuning, action, scan or mode is not what was declared",
+        since=since,
+    )
 
 
 def _best_replay(

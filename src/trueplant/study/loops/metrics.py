@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,12 +15,21 @@ from trueplant.errors import LoopError
 from trueplant.identify import OutputEstimate, pieces_of
 from trueplant.loop import Controller, Linear, simulate
 from trueplant.lti import DrawnPlants, TransferMatrix
+from trueplant.result import (
+    DrawnShares,
+    LoopMetrics,
+    MsQuantiles,
+    MuPeak,
+    NoiseMetrics,
+    ReplayMetrics,
+    StepResponseMetrics,
+)
 from trueplant.robust import Full, generalised_plant, mu, robust_performance
 from trueplant.robust.generalised import uncertainty_blocks
 from trueplant.study.plant.fit import simulate_row
 from trueplant.study.plant.identified import Identified
-from trueplant.study.study import Study
-from trueplant.tune import loop_metrics, step_response
+from trueplant.study.study import Place, Study
+from trueplant.tune import StepMetrics, loop_metrics, step_response
 from trueplant.tune.drawn import Peaks, peaks
 
 NOISE_STEPS = 4000
@@ -82,32 +91,42 @@ class Surroundings:
     """Simulation step for continuous controllers."""
 
 
-def loop_table(plant: TransferMatrix, controller: Controller, place: tuple[int, int], around: Surroundings) -> Any:
+def loop_metrics_of(
+    plant: TransferMatrix, controller: Controller, place: Place, around: Surroundings, mu: MuPeak | None
+) -> LoopMetrics:
     """Metrics of the loop at (input, output), the others closed; `docs/result.md` says what they are."""
     i, j = place
     try:
         found = loop_metrics(plant, controller, output=j, input=i)
     except LoopError as error:
-        return {"stable": False, "message": str(error)}
+        return LoopMetrics(False, str(error), mu=mu)
     m = found.margins
-    table: dict[str, Any] = {"stable": True}
-    for key in ("Ms", "Mt", "gain_margin", "phase_margin", "delay_margin"):
-        table[key] = _finite(getattr(m, key))
-    table["crossover"] = _finite(m.phase_margin_frequency)
-    common = ("iae", "itae", "ise", "total_variation", "settling")
-    for name, step, last in (("setpoint", found.setpoint, "overshoot"), ("load", found.load, "peak")):
-        table[name] = {key: getattr(step, key) for key in common} | {last: step.peak}
-    table["noise"] = _noise(plant, controller, i, j, around)
-    table["replay"] = _replay(plant, controller, i, j, around)
-    return table
+    return LoopMetrics(
+        stable=True,
+        Ms=_finite(m.Ms),
+        Mt=_finite(m.Mt),
+        gain_margin=_finite(m.gain_margin),
+        phase_margin=_finite(m.phase_margin),
+        delay_margin=_finite(m.delay_margin),
+        crossover=_finite(m.phase_margin_frequency),
+        setpoint=replace(_step(found.setpoint), overshoot=found.setpoint.peak),
+        load=replace(_step(found.load), peak=found.load.peak),
+        noise=_noise(plant, controller, i, j, around),
+        replay=_replay(plant, controller, i, j, around),
+        mu=mu,
+    )
 
 
-def mu_table(plant: TransferMatrix, controller: Controller, around: Surroundings) -> dict[str, float] | None:
+def _step(step: StepMetrics) -> StepResponseMetrics:
+    return StepResponseMetrics(step.iae, step.itae, step.ise, step.total_variation, step.settling)
+
+
+def mu_peak(plant: TransferMatrix, controller: Controller, around: Surroundings) -> MuPeak | None:
     """mu of robust performance under the declared weights."""
     if around.weights is None:
         return None
     found = robust_performance(plant, controller, *around.weights).RP
-    return {"lower": found.lower, "upper": found.upper, "frequency": found.frequency}
+    return MuPeak(found.lower, found.upper, found.frequency)
 
 
 def _finite(value: float) -> float | None:
@@ -120,7 +139,7 @@ def simulation_step(controller: Controller, wanted: float) -> float:
     return wanted if not scans else min(scans) / math.ceil(min(scans) / wanted * (1 - 1e-9))
 
 
-def _noise(plant: TransferMatrix, controller: Controller, i: int, j: int, around: Surroundings) -> Any:
+def _noise(plant: TransferMatrix, controller: Controller, i: int, j: int, around: Surroundings) -> NoiseMetrics | None:
     """What white noise on all PVs, one value a scan (or a sample of the record), makes of OP."""
     h = simulation_step(controller, around.step)
     still = np.zeros((NOISE_STEPS, plant.shape[0]))
@@ -130,11 +149,12 @@ def _noise(plant: TransferMatrix, controller: Controller, i: int, j: int, around
     except LoopError:
         return None
     late = done.u[NOISE_STEPS // 5 :, i]
-    return {"pv_std": float(around.noise[j])} | _moves(late, h)
+    return NoiseMetrics(float(around.noise[j]), *_moves(late, h))
 
 
-def _moves(u: Array, h: float) -> dict[str, float]:
-    return {"op_std": float(np.std(u)), "op_variation": float(np.sum(np.abs(np.diff(u))) / (h * (u.size - 1)))}
+def _moves(u: Array, h: float) -> tuple[float, float]:
+    """Standard deviation of OP, and its total variation per time unit."""
+    return float(np.std(u)), float(np.sum(np.abs(np.diff(u))) / (h * (u.size - 1)))
 
 
 def replayed(plant: TransferMatrix, controller: Controller, around: Surroundings) -> tuple[Array, Array, Array] | None:
@@ -158,17 +178,20 @@ def replayed(plant: TransferMatrix, controller: Controller, around: Surroundings
     return done.t, done.r - done.y_true, done.u
 
 
-def _replay(plant: TransferMatrix, controller: Controller, i: int, j: int, around: Surroundings) -> Any:
+def _replay(
+    plant: TransferMatrix, controller: Controller, i: int, j: int, around: Surroundings
+) -> ReplayMetrics | None:
     found = replayed(plant, controller, around)
     if found is None or around.disturbance is None:
         return None
     t, error, u = found
-    return {
-        "experiment": around.disturbance.experiment,
-        "span": float(t[-1]),
-        "iae": float(np.trapezoid(np.abs(error[:, j]), t)),
-        "pv_rms": float(np.sqrt(np.mean(error[:, j] ** 2))),
-    } | _moves(u[:, i], float(t[1]))
+    return ReplayMetrics(
+        around.disturbance.experiment,
+        float(t[-1]),
+        float(np.trapezoid(np.abs(error[:, j]), t)),
+        float(np.sqrt(np.mean(error[:, j] ** 2))),
+        *_moves(u[:, i], float(t[1])),
+    )
 
 
 # -- over the drawn plants ------------------------------------------------------------------------------------------
@@ -182,24 +205,24 @@ def drawn_peaks(response: ComplexArray, controller: Controller, w: Array) -> Pea
     return peaks(response, controller(1j * w), w)
 
 
-def drawn_table(
+def drawn_shares(
     found: Peaks | None, loop: int, loops: Sequence[int], limit: float, seed: int, mu_share: float | None
-) -> dict[str, Any] | None:
+) -> DrawnShares | None:
     """Shares and quantiles for one loop; `loops` are the inputs of all."""
     if found is None:
         return None
     within = found.within(limit)
     ms = np.where(found.stable, found.Ms[:, loop], np.inf)
     quantiles = np.quantile(ms, [0.05, 0.5, 0.95], method="higher")
-    return {
-        "count": int(found.stable.size),
-        "seed": seed,
-        "share": float(np.mean(within[:, loop])),
-        "share_all": float(np.mean(within[:, list(loops)].all(axis=1))),
-        "stable": found.share_stable,
-        "Ms": {name: _finite(float(q)) for name, q in zip(("q05", "q50", "q95"), quantiles, strict=True)},
-        "mu_share": mu_share,
-    }
+    return DrawnShares(
+        count=int(found.stable.size),
+        seed=seed,
+        share=float(np.mean(within[:, loop])),
+        share_all=float(np.mean(within[:, list(loops)].all(axis=1))),
+        stable=found.share_stable,
+        Ms=MsQuantiles(*(_finite(float(q)) for q in quantiles)),
+        mu_share=mu_share,
+    )
 
 
 def share_below_mu(
@@ -249,7 +272,7 @@ def band(
     return out[0], out[1]
 
 
-def noise_of(study: Study, estimates: Mapping[int, OutputEstimate]) -> Array:
+def prediction_errors(study: Study, estimates: Mapping[int, OutputEstimate]) -> Array:
     """(n_y,) prediction error of each output, 0 where it was not estimated."""
     sizes = [float(np.sqrt(estimates[i].fit.variance)) if i in estimates else 0.0 for i in range(study.model.shape[0])]
     return np.array(sizes)

@@ -3,34 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
-from trueplant.loop import PID, Controller, Linear
-from trueplant.lti import UncertainPlant
+from trueplant.loop import PID, Controller, Linear, LinearLoop
+from trueplant.lti import DrawnPlants, TransferMatrix, UncertainPlant
 from trueplant.mismatch import FrequencyResponse, speaking_band
-from trueplant.result import Reason, RetuningCurves
+from trueplant.result import (
+    CurrentSettings,
+    LoopMetrics,
+    LoopRetuning,
+    MetricsOfBoth,
+    ProposedSettings,
+    Reason,
+    RetuningCurves,
+    RetuningLimits,
+)
+from trueplant.result.recommendation_words import Recommendation, recommendation_sentence
 from trueplant.robust import margins
 from trueplant.study.loops.metrics import (
     FINE,
     Surroundings,
     band,
     drawn_peaks,
-    drawn_table,
-    loop_table,
-    mu_table,
-    noise_of,
+    drawn_shares,
+    loop_metrics_of,
+    mu_peak,
+    prediction_errors,
     recovered,
     replayed,
     share_below_mu,
 )
-from trueplant.study.loops.recommendation import law_settings, reason_of, vendor_settings
+from trueplant.study.loops.recommendation import Judged, Limits, recommend
 from trueplant.study.loops.robustness import weights_of
-from trueplant.study.loops.targets import Asked, asked_of
+from trueplant.study.loops.settings import law_settings, vendor_settings
+from trueplant.study.loops.targets import Target, target_of
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
 from trueplant.tune import (
@@ -57,7 +67,7 @@ POINTS = 300
 class Retuning:
     """`controllers` of the result, the report's curves, and notes."""
 
-    table: tuple[Mapping[str, Any], ...] = ()
+    table: tuple[LoopRetuning, ...] = ()
     curves: tuple[RetuningCurves, ...] = ()
     notes: tuple[Reason, ...] = ()
 
@@ -76,14 +86,13 @@ def retuning_of(study: Study, found: Identified, plant: UncertainPlant, response
         return Retuning(notes=(Reason("tuning", why),))
     known = plant.keeping_signs([(j, i) for i, j in declared.entries]).first(study.n_u)
     bands = None if response is None else speaking_band(response)
-    asked = [asked_of(study, found, today, declared.entries[place], place, bands) for place in declared.entries]
-    tasks = [loop.task for loop in asked if loop.task is not None]
-    if not tasks:
+    targets = [target_of(study, found, today, declared.entries[place], place, bands) for place in declared.entries]
+    if all(loop.task is None for loop in targets):
         return Retuning(
-            notes=tuple(Reason("tuning", loop.why, study.project.input_names[loop.place[0]]) for loop in asked)
+            notes=tuple(Reason("tuning", loop.why, study.project.input_names[loop.place[0]]) for loop in targets)
         )
     try:
-        return _Workshop(study, found, known, today.controller, asked, tasks).retuning()
+        return _workshop(study, found, known, today, targets).retuning()
     except LoopError as error:
         return Retuning(notes=(Reason("tuning", f"no settings can be proposed: {error}"),))
 
@@ -91,163 +100,187 @@ def retuning_of(study: Study, found: Identified, plant: UncertainPlant, response
 # -- the proposals --------------------------------------------------------------------------------------------------
 
 
+def _workshop(
+    study: Study, found: Identified, known: UncertainPlant, today: LinearLoop, targets: Sequence[Target]
+) -> _Workshop:
+    """Proposals by every method asked for, and the plants to judge them on."""
+    project = study.project
+    assert project.tuning is not None  # nothing is retuned without it
+    asked, seed = project.tuning.limits, project.analysis.seed
+    tasks = [target.task for target in targets if target.task is not None]
+    highest = max(task.crossover for task in tasks)
+    declared = project.robustness
+    weights = None
+    if declared is not None and declared.wI is not None and declared.wP is not None:
+        weights = weights_of(declared.wI), weights_of(declared.wP)
+    limits = Limits(asked.Ms or MS, asked.share or SHARE, None if weights is None else asked.mu)
+    methods = list(project.tuning.methods) or [*DEFAULT_METHODS, *(FOR_SEVERAL if len(tasks) > 1 else ())]
+    proposals = propose(
+        known,
+        tasks,
+        today.controller,
+        methods,
+        model=study.inputs_model,
+        limit=limits.Ms,
+        share=limits.share,
+        seed=seed + 1,
+    )
+    laws = [today.controller, *(p.controller for p in proposals if p.controller is not None)]
+    w = max((common_grid(known.nominal, law, highest) for law in laws), key=len)
+    drawn = known.draw(DRAWS, seed + 2)
+    return _Workshop(
+        study=study,
+        known=known,
+        today=today,
+        targets=targets,
+        limits=limits,
+        mu_limit=asked.mu or MU,
+        around=Surroundings(
+            prediction_errors(study, found.estimates),
+            recovered(study, found, known.nominal),
+            weights,
+            min(study.segments[0].h, FINE / highest),
+        ),
+        proposals=proposals,
+        w=w,
+        drawn=drawn,
+        response=drawn.response(w),
+        seed=seed + 2,
+    )
+
+
+@dataclass(frozen=True, eq=False)
 class _Workshop:
     """All that the proposals of one project share."""
 
-    def __init__(
-        self,
-        study: Study,
-        found: Identified,
-        known: UncertainPlant,
-        today: Controller,
-        asked: Sequence[Asked],
-        tasks: Sequence[LoopTask],
-    ) -> None:
-        project = study.project
-        assert project.tuning is not None
-        self.study, self.known, self.today, self.asked, self.tasks = study, known, today, asked, tasks
-        self.limits = project.tuning.limits
-        self.limit, self.share = self.limits.Ms or MS, self.limits.share or SHARE
-        self.seed = project.analysis.seed + 2
-        self.model = study.inputs_model
-        highest = max(task.crossover for task in tasks)
-        declared = project.robustness
-        weights = None
-        if declared is not None and declared.wI is not None and declared.wP is not None:
-            weights = weights_of(declared.wI), weights_of(declared.wP)
-        step = min(study.segments[0].h, FINE / highest)
-        disturbance = recovered(study, found, known.nominal)
-        self.around = Surroundings(noise_of(study, found.estimates), disturbance, weights, step)
-        methods = list(project.tuning.methods) or [*DEFAULT_METHODS, *(FOR_SEVERAL if len(tasks) > 1 else ())]
-        self.proposals = propose(
-            known,
-            tasks,
-            today,
-            methods,
-            model=self.model,
-            limit=self.limit,
-            share=self.share,
-            seed=project.analysis.seed + 1,
-        )
-        laws = [today, *(p.controller for p in self.proposals if p.controller is not None)]
-        self.w = max((common_grid(known.nominal, law, highest) for law in laws), key=len)
-        self.drawn = known.draw(DRAWS, self.seed)
-        self.response = self.drawn.response(self.w)
+    study: Study
+    known: UncertainPlant
+    """The plant from the inputs, with what is uncertain about it."""
+    today: LinearLoop
+    targets: Sequence[Target]
+    """Every loop of today's controller."""
+    limits: Limits
+    mu_limit: float
+    around: Surroundings
+    proposals: Sequence[Proposal]
+    w: Array
+    """Frequencies that serve all proposals."""
+    drawn: DrawnPlants
+    response: ComplexArray
+    """(DRAWS, n_w, n_y, n_u) of the drawn plants."""
+    seed: int
+    """Of the draws that judge; the proposals were made on others."""
+
+    @property
+    def tasks(self) -> list[LoopTask]:
+        """Those of the targets that can be tuned."""
+        return [target.task for target in self.targets if target.task is not None]
 
     def retuning(self) -> Retuning:
         """The table, the curves and the notes."""
-        today = self._judged(self.today)
+        today = self._judged(self.today.controller)
         judged = {p.method: self._judged(p.controller) for p in self.proposals if p.controller is not None}
-        best, why = reason_of(self.proposals, judged, today, [loop.place for loop in self.asked], self._asked_for())
-        table = tuple(self._loop(loop, today, judged, best, why) for loop in self.asked)
-        drawn = best or next((p.method for p in self.proposals if p.controller is not None), None)
+        places = [loop.place for loop in self.targets]
+        found = recommend(self.proposals, judged, today, places, self.limits)
+        table = tuple(self._loop(loop, today, judged, found) for loop in self.targets)
+        drawn = found.method or next((p.method for p in self.proposals if p.controller is not None), None)
         chosen = next((p for p in self.proposals if p.method == drawn), None)
         curves = () if chosen is None or chosen.controller is None else self._curves(chosen)
         return Retuning(table, curves)
 
-    def _asked_for(self) -> dict[str, Any]:
-        mu = self.limits.mu if self.around.weights is not None else None
-        return {"Ms": self.limit, "share": self.share, "mu": mu}
-
-    def _judged(self, controller: Controller) -> dict[Place, dict[str, Any]]:
+    def _judged(self, controller: Controller) -> Judged:
         """Metrics and drawn plants of every loop under one set of controllers."""
         found = drawn_peaks(self.response, controller, self.w)
-        inputs = [loop.place[0] for loop in self.asked]
+        places = [loop.place for loop in self.targets]
+        inputs = [i for i, _ in places]
         mu_share = None
         if found is not None:
-            mu_share = share_below_mu(self.drawn, controller, found.stable, self.w, self.limits.mu or MU, self.around)
-        systems = {"model": self.model, "plant": self.known.nominal}
-        mus = {name: mu_table(system, controller, self.around) for name, system in systems.items()}
-        return {
-            loop.place: {
-                "metrics": {
-                    name: loop_table(system, controller, loop.place, self.around) | {"mu": mus[name]}
-                    for name, system in systems.items()
-                },
-                "drawn": drawn_table(found, loop.place[0], inputs, self.limit, self.seed, mu_share),
-            }
-            for loop in self.asked
-        }
+            mu_share = share_below_mu(self.drawn, controller, found.stable, self.w, self.mu_limit, self.around)
 
-    def _loop(
-        self,
-        loop: Asked,
-        today: dict[Place, dict[str, Any]],
-        judged: Mapping[str, dict[Place, dict[str, Any]]],
-        best: str | None,
-        why: str,
-    ) -> dict[str, Any]:
-        project = self.study.project
-        k = self.study.loop_experiment
-        assert k is not None
+        def on(system: TransferMatrix) -> list[LoopMetrics]:
+            mu = mu_peak(system, controller, self.around)
+            return [loop_metrics_of(system, controller, place, self.around, mu) for place in places]
+
+        both = zip(places, on(self.study.inputs_model), on(self.known.nominal), strict=True)
+        return Judged(
+            {place: MetricsOfBoth(model, plant) for place, model, plant in both},
+            {(i, j): drawn_shares(found, i, inputs, self.limits.Ms, self.seed, mu_share) for i, j in places},
+        )
+
+    def _loop(self, loop: Target, today: Judged, judged: Mapping[str, Judged], found: Recommendation) -> LoopRetuning:
+        project, k = self.study.project, self.study.loop_experiment
+        assert k is not None  # nothing is retuned without today's loop,
+        assert project.tuning is not None  # or unasked
+        declared = project.tuning.limits
         i, j = loop.place
-        price = None
-        rows = []
-        for p in self.proposals:
-            row, given = self._proposal(loop, p, judged)
-            rows.append(row)
-            price = given if given is not None else price
-        return {
-            "input": project.input_names[i],
-            "output": project.output_names[j],
-            "controller_of": project.experiments[k].name,
-            "form": loop.shown.form,
-            "gain_unit": loop.shown.gain_unit,
-            "time_unit": project.time_unit,
-            "notation": loop.shown.notation,
-            "limits": {
-                "Ms": self.limit,
-                "mu": self.limits.mu,
-                "share": self.share,
-                "crossover": None if loop.task is None else loop.task.crossover,
-                "why": loop.why,
-            },
-            "assumptions": list(loop.assumptions),
-            "current": {
-                "settings": law_settings(loop.entry, loop.shown, 1.0),
-                "shown": vendor_settings(loop.entry, loop.shown, 1.0),
-                **today[loop.place],
-            },
-            "proposals": rows if loop.task is not None else [],
-            "recommended": best if loop.task is not None else None,
-            "reason": why if loop.task is not None else loop.why,
-            "price": price,
-        }
+        rows = [self._proposal(loop, p, judged) for p in self.proposals]
+        prices = [price for _, price in rows if price is not None]
+        crossover = None if loop.task is None else loop.task.crossover
+        return LoopRetuning(
+            input=project.input_names[i],
+            output=project.output_names[j],
+            controller_of=project.experiments[k].name,
+            form=loop.shown.form,
+            gain_unit=loop.shown.gain_unit,
+            time_unit=project.time_unit,
+            notation=loop.shown.notation,
+            limits=RetuningLimits(self.limits.Ms, declared.mu, self.limits.share, crossover, loop.why),
+            assumptions=loop.assumptions,
+            current=CurrentSettings(
+                law_settings(loop.entry, loop.shown, 1.0),
+                vendor_settings(loop.entry, loop.shown, 1.0),
+                today.metrics[loop.place],
+                today.drawn[loop.place],
+            ),
+            proposals=tuple(row for row, _ in rows) if loop.task is not None else (),
+            recommended=found.method if loop.task is not None else None,
+            reason=recommendation_sentence(found) if loop.task is not None else loop.why,
+            price=prices[-1] if prices else None,
+        )
 
     def _proposal(
-        self, loop: Asked, p: Proposal, judged: Mapping[str, dict[Place, dict[str, Any]]]
-    ) -> tuple[dict[str, Any], float | None]:
+        self, loop: Target, p: Proposal, judged: Mapping[str, Judged]
+    ) -> tuple[ProposedSettings, float | None]:
         """One row of the table, and the price where the method has one."""
-        nothing: dict[str, Any] = {"settings": None, "shown": None, "metrics": None, "drawn": None}
         if loop.task is None:
-            return {"method": p.method, "note": loop.why, **nothing}, None
-        at = list(self.tasks).index(loop.task)
-        row: dict[str, Any] = {"method": p.method, "note": p.notes[at], **nothing}
+            return ProposedSettings(p.method, loop.why), None
+        at = self.tasks.index(loop.task)
         if p.controller is None or not p.answered[at]:
-            return row, p.price[at]
+            return ProposedSettings(p.method, p.notes[at]), p.price[at]
         law = p.controller.entries[loop.place]
-        row["settings"] = law_settings(law, loop.shown, loop.slope)
-        if row["settings"] is not None and isinstance(law, Linear):
-            others = {
-                self.study.project.output_names[j]: law_settings(entry, loop.shown, 1.0)["tf"]
-                for (i, j), entry in p.controller.entries.items()
-                if i == loop.place[0] and j != loop.place[1]
-            }
-            row["settings"] |= {"others": others} if others else {}
-        row["shown"] = vendor_settings(law, loop.shown, loop.slope)
-        return row | judged[p.method][loop.place], p.price[at]
+        settings = law_settings(law, loop.shown, loop.slope)
+        if isinstance(law, Linear):
+            settings = replace(settings, others=self._others(loop, p.controller))
+        row = ProposedSettings(
+            p.method,
+            p.notes[at],
+            settings,
+            vendor_settings(law, loop.shown, loop.slope),
+            judged[p.method].metrics[loop.place],
+            judged[p.method].drawn[loop.place],
+        )
+        return row, p.price[at]
+
+    def _others(self, loop: Target, controller: Controller) -> dict[str, str]:
+        """Formulas of the laws from other outputs to this loop's input, by output."""
+        laws = {
+            self.study.project.output_names[j]: law_settings(entry, loop.shown, 1.0).tf
+            for (i, j), entry in controller.entries.items()
+            if i == loop.place[0] and j != loop.place[1]
+        }
+        return {output: formula for output, formula in laws.items() if formula is not None}
 
     # -- what the report draws --------------------------------------------------------------------------------------
 
     def _curves(self, chosen: Proposal) -> tuple[RetuningCurves, ...]:
         assert chosen.controller is not None
-        laws = {"before": self.today, "after": chosen.controller}
+        laws = {"before": self.today.controller, "after": chosen.controller}
         tail = (1 - self.study.project.analysis.confidence) / 2
         plants = [self.known.nominal, *(self.drawn.plant(k) for k in range(BAND_DRAWS))]
         replays = {name: replayed(self.known.nominal, law, self.around) for name, law in laws.items()}
         seen = self.around.disturbance
         found = []
-        for loop in self.asked:
+        for loop in self.targets:
             if loop.task is None:
                 continue
             names = self.study.project

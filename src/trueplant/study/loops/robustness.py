@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
-from trueplant.loop import Controller, Linear
+from trueplant.loop import Controller, Linear, LinearLoop
 from trueplant.lti import TransferMatrix, UncertainPlant, simplified, tf, to_formula
 from trueplant.project.tables import PerformanceNumbers, UncertaintyNumbers
-from trueplant.result import MuCurves, Reason
+from trueplant.result import (
+    DrawnLoop,
+    DrawnStability,
+    LoopMargins,
+    LoopRobustness,
+    Margins,
+    MuCurves,
+    Pairing,
+    Peak,
+    Reason,
+    SystemPeaks,
+    WorstElement,
+)
 from trueplant.robust import (
     Robustness,
     gain_and_dead_time_weight,
@@ -29,9 +41,8 @@ from trueplant.robust.generalised import channels
 from trueplant.robust.grid import on_axis, rates_of
 from trueplant.study.plant.uncertainty import element_errors
 from trueplant.study.study import Study
-from trueplant.tune.drawn import common_grid, peaks
+from trueplant.tune.drawn import Peaks, common_grid, peaks
 
-KEYS = ("gain_margin", "phase_margin", "delay_margin", "Ms", "Mt")
 DRAWS = 500
 HIGHEST = 2.0
 """Ms above which a loop is said to be close to instability."""
@@ -41,8 +52,7 @@ HIGHEST = 2.0
 class LoopToday:
     """What is found about today's loop; empty without a declared controller."""
 
-    table: dict[str, Any] = field(default_factory=dict)
-    """`robustness` in result.json."""
+    table: LoopRobustness | None = None
     mu: tuple[MuCurves, ...] = ()
     notes: tuple[Reason, ...] = ()
 
@@ -58,42 +68,46 @@ def robustness_of(study: Study, known: UncertainPlant) -> LoopToday:
         return LoopToday()
     model, today, controller, loops = study.inputs_model, loop.plant, loop.controller, loop.inputs
     names = study.project.input_names
-    found = {
-        name: [{"input": names[i]} | _margins(matrix, controller, i) for i in loops]
-        for name, matrix in (("model", model), ("plant", today))
-    }
-    rows = zip(found["model"], found["plant"], strict=True)
-    worse = [on_plant["input"] for on_model, on_plant in rows if _worse(on_model, on_plant)]
-    weighted, mu = _weighted(study, controller, {"model": model, "plant": today}, known)
-    pairing = pairing_of(names, controller, {"model": model, "plant": today})
-    drawn = _drawn(study, controller, today, known, loops)
-    table: dict[str, Any] = {"controller_of": study.project.experiments[k].name, "margins": found, "worse": worse}
-    table |= {key: value for key, value in (("peaks", weighted), ("pairing", pairing), ("drawn", drawn)) if value}
-    return LoopToday(table, mu, tuple(_notes(study, table)))
+    on_model, on_plant = (tuple(_margins(matrix, controller, i, names[i]) for i in loops) for matrix in (model, today))
+    peaks, mu = _weighted(study, loop.on(model), loop, known)
+    table = LoopRobustness(
+        controller_of=study.project.experiments[k].name,
+        margins=Margins(on_model, on_plant),
+        worse=tuple(b.input for a, b in zip(on_model, on_plant, strict=True) if _worse(a, b)),
+        peaks=peaks,
+        pairing=pairing_of(names, controller, {"model": model, "plant": today}),
+        drawn=_drawn(study, loop, known),
+    )
+    return LoopToday(table, mu, tuple(_notes(table)))
 
 
 # -- margins and pairing ----------------------------------------------------------------------------------------
 
 
-def _margins(plant: TransferMatrix, controller: Controller, loop: int) -> dict[str, Any]:
+def _margins(plant: TransferMatrix, controller: Controller, loop: int, name: str) -> LoopMargins:
     """Margins of one loop, or why it has none."""
     try:
         found = margins(plant, controller, loop)
     except LoopError as error:
-        return {"stable": False, "message": str(error)}
-    values = {key: getattr(found, key) for key in KEYS}
-    # No finite margin is no limit: null in JSON, and said here.
-    return {"stable": True} | {key: value if math.isfinite(value) else None for key, value in values.items()}
+        return LoopMargins(name, False, message=str(error))
+    # No finite margin is no limit.
+    gain, phase, delay, peak_s, peak_t = (
+        float(value) if math.isfinite(value) else None
+        for value in (found.gain_margin, found.phase_margin, found.delay_margin, found.Ms, found.Mt)
+    )
+    return LoopMargins(name, True, gain, phase, delay, peak_s, peak_t)
 
 
-def _worse(model: dict[str, Any], plant: dict[str, Any]) -> bool:
+def _worse(model: LoopMargins, plant: LoopMargins) -> bool:
     """Is the loop unstable on the plant, or its sensitivity peak above 2 although it was not on the model?"""
-    if not plant["stable"]:
-        return bool(model["stable"])
-    return bool(model["stable"] and plant["Ms"] is not None and plant["Ms"] > HIGHEST >= (model["Ms"] or 0))
+    if not plant.stable:
+        return model.stable
+    return model.stable and plant.Ms is not None and plant.Ms > HIGHEST >= (model.Ms or 0)
 
 
-def pairing_of(names: Sequence[str], controller: Controller, systems: Mapping[str, TransferMatrix]) -> dict[str, Any]:
+def pairing_of(
+    names: Sequence[str], controller: Controller, systems: Mapping[str, TransferMatrix]
+) -> dict[str, Pairing]:
     """Relative gains and Niederlinski index of each system at rest, and the inputs in loops of the wrong sign.
 
     names: of the inputs. Empty where a relative gain says nothing about these loops: unless each output has one
@@ -104,15 +118,15 @@ def pairing_of(names: Sequence[str], controller: Controller, systems: Mapping[st
         return {}
     places = sorted(controller.entries)
     outputs = [j for _, j in places]
-    found: dict[str, Any] = {}
+    found: dict[str, Pairing] = {}
     for name, matrix in systems.items():
         gain = matrix.dc_gain
         try:
             relative, index = rga(gain), niederlinski(gain[outputs])
         except LoopError:
             return {}
-        wrong = [names[i] for i, j in places if relative[j, i] < 0]
-        found[name] = {"rga": relative.tolist(), "niederlinski": index, "wrong_sign": wrong}
+        wrong = tuple(names[i] for i, j in places if relative[j, i] < 0)
+        found[name] = Pairing(tuple(tuple(row) for row in relative.tolist()), float(index), wrong)
     return found
 
 
@@ -120,8 +134,8 @@ def pairing_of(names: Sequence[str], controller: Controller, systems: Mapping[st
 
 
 def _weighted(
-    study: Study, controller: Controller, systems: Mapping[str, TransferMatrix], known: UncertainPlant
-) -> tuple[dict[str, Any], tuple[MuCurves, ...]]:
+    study: Study, on_model: LinearLoop, on_plant: LinearLoop, known: UncertainPlant
+) -> tuple[dict[str, SystemPeaks], tuple[MuCurves, ...]]:
     """NP, RS and RP with the declared weights (28)-(32); empty without any.
 
     "model" and "plant" are judged under the declared wI, an uncertainty of each input's channel; "estimate" is the
@@ -131,19 +145,21 @@ def _weighted(
     if declared is None or (declared.wI is None and declared.wP is None):
         return {}, ()
     uncertainty, performance = (0.0 if given is None else weights_of(given) for given in (declared.wI, declared.wP))
-    cases = {name: robust_performance(m, controller, uncertainty, performance) for name, m in systems.items()}
+    cases = {
+        name: robust_performance(loop.plant, loop.controller, uncertainty, performance)
+        for name, loop in (("model", on_model), ("plant", on_plant))
+    }
     tests = {name: _tests(declared.wI is not None, declared.wP is not None) for name in cases}
-    certain = _of_estimate(study, controller, systems["plant"], known, performance)
+    certain = _of_estimate(study, on_plant, known, performance)
     if certain is not None:
         # without uncertainty it is the plant, whose nominal performance is there already
-        cases["estimate"], tests["estimate"] = (
-            certain,
-            tuple(t for t in _tests(True, declared.wP is not None) if t != "NP"),
-        )
+        cases["estimate"] = certain
+        tests["estimate"] = tuple(t for t in _tests(True, declared.wP is not None) if t != "NP")
     table = {name: _peaks(found, tests[name]) for name, found in cases.items()}
     if "RP" in tests["plant"] and math.isfinite(cases["plant"].RP.upper):
-        table["plant"]["worst_plant"] = _worst(study, systems["plant"], uncertainty, cases["plant"])
-    curves = (_curves(name, found, table[name]) for name, found in cases.items() if found.stable)
+        worst = _worst(study, on_plant.plant, uncertainty, cases["plant"])
+        table["plant"] = replace(table["plant"], worst_plant=worst)
+    curves = (_curves(name, found, tests[name]) for name, found in cases.items() if found.stable)
     return table, tuple(curves)
 
 
@@ -152,12 +168,11 @@ def _tests(uncertain: bool, demanding: bool) -> tuple[str, ...]:
     return ("NP",) * demanding + ("RS",) * uncertain + ("RP",) * (demanding and uncertain)
 
 
-def _of_estimate(
-    study: Study, controller: Controller, plant: TransferMatrix, known: UncertainPlant, performance: Any
-) -> Robustness | None:
+def _of_estimate(study: Study, loop: LinearLoop, known: UncertainPlant, performance: Any) -> Robustness | None:
     """Robust performance over the plants within the confidence of the estimate, each element's error on its own."""
     if not known.varying:
         return None
+    plant, controller = loop.plant, loop.controller
     grid = rates_of(plant, controller).grid(per_decade=30)
     w = np.append(1e-9 * grid[0], grid)
     size = element_errors(known, w, study.project.analysis.confidence)[:, :, : plant.shape[1]].reshape(w.size, -1)
@@ -170,36 +185,35 @@ def _interpolated(w: Array, size: Array) -> Callable[[ComplexArray], Array]:
     return lambda s: np.asarray(np.exp(np.interp(np.log(np.maximum(np.abs(s), 1e-300)), log_w, log_size)))
 
 
-def _worst(study: Study, plant: TransferMatrix, uncertainty: Any, found: Robustness) -> list[dict[str, str]]:
+def _worst(study: Study, plant: TransferMatrix, uncertainty: Any, found: Robustness) -> tuple[WorstElement, ...]:
     """Elements of the plant under the perturbation that makes the peak of robust performance."""
     worst = perturbed_plant(plant, uncertainty, found.worst, found.worst_frequency)
     outputs, inputs = study.project.output_names, study.project.input_names
-    return [
-        {"output": outputs[i], "input": inputs[j], "tf": to_formula(simplified(worst[i, j]))}
+    return tuple(
+        WorstElement(outputs[i], inputs[j], to_formula(simplified(worst[i, j])))
         for i in range(worst.shape[0])
         for j in range(worst.shape[1])
         if not worst[i, j].is_zero
-    ]
+    )
 
 
-def _peaks(found: Robustness, tests: tuple[str, ...]) -> dict[str, Any]:
-    values = {"stable": found.stable, "robust_performance_holds": found.passes if "RP" in tests else None}
-    return values | {
-        test: {"lower": peak.lower, "upper": peak.upper, "frequency": peak.frequency}
+def _peaks(found: Robustness, tests: tuple[str, ...]) -> SystemPeaks:
+    NP, RS, RP = (
+        Peak(peak.lower, peak.upper, peak.frequency) if test in tests else None
         for test, peak in (("NP", found.NP), ("RS", found.RS), ("RP", found.RP))
-        if test in tests
-    }
+    )
+    return SystemPeaks(found.stable, found.passes if "RP" in tests else None, NP, RS, RP)
 
 
-def _curves(name: str, found: Robustness, table: Mapping[str, Any]) -> MuCurves:
+def _curves(name: str, found: Robustness, tests: tuple[str, ...]) -> MuCurves:
     nominal = np.column_stack([found.nominal, found.nominal])
     values = {"NP": nominal, "RS": found.stability, "RP": found.performance}
-    tests = [test for test in values if test in table]
+    peaks = {"NP": found.NP, "RS": found.RS, "RP": found.RP}
     return MuCurves(
         system=name,
         w=found.w,
         bounds={test: values[test] for test in tests},
-        peaks={test: (table[test]["frequency"], table[test]["upper"]) for test in tests},
+        peaks={test: (peaks[test].frequency, peaks[test].upper) for test in tests},
     )
 
 
@@ -217,40 +231,45 @@ def weights_of(given: Any) -> Any:
 # -- the plants that the data leave open --------------------------------------------------------------------------
 
 
-def _drawn(
-    study: Study, controller: Controller, plant: TransferMatrix, known: UncertainPlant, loops: Sequence[int]
-) -> dict[str, Any]:
+def _drawn(study: Study, loop: LinearLoop, known: UncertainPlant) -> DrawnStability | None:
     """How many of the plants drawn from the estimate today's controller keeps stable, below which Ms, and within wP.
 
-    Empty where nothing varies, or where plant or controller is unstable by itself: the count of the draws' unstable
+    None where nothing varies, or where plant or controller is unstable by itself: the count of the draws' unstable
     poles rests on their stability.
     """
+    plant, controller = loop.plant, loop.controller
     laws = [entry.tf for entry in controller.entries.values() if isinstance(entry, Linear)]
     elements = [element for row in plant.elements for element in row]
     if any(np.any(f.poles.real > 0) for f in (*elements, *laws)) or not known.varying:
-        return {}
-    n_y, n_u = plant.shape
+        return None
     seed = study.project.analysis.seed
     try:
         draws = known.draw(DRAWS, seed)
     except LoopError:
-        return {}
+        return None
     w = common_grid(plant, controller, _crossover(plant, controller))
-    response, law = draws.response(w)[:, :, :, :n_u], controller(on_axis(w))
+    response, law = draws.response(w)[:, :, :, : plant.shape[1]], controller(on_axis(w))
     found = peaks(response, law, w)
     rows = []
-    for i in loops:
+    for i in loop.inputs:
         middle, high = (float(q) if found.stable.all() else None for q in np.quantile(found.Ms[:, i], [0.5, 0.95]))
         held = float(np.mean(found.stable & (found.Ms[:, i] <= HIGHEST)))
-        rows.append({"input": study.project.input_names[i], "share": held, "Ms_q50": middle, "Ms_q95": high})
-    value = {"count": DRAWS, "seed": seed, "share_stable": found.share_stable, "Ms_limit": HIGHEST, "loops": rows}
+        rows.append(DrawnLoop(study.project.input_names[i], held, middle, high))
+    return DrawnStability(
+        DRAWS, seed, found.share_stable, HIGHEST, tuple(rows), _share_performance(study, response, law, w, found)
+    )
+
+
+def _share_performance(study: Study, response: ComplexArray, law: ComplexArray, w: Array, found: Peaks) -> float | None:
+    """Share of the drawn plants (count, n_w, n_y, n_u) that are stable and within wP; None where none is declared."""
     declared = study.project.robustness
-    if declared is not None and declared.wP is not None:
-        asked = np.stack([f(on_axis(w)) for f in channels(weights_of(declared.wP), n_y, "the performance")], axis=1)
-        sensitivity = np.linalg.inv(np.eye(n_y) + response @ law)
-        error = np.linalg.norm(asked[:, :, None] * sensitivity, ord=2, axis=(2, 3)).max(axis=1)
-        value["share_performance"] = float(np.mean(found.stable & (error < 1)))
-    return value
+    if declared is None or declared.wP is None:
+        return None
+    n_y = response.shape[2]
+    asked = np.stack([f(on_axis(w)) for f in channels(weights_of(declared.wP), n_y, "the performance")], axis=1)
+    sensitivity = np.linalg.inv(np.eye(n_y) + response @ law)
+    error = np.linalg.norm(asked[:, :, None] * sensitivity, ord=2, axis=(2, 3)).max(axis=1)
+    return float(np.mean(found.stable & (error < 1)))
 
 
 def _crossover(plant: TransferMatrix, controller: Controller) -> float:
@@ -265,16 +284,16 @@ def _crossover(plant: TransferMatrix, controller: Controller) -> float:
 # -- in words -----------------------------------------------------------------------------------------------------
 
 
-def _notes(study: Study, table: Mapping[str, Any]) -> list[Reason]:
+def _notes(table: LoopRobustness) -> list[Reason]:
     notes = [
         Reason(
             "margins", "on the plant as estimated, today's controller leaves this loop unstable or close to it", name
         )
-        for name in table["worse"]
+        for name in table.worse
     ]
-    if found := _missed(table.get("peaks", {})):
+    if found := _missed(table.peaks):
         notes.append(Reason("robust-performance", found))
-    wrong = table.get("pairing", {}).get("plant", {}).get("wrong_sign", [])
+    wrong = table.pairing["plant"].wrong_sign if table.pairing else ()
     if wrong:
         notes.append(
             Reason(
@@ -285,34 +304,38 @@ def _notes(study: Study, table: Mapping[str, Any]) -> list[Reason]:
                 ", ".join(wrong),
             )
         )
-    drawn = table.get("drawn", {})
-    if drawn and drawn["share_stable"] < 1 and table["margins"]["plant"][0]["stable"]:
-        unstable = 100 * (1 - drawn["share_stable"])
+    if table.drawn and table.drawn.share_stable < 1 and table.margins.plant[0].stable:
+        unstable = 100 * (1 - table.drawn.share_stable)
         notes.append(
             Reason(
                 "drawn",
                 f"in {unstable:.2g} % of the plants that these data leave open, today's controller is unstable "
-                f"({drawn['count']} plants drawn from the estimate)",
+                f"({table.drawn.count} plants drawn from the estimate)",
             )
         )
     return notes
 
 
-def _missed(peaks: Mapping[str, Any]) -> str:
+def _missed(peaks: Mapping[str, SystemPeaks]) -> str:
     """What today's controller no longer achieves on the plant as estimated; empty if it does, or was not asked."""
-    on_model, on_plant = peaks.get("model", {}), peaks.get("plant", {})
-    for test, what in (("RP", "robust performance"), ("NP", "the performance asked for")):
-        if test not in on_plant:
+    if not peaks:
+        return ""
+    on_model, on_plant = peaks["model"], peaks["plant"]
+    for before, peak, what in (
+        (on_model.RP, on_plant.RP, "robust performance"),
+        (on_model.NP, on_plant.NP, "the performance asked for"),
+    ):
+        if peak is None or before is None:
             continue
-        if not on_plant["stable"]:
+        if not on_plant.stable:
             return f"with today's controller {what} is out of reach: the loop is unstable on the plant as estimated"
-        if not math.isfinite(on_plant[test]["upper"]):
+        if not math.isfinite(peak.upper):
             return f"with today's controller {what} is out of reach: the weight wP integrates and the loop does not"
-        if on_plant[test]["upper"] >= 1:
-            where = "towards frequency 0" if on_plant[test]["frequency"] == 0 else "at its peak"
+        if peak.upper >= 1:
+            where = "towards frequency 0" if peak.frequency == 0 else "at its peak"
             return (
                 f"with today's controller {what} does not hold on the plant as estimated: its measure, which must stay "
-                f"below 1, is {on_plant[test]['upper']:.3g} {where} ({on_model[test]['upper']:.3g} on the model)"
+                f"below 1, is {peak.upper:.3g} {where} ({before.upper:.3g} on the model)"
             )
         return ""
     return ""

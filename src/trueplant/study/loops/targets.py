@@ -10,7 +10,7 @@ import numpy as np
 from trueplant.identify import OutputEstimate, unanswered
 from trueplant.loop import PID, Controller, Linear, LinearLoop
 from trueplant.lti import TransferFunction
-from trueplant.study.loops.recommendation import Shown
+from trueplant.study.loops.settings import Shown
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Place, Study
 from trueplant.tune import LoopTask, unseen_dead_time
@@ -23,7 +23,7 @@ SPEED = 2.0
 
 
 @dataclass(frozen=True)
-class Asked:
+class Target:
     """One loop of today's controller, and what is known and asked about it."""
 
     place: Place
@@ -40,14 +40,14 @@ class Asked:
     shown: Shown
 
 
-def asked_of(
+def target_of(
     study: Study,
     identified: Identified,
     today: LinearLoop,
     entry: PID | Linear,
     place: Place,
     bands: Bands | None,
-) -> Asked:
+) -> Target:
     """What is known and asked about the loop at (input, output).
 
     today: the plant as estimated with today's controllers; entry: the controller of this loop as in the project;
@@ -65,7 +65,7 @@ def asked_of(
     g = plant[j, i]
     closed = _not_known(study, identified, i, j, g)
     if closed:
-        return Asked(place, entry, slope, None, closed, (), shown)
+        return Target(place, entry, slope, None, closed, (), shown)
     limit, why = _crossover_limit(study, today, place, None if bands is None else bands[j][i])
     scan = now.sample_time
     h, unit = study.segments[0].h, study.project.time_unit
@@ -101,7 +101,7 @@ def asked_of(
         unseen=unseen,
         dead_time_error=_dead_time_error(estimates, i, j),
     )
-    return Asked(place, entry, slope, task, why, tuple(assumptions), shown)
+    return Target(place, entry, slope, task, why, tuple(assumptions), shown)
 
 
 def _not_known(study: Study, identified: Identified, i: int, j: int, g: TransferFunction) -> str:

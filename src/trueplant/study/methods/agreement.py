@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.stats import norm
@@ -12,6 +11,7 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.identify import OutputEstimate, Spec, unanswered
 from trueplant.mismatch import FrequencyResponse
+from trueplant.result import MethodElement, MethodParameter
 from trueplant.result.numbers import number
 from trueplant.study.study import Place, Study
 
@@ -45,8 +45,8 @@ class _Difference:
     p: float
 
 
-def rows_of(study: Study, specs: Mapping[Place, Spec], answer: Estimated) -> list[dict[str, Any]]:
-    """The elements that a method answered, as in result.json."""
+def rows_of(study: Study, specs: Mapping[Place, Spec], answer: Estimated) -> tuple[MethodElement, ...]:
+    """The elements that a method answered, as the result has them."""
     z = norm.ppf(0.5 + study.project.analysis.confidence / 2)
     rows = []
     for (i, j), p in sorted(answer.parameters.items()):
@@ -55,24 +55,18 @@ def rows_of(study: Study, specs: Mapping[Place, Spec], answer: Estimated) -> lis
             continue
         order = structure.sorted(p)
         errors = np.sqrt(np.diag(answer.covariance[i, j]))
-        rows.append(
-            {
-                "output": study.project.output_names[i],
-                "input": study.columns[j],
-                "parameters": [
-                    _parameter(name, float(p[k]), float(errors[k]), z)
-                    for name, k in zip(structure.names, order, strict=True)
-                ],
-            }
+        parameters = (
+            _parameter(name, float(p[k]), float(errors[k]), z) for name, k in zip(structure.names, order, strict=True)
         )
-    return rows
+        rows.append(MethodElement(study.project.output_names[i], study.columns[j], tuple(parameters)))
+    return tuple(rows)
 
 
-def _parameter(name: str, value: float, error: float, z: float) -> dict[str, Any]:
-    """As in result.json; without an error where the method gives none."""
-    known = bool(np.isfinite(error))
-    interval = (value - z * error, value + z * error) if known else None
-    return {"name": name, "plant": value, "std_error": error if known else None, "ci": interval}
+def _parameter(name: str, value: float, error: float, z: float) -> MethodParameter:
+    """As the result has it; without an error where the method gives none."""
+    if not np.isfinite(error):
+        return MethodParameter(name, value, None, None)
+    return MethodParameter(name, value, error, (value - z * error, value + z * error))
 
 
 def disagreements(

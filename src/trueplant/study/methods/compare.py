@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from trueplant.errors import TrueplantError
 from trueplant.lti import TransferMatrix
 from trueplant.mismatch import FrequencyResponse
-from trueplant.result import Reason
+from trueplant.result import BandTest, BlackBox, DisturbanceFit, MethodElement, Reason
 from trueplant.study.data.band import band_test
 from trueplant.study.data.nonparametric import best_known
 from trueplant.study.methods.agreement import Estimated, disagreements, in_sentences, rows_of
@@ -24,7 +23,7 @@ from trueplant.study.methods.paper_forms import (
     short_segments,
     why_not,
 )
-from trueplant.study.methods.requested import ask
+from trueplant.study.methods.requested import request
 from trueplant.study.plant.disturbance import assumed, estimate_disturbed
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
@@ -34,22 +33,22 @@ from trueplant.study.study import Study
 class Compared:
     """What the other methods found, for result.json, and the frequency response that the report draws."""
 
-    elements: Mapping[str, list[dict[str, Any]]]
+    elements: Mapping[str, tuple[MethodElement, ...]]
     not_applied: Mapping[str, str]
     agreement: tuple[str, ...]
     """Sentences: who agrees with the fit, and who does not."""
     disagreements: tuple[str, ...]
     """Those of `agreement` that say so."""
     response: FrequencyResponse | None
-    disturbance: tuple[Mapping[str, Any], ...] = ()
+    disturbance: tuple[DisturbanceFit, ...] = ()
     """Of each output with a declared unmeasured disturbance: what was found of it."""
     assumed: str = ""
     """What taking measured disturbances off the record rests on."""
     notes: tuple[Reason, ...] = ()
     remarks: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """What to know of an estimator that was asked for."""
-    black_box: Mapping[str, Any] = field(default_factory=dict)
-    band: Sequence[Mapping[str, Any]] = ()
+    black_box: BlackBox | None = None
+    band: tuple[BandTest, ...] = ()
     """Does the plant lie in the band of the response?"""
     outside_band: tuple[Reason, ...] = ()
 
@@ -65,8 +64,8 @@ def compare_methods(study: Study, identified: Identified, plant: TransferMatrix)
     if disturbed is not None:
         along, why = answers_with_disturbance(study, identified, disturbed, segments)
         found, refused = found | along, refused | why
-    asked = ask(study, identified, plant, segments, not_stationary(study))
-    for name, answer in asked.answers.items():
+    requested = request(study, identified, plant, segments, not_stationary(study))
+    for name, answer in requested.answers.items():
         parameters = {place: p for place, (p, _) in answer.found.items()}
         found[name] = Estimated(parameters, {place: covariance for place, (_, covariance) in answer.found.items()})
     response = best_known(answer.response for answer in found.values())
@@ -74,21 +73,21 @@ def compare_methods(study: Study, identified: Identified, plant: TransferMatrix)
     formed = found["closed-form"].response if "closed-form" in found else None
     if formed is not None and not formed.periods:  # it reads frequencies between the lines too, where nothing moves
         elements["paper-route"] = paper_route_rows(study, identified, plant)
-    said = {**disagreements(study, estimates, found, asked.remarks), **asked.disagreements}
+    said = {**disagreements(study, estimates, found, requested.remarks), **requested.disagreements}
     inside, outside = band_test(study, identified.specs, plant, response)
     return Compared(
         elements,
-        {**refused, **asked.not_applied},
+        {**refused, **requested.not_applied},
         in_sentences(said),
         tuple(sentence for sentence in said.values() if sentence),
         response,
         () if disturbed is None else disturbed.table,
         assumed(study, identified.specs, estimates) if response is not None else "",
         () if disturbed is None else disturbed.notes,
-        asked.remarks,
-        asked.black_box,
+        requested.remarks,
+        requested.black_box,
         inside,
-        tuple(outside),
+        outside,
     )
 
 

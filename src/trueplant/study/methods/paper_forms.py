@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from trueplant.loop import Controller
 from trueplant.lti import Structure, TransferMatrix
 from trueplant.mismatch import fit_locally, period_of
 from trueplant.record import Segment
+from trueplant.result import MethodElement, MethodParameter
 from trueplant.study.methods.agreement import Estimated
 from trueplant.study.plant.disturbance import declared_parts, without_measured
 from trueplant.study.plant.identified import Identified
@@ -99,27 +99,27 @@ def problem(
     return study.inputs_model, structures, study.records.linear[segments[0].experiment]
 
 
-def paper_route_rows(study: Study, identified: Identified, plant: TransferMatrix) -> list[dict[str, Any]]:
-    """The paper's own estimate (43)-(47), as in result.json: without a covariance, so that it cannot disagree."""
+def paper_route_rows(study: Study, identified: Identified, plant: TransferMatrix) -> tuple[MethodElement, ...]:
+    """The paper's own estimate (43)-(47), as the result has it: without a covariance, so that it cannot disagree."""
     segments = _segments(identified.segments, closed=True)
     model, structures, controller = problem(study, identified, segments)
     assert controller is not None
     segments = without_measured(study, segments, plant, controller)
     try:
-        parameters = paper_route(segments, model, controller, structures).parameters
+        found = paper_route(segments, model, controller, structures).parameters
     except (TrueplantError, np.linalg.LinAlgError):
-        return []
-    return [
-        {
-            "output": study.project.output_names[i],
-            "input": study.columns[j],
-            "parameters": [
-                {"name": name, "plant": float(value), "std_error": None, "ci": None}
+        return ()
+    return tuple(
+        MethodElement(
+            study.project.output_names[i],
+            study.columns[j],
+            tuple(
+                MethodParameter(name, float(value), None, None)
                 for name, value in zip(identified.specs[i, j].structure.names, p, strict=True)
-            ],
-        }
-        for (i, j), p in sorted(parameters.items())
-    ]
+            ),
+        )
+        for (i, j), p in sorted(found.items())
+    )
 
 
 def _segments(every: Sequence[Segment], closed: bool) -> list[Segment]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from trueplant.identify import OutputEstimate, samples_per_update
 from trueplant.loop import Controller
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.record import Segment
+from trueplant.result import BlackBox, BlackBoxElement
 from trueplant.study.data.timing import timing_error, update_interval
 from trueplant.study.methods.black_box import Opinion, second_opinion
 from trueplant.study.methods.estimators import ESTIMATORS, Answer, Task, estimate_by, plant_of
@@ -26,15 +26,14 @@ DIRECT = "direct"
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
-    """What was asked for and found."""
+class Requested:
+    """What the requested estimators found."""
 
     answers: Mapping[str, Answer] = field(default_factory=dict)
     not_applied: Mapping[str, str] = field(default_factory=dict)
     remarks: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """What to know of each method, in sentences."""
-    black_box: Mapping[str, Any] = field(default_factory=dict)
-    """As in result.json."""
+    black_box: BlackBox | None = None
     disagreements: Mapping[str, str] = field(default_factory=dict)
     """Where the black box, if it ran, and the fit differ; as `agreement.disagreements` has it."""
 
@@ -45,16 +44,18 @@ def names_asked(method: str) -> tuple[str, ...]:
     return every if method == "all" else tuple(name for name in every if name == method)
 
 
-def ask(study: Study, identified: Identified, plant: TransferMatrix, segments: Sequence[Segment], why: str) -> Asked:
+def request(
+    study: Study, identified: Identified, plant: TransferMatrix, segments: Sequence[Segment], why: str
+) -> Requested:
     """Run what `analysis.method` asks for on `segments`; `why` is said instead where the noise cannot be stationary.
 
     Dead times are as uncertain as the instants of the record, as they are in the fit.
     """
     names = names_asked(study.project.analysis.method)
     if not names:
-        return Asked()
+        return Requested()
     if why := why or _why_nothing(study, segments):
-        return Asked(not_applied=dict.fromkeys(names, why))
+        return Requested(not_applied=dict.fromkeys(names, why))
     estimates = identified.estimates
     task = Task(
         segments,
@@ -79,7 +80,7 @@ def ask(study: Study, identified: Identified, plant: TransferMatrix, segments: S
         apart = "the experiments disagree, which its intervals do not count (those of the direct fit do)"
         remarks = {name: (*remarks.get(name, ()), apart) for name in answers}
     if BLACK_BOX not in names:
-        return Asked(answers, refused, remarks)
+        return Requested(answers, refused, remarks)
     shape = len(study.project.outputs), study.n_u
     plants = {"model": study.model, DIRECT: plant}
     plants = {name: matrix.columns(0, study.n_u) for name, matrix in plants.items()}
@@ -87,7 +88,9 @@ def ask(study: Study, identified: Identified, plant: TransferMatrix, segments: S
     opinion = second_opinion(_without_disturbances(study, segments, plant), plants)
     if opinion.refused:
         refused[BLACK_BOX] = opinion.refused
-    return Asked(answers, refused, remarks, _table(study, opinion, answers), _disagreement(study, estimates, opinion))
+    return Requested(
+        answers, refused, remarks, _table(study, opinion, answers), _disagreement(study, estimates, opinion)
+    )
 
 
 def _why_nothing(study: Study, segments: Sequence[Segment]) -> str:
@@ -141,10 +144,10 @@ def _without_disturbances(study: Study, segments: Sequence[Segment], plant: Tran
     return cleaned
 
 
-def _table(study: Study, opinion: Opinion, answers: Mapping[str, Answer]) -> dict[str, Any]:
+def _table(study: Study, opinion: Opinion, answers: Mapping[str, Answer]) -> BlackBox | None:
     box = opinion.black_box
     if box is None:
-        return {}
+        return None
     rows = []
     for i, output in enumerate(study.project.output_names):
         for j, name in enumerate(study.project.input_names):
@@ -154,14 +157,14 @@ def _table(study: Study, opinion: Opinion, answers: Mapping[str, Answer]) -> dic
                 if method in ("model", DIRECT) or (i, j) in answers[method].found
             }
             if tested:
-                rows.append({"output": output, "input": name, "p_values": tested})
-    return {
-        "lags": box.first.lags,
-        "remembers": box.first.lags * box.h,
-        "states": box.order,
-        "states_reason": box.reason,
-        "elements": rows,
-    }
+                rows.append(BlackBoxElement(output, name, tested))
+    return BlackBox(
+        lags=box.first.lags,
+        remembers=box.first.lags * box.h,
+        states=box.order,
+        states_reason=box.reason,
+        elements=tuple(rows),
+    )
 
 
 def _disagreement(study: Study, estimates: Mapping[int, OutputEstimate], opinion: Opinion) -> dict[str, str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.stats import norm
@@ -17,7 +16,14 @@ from trueplant.identify.output import least_variance
 from trueplant.loop import Controller
 from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
 from trueplant.record import Segment
-from trueplant.result import Reason
+from trueplant.result import (
+    Background,
+    DeclaredDisturbance,
+    DisturbanceFit,
+    DisturbanceJump,
+    LostInformation,
+    Reason,
+)
 from trueplant.study.study import Place, Study
 
 MISDESCRIBED = 1e-3
@@ -33,7 +39,7 @@ class Disturbed:
     """(n_y, n_u + n_d) with the elements as these fits found them."""
     recovered: tuple[Recovered, ...]
     """One a segment, in the order given."""
-    table: tuple[Mapping[str, Any], ...]
+    table: tuple[DisturbanceFit, ...]
     """For result.json."""
     notes: tuple[Reason, ...]
 
@@ -186,32 +192,30 @@ def without_unmeasured(found: Disturbed, segments: Sequence[Segment], controller
 
 def _row(
     study: Study, i: int, fit: DisturbedFit, segments: Sequence[Segment], recovered: Sequence[Recovered]
-) -> dict[str, Any]:
-    jumps = [
-        {
-            "experiment": study.project.experiments[segment.experiment].name,
-            "time": float(v.t[k]),
-            "size": float(v.declared[k, i] - v.declared[k - 1, i]),
-        }
-        for segment, v in zip(segments, recovered, strict=True)
-        for k in v.jumps[i]
-    ]
+) -> DisturbanceFit:
     noise = fit.noise
-    return {
-        "output": study.project.output_names[i],
-        "declared": [
-            {"kind": p.kind, "std": p.std, "time_constant": p.time_constant, "found_std": p.std * noise.scale}
-            for p in noise.declared
-        ],
-        "jumps": jumps,
-        "lost": [
-            {"input": study.columns[spec.column], "name": name, "share": float(share)}
+    return DisturbanceFit(
+        output=study.project.output_names[i],
+        declared=tuple(
+            DeclaredDisturbance(p.kind, p.std, p.time_constant, p.std * noise.scale) for p in noise.declared
+        ),
+        jumps=tuple(
+            DisturbanceJump(
+                study.project.experiments[segment.experiment].name,
+                float(v.t[k]),
+                float(v.declared[k, i] - v.declared[k - 1, i]),
+            )
+            for segment, v in zip(segments, recovered, strict=True)
+            for k in v.jumps[i]
+        ),
+        lost=tuple(
+            LostInformation(study.columns[spec.column], name, float(share))
             for spec, part in zip(fit.row.specs, fit.row.slices, strict=True)
             for name, share in zip(spec.structure.names, fit.lost[part], strict=True)
-        ],
-        "background": {"white": noise.white, "std": noise.std, "time_constant": noise.time_constant},
-        "whiteness_p": fit.whiteness_p,
-    }
+        ),
+        background=Background(noise.white, noise.std, noise.time_constant),
+        whiteness_p=fit.whiteness_p,
+    )
 
 
 def _notes(study: Study, estimate: OutputEstimate, i: int, fit: DisturbedFit) -> list[Reason]:

@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from trueplant.identify.estimate import UNDERMODELLED
 from trueplant.identify.shared_disturbance import TIMES
-from trueplant.result import Reason
+from trueplant.result import ControllerCheck, Reason
 from trueplant.study.data.excitation import compression_notes, setpoint_rank_note
 from trueplant.study.data.scan import faster_scan
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
 
 
-def controller_notes(consistency: Sequence[Mapping[str, Any]]) -> list[Reason]:
+def controller_notes(consistency: Sequence[ControllerCheck]) -> list[Reason]:
     return [
-        Reason("controller", str(entry["message"]), f"{entry['experiment']}, {entry['input']}")
+        Reason("controller", entry.message, f"{entry.experiment}, {entry.input}")
         for entry in consistency
-        if entry["confirmed"] is not True
+        if entry.confirmed is not True
     ]
 
 
 def notes_of(
     study: Study,
     found: Identified,
-    consistency: Sequence[Mapping[str, Any]],
+    consistency: Sequence[ControllerCheck],
 ) -> list[Reason]:
     """What the reader should know although an answer was possible."""
     notes = [*setpoint_rank_note(study), *compression_notes(study), *controller_notes(consistency)]

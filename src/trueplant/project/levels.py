@@ -1,0 +1,27 @@
+"""Limits of project files and of the simulations that they ask for, each with its reason."""
+
+from __future__ import annotations
+
+MOST_SAMPLES = 50_000_000
+"""Of a simulated record: one signal of it fills 0.4 GB of memory. More is a slip in duration or sample_time."""
+
+STEPS_PER_TIME_CONSTANT = 20
+"""Steps of the simulator in the shortest time constant, where a continuous controller acts between the samples."""
+
+MOST_STEPS = 1000
+"""Of the simulator in one sample of the record; more means a sample time 50 times the shortest time constant."""
+
+WHOLE_NUMBER = 1e-6
+"""A scan is so many steps if their ratio is this close to a whole number: 0.1 and 0.3 are not exact in binary."""
+
+DECIMALS = 9
+"""Of the numbers in a simulated record: what lies beyond is rounding and makes files long."""
+
+ALIKE = 0.5
+"""Least likeness (difflib's ratio) of an unknown key to the one offered instead: `ps` for `sp` has just this."""
+
+SHOWN_COLUMNS = 20
+"""Column names in an error message; exports have hundreds."""
+
+SHOWN_CHARACTERS = 60
+"""Of a wrong value in an error message: half a line of a terminal."""

@@ -1,0 +1,85 @@
+"""What was read, what of it is used, and what screening found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from trueplant.result.codec import ABSENT, key
+from trueplant.result.element import Interval
+
+
+@dataclass(frozen=True)
+class Exclusion:
+    """A stretch of one signal that is left out. Times in the record's own time."""
+
+    start: float = field(metadata=key("from"))
+    end: float = field(metadata=key("to"))
+    signal: str
+    reason: str
+    """The kind of the finding."""
+
+
+@dataclass(frozen=True)
+class DataFinding:
+    """One thing that reading or screening noticed."""
+
+    kind: str
+    signal: str
+    message: str
+    samples: int
+    excludes: bool
+    """Were samples left out because of it?"""
+    value: float | None
+    """The measured size where there is one."""
+    spans: tuple[Interval, ...]
+    """The first of them."""
+
+
+@dataclass(frozen=True)
+class SignalExcitation:
+    """How one set-point (OP in open loop) moves."""
+
+    signal: str
+    changes: int
+    std: float
+    band: Interval | None
+    """rad per time unit."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """How much the moves of a record tell."""
+
+    of: str
+    """"set-points" or "inputs"."""
+    rank: int
+    """Directions that move apart."""
+    signals: tuple[SignalExcitation, ...]
+    worst_condition: float | None
+    sentences: tuple[str, ...]
+    """What is not enough."""
+
+
+@dataclass(frozen=True)
+class ExperimentData:
+    """One experiment: what was read, what is used, what was found."""
+
+    name: str
+    loop: str
+    """"closed" or "open"."""
+    samples: int
+    sample_time: float
+    start: str | None
+    """Time stamp of the record's time 0."""
+    span: Interval
+    used: tuple[Interval, ...]
+    usable_share: Mapping[str, float]
+    """Of PV, by output."""
+    saturated_share: Mapping[str, float]
+    """Of OP at a limit, by input."""
+    excluded: tuple[Exclusion, ...]
+    findings: tuple[DataFinding, ...]
+    refused: str | None
+    """Why nothing of it can be used."""
+    excitation: Excitation | None = field(default=None, metadata=ABSENT)

@@ -1,0 +1,117 @@
+"""A controller's settings as the project file and the vendor write them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from trueplant import result
+from trueplant.errors import LoopError
+from trueplant.loop import PID, Linear
+from trueplant.lti import to_formula
+from trueplant.project import Project
+from trueplant.result import ControllerSettings, FaceplateSettings
+from trueplant.tune import Notation, Settings, settings_of
+
+
+@dataclass(frozen=True)
+class Shown:
+    """How one loop's settings are to be written."""
+
+    form: str
+    gain_unit: str
+    spans: tuple[float | None, float | None]
+    """Of OP and PV."""
+    with_action: bool
+    time_unit: str
+    vendor: Mapping[str, str]
+    """gain, integral, derivative_filter and time_unit, where the project states them."""
+
+    @classmethod
+    def of(cls, project: Project, entry: PID | Linear, i: int, j: int) -> Shown:
+        """As [tuning] says, else as the controller is declared."""
+        tuning = project.tuning
+        assert tuning is not None
+        ranges = (project.inputs[i].limits, project.outputs[j].limits)
+        spans = tuple(None if limit is None else limit[1] - limit[0] for limit in ranges)
+        own = entry if isinstance(entry, PID) else None
+        keys = ("gain", "integral", "derivative_filter", "time_unit")
+        return cls(
+            form=tuning.form or (own.form if own else "ideal"),
+            gain_unit=tuning.gain_unit or (own.gain_unit if own else "engineering"),
+            spans=(spans[0], spans[1]),
+            with_action=own is not None and own.action is not None,
+            time_unit=project.time_unit,
+            vendor={key: getattr(tuning, key) for key in keys if getattr(tuning, key) is not None},
+        )
+
+    def in_notation(self, form: str, vendor: bool) -> Notation:
+        """Of the project file, or of the vendor; `form` is that of the law."""
+        given = dict(self.vendor) if vendor else {}
+        filtering = "time" if form == "parallel" else given.get("derivative_filter", "ratio")
+        return Notation(
+            form=form,
+            gain=given.get("gain", "gain"),
+            integral=given.get("integral", "time"),
+            derivative_filter=filtering,
+            time_unit=given.get("time_unit", self.time_unit),
+            shows_action=self.with_action,
+            gain_unit=self.gain_unit,
+            op_span=self.spans[0],
+            pv_span=self.spans[1],
+        )
+
+    @property
+    def notation(self) -> result.Notation:
+        """What the vendor's settings are written in."""
+        found = self.in_notation(self.form, True)
+        return result.Notation(found.gain, found.integral, found.derivative_filter, found.time_unit)
+
+
+def _unlinearised(law: PID, slope: float) -> PID:
+    """The gains in front of the pv_transform whose slope is in those of the law."""
+    if slope == 1:
+        return law
+    if law.form == "parallel":
+        return replace(law, Kp=(law.Kp or 0.0) / slope, Ki=law.Ki / slope, Kd=law.Kd / slope)
+    return replace(law, Kc=(law.Kc or 0.0) / slope)
+
+
+def law_settings(law: PID | Linear, shown: Shown, slope: float) -> ControllerSettings:
+    """The keys of a [[controller]] table. A form that cannot express the law is left for the law's own."""
+    if isinstance(law, Linear):
+        return ControllerSettings(tf=to_formula(law.tf))
+    form, given = _converted(_unlinearised(law, slope), shown, False)
+    filtering = (given.derivative_filter or 0.0) if form == "parallel" else given.derivative_filter
+    filtered = filtering if given.derivative else None
+    if form == "parallel":
+        return ControllerSettings(
+            form=form,
+            Kp=given.gain,
+            Ki=given.integral or 0.0,
+            Kd=given.derivative or 0.0,
+            Tf=filtered,
+            action=given.action,
+        )
+    return ControllerSettings(
+        form=form, Kc=given.gain, Ti=given.integral, Td=given.derivative, alpha=filtered, action=given.action
+    )
+
+
+def vendor_settings(law: PID | Linear, shown: Shown, slope: float) -> FaceplateSettings | None:
+    """The numbers as the vendor shows them; None for a law that is no PID."""
+    if isinstance(law, Linear):
+        return None
+    _, given = _converted(_unlinearised(law, slope), shown, True)
+    return FaceplateSettings(given.gain, given.integral, given.derivative, given.derivative_filter, given.action)
+
+
+def _converted(pid: PID, shown: Shown, vendor: bool) -> tuple[str, Settings]:
+    bare = replace(pid, pv_transform=None)
+    for form in (shown.form, pid.form):
+        try:
+            return form, settings_of(bare, shown.in_notation(form, vendor), shown.time_unit)
+        except LoopError:
+            continue
+    # gains of different sign have the parallel form alone
+    return "parallel", settings_of(bare, replace(shown.in_notation("parallel", vendor), gain="gain"), shown.time_unit)
