@@ -145,20 +145,30 @@ def test_an_element_that_was_left_out_is_named_and_estimated_along(tmp_path):
     assert abs(gain.plant - 6.6) < 4 * gain.std_error and gain.std_error < 0.5
 
 
+def with_absent_element_asked_for(folder, seed):
+    """The result of a plant and a model without the element from steam to top, which is asked for."""
+    plant = TransferMatrix(((WOOD_BERRY[0, 0], WOOD_BERRY[0, 1] * 0.0), WOOD_BERRY.elements[1]))
+    written(folder, "record.csv", wood_berry(seed, samples=1500, plant=plant))
+    made = project(folder)
+    elements = [e.model_dump(exclude_unset=True) for e in made.model]
+    elements[1] |= {"tf": "0", "structure": "fopdt"}
+    tables = made.model_dump(by_alias=True, exclude_unset=True) | {"model": elements}
+    return run(Project.from_toml(Project(**tables).to_toml(), folder))
+
+
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:invalid value encountered in divide:RuntimeWarning")  # see the next test
 def test_an_absent_element_that_is_asked_for_raises_no_alarm(tmp_path):
     """80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %."""
-    plant = TransferMatrix(((WOOD_BERRY[0, 0], WOOD_BERRY[0, 1] * 0.0), WOOD_BERRY.elements[1]))
-    alarms = 0
-    for seed in range(80):
-        written(tmp_path, "record.csv", wood_berry(400 + seed, samples=1500, plant=plant))
-        made = project(tmp_path)
-        elements = [e.model_dump(exclude_unset=True) for e in made.model]
-        elements[1] |= {"tf": "0", "structure": "fopdt"}
-        tables = made.model_dump(by_alias=True, exclude_unset=True) | {"model": elements}
-        result = run(Project.from_toml(Project(**tables).to_toml(), tmp_path))
-        alarms += ("steam", "top") in changed(result)
+    alarms = sum(("steam", "top") in changed(with_absent_element_asked_for(tmp_path, 400 + k)) for k in range(80))
     assert alarms <= most(80, 0.05)
+
+
+@pytest.mark.xfail(
+    raises=RuntimeWarning, strict=True, reason="the band of an element that comes out as 0 divides by it"
+)
+def test_an_absent_element_that_comes_out_as_zero_has_a_band(tmp_path):
+    assert with_absent_element_asked_for(tmp_path, 417).status == "ok"
 
 
 @pytest.mark.slow
