@@ -320,6 +320,7 @@ def test_notes_say_what_to_know():
     assert any("biased by noise" in note for note in biased.notes)
 
 
+@pytest.mark.slow
 def test_open_and_closed_records_are_taken_together():
     """A record in open loop has its own inputs as instrument: both together are surer than the closed one alone."""
     rng = np.random.default_rng(12)

@@ -98,6 +98,7 @@ def test_white_noise_gives_gains_and_time_constants_to_a_few_per_cent():
     assert np.median(percent(runs.route)[:, [0, 3]]) > 5 * np.median(percent(runs.ours)[:, [0, 3]])
 
 
+@pytest.mark.slow
 def test_a_section_of_few_records_has_all_its_entries():
     said: list[str] = []
     found = records_section(2, said.append)

@@ -200,6 +200,7 @@ def test_what_cannot_be_promised_is_refused():
 BLT = Controller.diagonal([PID(Kc=0.375, Ti=8.29), PID(Kc=-0.0754, Ti=23.6)])
 
 
+@pytest.mark.slow
 def test_every_method_is_stable_and_keeps_its_crossover():
     like = PID(form="parallel", Kp=1.0)
     tasks = [LoopTask(0, 0, 0.4, like), LoopTask(1, 1, 0.2, like)]
@@ -218,6 +219,7 @@ def test_every_method_is_stable_and_keeps_its_crossover():
         assert (found.price[0] is not None) == (found.method == "certain-share")
 
 
+@pytest.mark.slow
 def test_pairs_off_the_diagonal_are_tuned_as_on_it():
     """The same column with its inputs in the other order."""
     swapped = TransferMatrix(tuple((row[1], row[0]) for row in WOOD_BERRY.elements), "min")

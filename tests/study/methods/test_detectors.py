@@ -25,6 +25,7 @@ def test_the_names_of_the_project_file_are_those_of_the_detectors():
     assert Detector.__args__ == detect.DETECTORS
 
 
+@pytest.mark.slow
 def test_detectors_run_on_request_and_leave_the_verdicts_alone(tmp_path):
     written(tmp_path, wood_berry(21, samples=1200, plant=scaled(1, 0, 1.5)))
     plain = run(project(tmp_path, controller=CONTROLLERS))

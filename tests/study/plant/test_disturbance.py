@@ -56,6 +56,7 @@ def test_the_verdict_rests_on_a_fit_that_knows_the_step(stepped):
             assert mine["plant"] == other["plant"]
 
 
+@pytest.mark.slow
 def test_a_drift_is_taken_along(tmp_path):
     """Slopes that wander: of 12 such records without the declared drift 16 % of the intervals missed, not 5 %."""
     rng = np.random.default_rng(15)
