@@ -148,11 +148,11 @@ def test_what_is_not_a_formula_is_refused_quickly_with_the_reason(text: str) -> 
 
 
 def test_largest_accepted_input_is_read_in_a_moment() -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     lags = "+".join(f"1/({k}s+1)" for k in range(1, 90))
     assert len(tf(lags).terms) == 89
     tf("(1+exp(-s)+exp(-1.1s))^5" + "*(s+1)" * 50)
-    assert time.perf_counter() - start < 5.0
+    assert time.process_time() - start < 5.0
 
 
 @given(st.text(alphabet="s0123456789.+-*/^() expv,\u2212e", max_size=60))
