@@ -1,19 +1,36 @@
-"""The results on disk: each file is written beside its place and then renamed, so none is ever half there."""
+"""The results on disk, written as one: a kill at any moment leaves the old files, the new ones, or what `repair` mends.
+
+Every file is first written whole beside its place. Then all are moved there, result.json last: it bears the SHA-256 of
+the others. Where that was cut short, the files that wait belong to a result.json that waits with them, and are moved
+when the folder is next written to or read; where result.json was not yet whole, nothing had been moved, and what waits
+goes.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import re
+import secrets
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
-from trueplant.errors import OutputError
-from trueplant.project.project import Project
-from trueplant.result import Result
+from trueplant.errors import OutputError, UsageError
+from trueplant.project import Project, plant_project
+from trueplant.result import Curves, Result, build
+from trueplant.result.codec import plain
 
-RESULT, REPORT, PLANT = "result.json", "report.html", "plant.toml"
+RESULT, REPORT, PLANT, CURVES = "result.json", "report.html", "plant.toml", "curves.json"
+BESIDE = (REPORT, PLANT, CURVES)
+"""The files that belong to a result.json."""
+MOST_SAMPLES = 4000
+"""Of each trend in curves.json."""
+
+_WAITING = re.compile(r"\.(?P<name>.+)\.(?P<process>\d+)-(?P<token>[0-9a-f]+)\.part")
 
 
 def prepare_output(path: str | os.PathLike[str]) -> Path:
@@ -37,51 +54,159 @@ def prepare_output(path: str | os.PathLike[str]) -> Path:
 
 
 def write_results(
-    result: Result, path: str | os.PathLike[str], report: str | None = None, origin: str | os.PathLike[str] = "."
+    result: Result, project: Project, path: str | os.PathLike[str], report: str | None = None
 ) -> dict[str, Path]:
-    """Write result.json, plant.toml and, given its text, report.html; what of them is not there now is removed.
+    """Write curves.json, plant.toml and, given its text, report.html, and result.json last.
 
-    ``origin`` is the folder at which relative paths of ``result.plant_toml`` start: in the file they start at ``path``.
     A refusal has no plant.toml. Files of an earlier analysis that this one has no successor for would be taken for this
-    one's. Returns the paths by file name. Raises OutputError.
+    one's, and go. Returns the paths by file name. Raises OutputError.
     """
-    texts = {RESULT: to_json(result)}
     folder = Path(path)
-    if result.plant_toml and result.status != "refused":
-        texts[PLANT] = Project.from_toml(result.plant_toml, origin).to_toml(folder)
+    repair(folder)
+    texts: dict[str, str] = {}
+    if result.curves is not None:
+        texts[CURVES] = _json(plain(result.curves.decimated(MOST_SAMPLES)), indent=None)
+    if result.plant is not None and result.status != "refused":
+        plant = result.plant
+        updated = {(i, j): plant.nominal[i, j] for i, row in plant.rows.items() for j in row.columns}
+        texts[PLANT] = plant_project(project, updated, folder)
     if report is not None:
         texts[REPORT] = report
-    written = write_files(folder, texts)
-    for name in (RESULT, REPORT, PLANT):
-        if name not in texts:
-            (folder / name).unlink(missing_ok=True)
-    return written
+    texts[RESULT] = to_json(result, texts)
+    return write_files(folder, texts, gone=[name for name in BESIDE if name not in texts])
 
 
-def to_json(result: Result) -> str:
-    """result.json as text."""
-    return json.dumps(result.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+def to_json(result: Result, beside: Mapping[str, str] | None = None) -> str:
+    """result.json as text, with the SHA-256 of the files that go with it."""
+    document = result.to_dict()
+    if beside is not None:
+        document["files"] = {name: _sha256(text.encode("utf-8")) for name, text in sorted(beside.items())}
+    return _json(document, indent=1)
 
 
-def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> dict[str, Path]:
-    """Write all files or none: first beside their places, then renamed."""
-    waiting: dict[Path, Path] = {}
+def write_files(folder: Path, contents: Mapping[str, str | bytes], gone: list[str] | None = None) -> dict[str, Path]:
+    """Write all files or none: first beside their places, then moved there in order. Those in `gone` are removed before
+    the last of them."""
+    token = f"{os.getpid()}-{secrets.token_hex(4)}"
+    waiting = {folder / f".{name}.{token}.part": folder / name for name in contents}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, content in contents.items():
-            handle, temporary = tempfile.mkstemp(prefix=f".{name}.", suffix=".part", dir=folder)
-            waiting[Path(temporary)] = folder / name
-            with os.fdopen(handle, "wb") as file:
+        for beside, content in zip(waiting, contents.values(), strict=True):
+            with open(beside, "xb") as file:
                 file.write(content.encode("utf-8") if isinstance(content, str) else content)
-                os.fchmod(file.fileno(), 0o644)
-        for beside, place in waiting.items():
-            beside.replace(place)
+                file.flush()
+                os.fsync(file.fileno())
+        _move(waiting, [folder / name for name in gone or ()])
     except OSError as error:
         _raise(folder, error)
     finally:
         for beside in waiting:
             beside.unlink(missing_ok=True)
     return {place.name: place for place in waiting.values()}
+
+
+def _move(waiting: Mapping[Path, Path], gone: list[Path]) -> None:
+    *first, last = waiting.items()
+    for beside, place in first:
+        beside.replace(place)
+    for place in gone:
+        place.unlink(missing_ok=True)
+    last[0].replace(last[1])
+
+
+# -- after a kill ------------------------------------------------------------------------------------------------
+
+
+def repair(folder: Path) -> None:
+    """Finish what an earlier process, killed while it wrote, had begun; remove what it left behind otherwise."""
+    groups: dict[str, dict[Path, Path]] = {}
+    for beside in folder.glob(".*.part") if folder.is_dir() else ():
+        found = _WAITING.fullmatch(beside.name)
+        if found and not _runs(int(found["process"])):
+            groups.setdefault(found["token"], {})[beside] = folder / found["name"]
+    for waiting in groups.values():
+        _finish(folder, waiting)
+        for beside in waiting:
+            beside.unlink(missing_ok=True)
+
+
+def _finish(folder: Path, waiting: Mapping[Path, Path]) -> None:
+    """Move what waits if a whole result.json waits with it, and its files are here or wait too."""
+    own = next((beside for beside, place in waiting.items() if place.name == RESULT), None)
+    sums = {} if own is None else _sums(own)
+    if own is None or sums is None:
+        return
+    others = {beside: place for beside, place in waiting.items() if beside != own and place.name in sums}
+    ready = {place.name: _sha256(beside.read_bytes()) for beside, place in others.items()}
+    here = {name: ready.get(name) or _sum_of(folder / name) for name in sums}
+    if here == sums:
+        _move(others | {own: folder / RESULT}, [folder / name for name in BESIDE if name not in sums])
+
+
+def _sums(result: Path) -> dict[str, str] | None:
+    """The SHA-256 of the files that belong to a result.json; None where it is not whole."""
+    try:
+        return dict(json.loads(result.read_text(encoding="utf-8"))["files"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _sum_of(path: Path) -> str | None:
+    return _sha256(path.read_bytes()) if path.is_file() else None
+
+
+def _runs(process: int) -> bool:
+    if process == os.getpid():
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+# -- read again --------------------------------------------------------------------------------------------------
+
+
+def read_results(path: str | os.PathLike[str]) -> Result:
+    """A saved result: the folder, or its result.json. What is drawn comes from curves.json, without the data.
+
+    Raises UsageError where there is none, it cannot be read, or its files are not of one analysis.
+    """
+    folder = Path(path)
+    folder = folder.parent if folder.is_file() else folder
+    repair(folder)
+    place = folder / RESULT
+    try:
+        data = json.loads(place.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UsageError(f"{folder} holds no {RESULT}: name a folder that trueplant run has written to") from None
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{place} cannot be read ({error}): run the analysis again") from None
+    sums = data.get("files", {})
+    mixed = [name for name, digest in sums.items() if name != REPORT and _sum_of(folder / name) not in (digest, None)]
+    if mixed:
+        raise UsageError(f"{folder}: {' and '.join(mixed)} and {RESULT} are not of one analysis: run it again")
+    try:
+        result = build(Result, data)
+        if result.uncertainty is not None:
+            result = replace(result, plant=result.uncertainty.plant(result.provenance.time_unit))
+        if CURVES in sums and (folder / CURVES).is_file():
+            drawn = json.loads((folder / CURVES).read_text(encoding="utf-8"))
+            result = replace(result, curves=build(Curves, drawn))
+    except (KeyError, TypeError, ValueError) as error:
+        raise UsageError(f"{place} is not a result of this version ({error}): run the analysis again") from None
+    return result
+
+
+def _json(value: Any, indent: int | None) -> str:
+    return json.dumps(value, indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def _raise(folder: Path, error: OSError) -> NoReturn:

@@ -131,7 +131,6 @@ def sample(
         ),
         notes=(Reason("one-disturbance", "The spread between runs was added to the intervals."),),
         curves=curves,
-        plant_toml='time_unit = "min"\n',
     )
 
 

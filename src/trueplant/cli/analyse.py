@@ -58,7 +58,7 @@ def _analyse(project: Project, folder: Path, json: bool) -> Result:
     with saying() as say:
         result = analyse(project, say)
         say("writing the report")
-        written = write_results(result, folder, render(result), project.folder)
+        written = write_results(result, project, folder, render(result))
     if json:
         sys.stdout.write(to_json(result))
     else:

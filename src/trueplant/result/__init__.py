@@ -1,6 +1,7 @@
 """What an analysis returns: typed, frozen, with its words and its JSON."""
 
 from trueplant.result.changes import Change, Moved, TrackedElement, TrackedExperiment, Window, WindowElement
+from trueplant.result.check import Check
 from trueplant.result.codec import build, document, plain
 from trueplant.result.controllers import (
     ControllerSettings,
@@ -59,6 +60,7 @@ from trueplant.result.robustness import (
     WorstElement,
 )
 from trueplant.result.track import Track
+from trueplant.result.uncertainty import UncertainParameter, UncertainRow, Uncertainty
 
 __all__ = [
     "Background",
@@ -66,6 +68,7 @@ __all__ = [
     "BlackBox",
     "BlackBoxElement",
     "CascadeCheck",
+    "Check",
     "Change",
     "CoherenceCurves",
     "CoherenceTable",
@@ -88,6 +91,7 @@ __all__ = [
     "ExperimentData",
     "FaceplateSettings",
     "FitRow",
+    "HeldElement",
     "Importance",
     "Interval",
     "LoopMargins",
@@ -131,6 +135,9 @@ __all__ = [
     "TrackedElement",
     "TrackedExperiment",
     "Trend",
+    "UncertainParameter",
+    "UncertainRow",
+    "Uncertainty",
     "ValidationFit",
     "Window",
     "WindowElement",

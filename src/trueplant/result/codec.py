@@ -55,6 +55,8 @@ def plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(name): plain(entry) for name, entry in value.items()}
     if isinstance(value, np.ndarray):
+        if np.iscomplexobj(value):
+            return {"re": plain(value.real), "im": plain(value.imag)}
         return plain(value.tolist())
     if isinstance(value, np.generic):
         return plain(value.item())
@@ -151,17 +153,9 @@ def _array(dtype: Any, data: Any) -> np.ndarray[Any, Any]:
     kind = typing.get_args(dtype)[0]
     kind = typing.get_origin(kind) or kind  # NDArray[np.integer[Any]] names its width, too
     if issubclass(kind, np.complexfloating):
-        pairs = np.array(_pairs(data), dtype=float)
-        return pairs[..., 0] + 1j * pairs[..., 1]
+        return np.array(data["re"], dtype=float) + 1j * np.array(data["im"], dtype=float)
     number = float if issubclass(kind, np.floating) else int if issubclass(kind, np.integer) else bool
     return np.array(data, dtype=number)
-
-
-def _pairs(data: Any) -> Any:
-    """Nested lists with complex numbers as (real, imaginary)."""
-    if isinstance(data, dict):
-        return [math.nan if data[part] is None else data[part] for part in ("re", "im")]
-    return [_pairs(entry) for entry in data]
 
 
 def _object(cls: type, data: Any) -> Any:
@@ -179,5 +173,5 @@ def _object(cls: type, data: Any) -> Any:
             nothing = "none_as" in field.metadata and entry == field.metadata["none_as"]
             given[field.name] = None if nothing else _built(known[field.name], entry)
         elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
-            given[field.name] = None
+            raise ValueError(f"{cls.__name__} has no {json_key(field)}")
     return cls(**given)

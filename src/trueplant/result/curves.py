@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,15 @@ class Trend:
     excluded: tuple[tuple[float, float, str, str], ...]
     """(from, to, signal, reason)."""
 
+    def decimated(self, most: int) -> Trend:
+        """At most about so many samples: of each stretch those at which any signal is highest or lowest."""
+        if self.t.size <= most:
+            return self
+        signals = np.hstack([self.r, self.y, self.u, self.model, self.plant])
+        kept = np.unique([0, self.t.size - 1, *_extremes(signals, most // (2 * signals.shape[1]))])
+        names = ("t", "r", "y", "u", "model", "plant")
+        return replace(self, **{name: getattr(self, name)[kept] for name in names})
+
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
@@ -44,6 +54,24 @@ class Residuals:
     """Cross-correlation with each input at `ccf_lags`."""
     ccf_lags: NDArray[np.integer[Any]]
     ccf_bound: float
+
+    def decimated(self, most: int) -> Residuals:
+        """At most about so many prediction errors, as `Trend.decimated`."""
+        if self.t.size <= most:
+            return self
+        kept = np.unique([0, self.t.size - 1, *_extremes(self.e[:, None], most // 2)])
+        return replace(self, t=self.t[kept], e=self.e[kept])
+
+
+def _extremes(signals: Array, stretches: int) -> list[int]:
+    """Samples at which any of the signals (N, m) is highest or lowest in each of so many stretches."""
+    edges = np.linspace(0, len(signals), max(stretches, 1) + 1).astype(int)
+    found: list[int] = []
+    for a, b in pairwise(edges):
+        part = signals[a:b][:, np.isfinite(signals[a:b]).any(axis=0)]
+        if part.size:
+            found += (a + np.nanargmin(part, axis=0)).tolist() + (a + np.nanargmax(part, axis=0)).tolist()
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,3 +160,8 @@ class Curves:
     mu: tuple[MuCurves, ...] = ()
     retuning: tuple[RetuningCurves, ...] = ()
     coherence: CoherenceCurves | None = None
+
+    def decimated(self, most: int) -> Curves:
+        """With at most about so many samples of each trend and of each output's prediction errors."""
+        trends = tuple(trend.decimated(most) for trend in self.trends)
+        return replace(self, trends=trends, residuals=tuple(found.decimated(most) for found in self.residuals))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from trueplant.lti import UncertainPlant
 from trueplant.result.codec import document
 from trueplant.result.controllers import LoopRetuning
 from trueplant.result.curves import Curves
@@ -18,6 +19,7 @@ from trueplant.result.provenance import Provenance
 from trueplant.result.reason import Reason
 from trueplant.result.robustness import LoopRobustness
 from trueplant.result.summary import html_summary, text_summary
+from trueplant.result.uncertainty import Uncertainty
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,10 @@ class Result:
     notes: tuple[Reason, ...] = ()
     """What the reader should know although it was not refused; also in result.json."""
     curves: Curves | None = None
-    plant_toml: str = ""
+    uncertainty: Uncertainty | None = None
+    """What is known of the plant's parameters together; None where nothing is answered."""
+    plant: UncertainPlant | None = None
+    """The plant (n_y, n_u + n_d) as estimated, with what is uncertain about it, to calculate with."""
 
     @property
     def mismatch(self) -> bool:
@@ -52,7 +57,7 @@ class Result:
 
     def to_dict(self) -> dict[str, Any]:
         """result.json as plain Python; numbers that are not finite become None."""
-        return document(self, left_out=("curves", "plant_toml"))
+        return document(self, left_out=("curves", "plant"))
 
     def __repr__(self) -> str:
         return text_summary(self)

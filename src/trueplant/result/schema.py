@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import json
 import types
 import typing
 from collections.abc import Mapping
 from enum import Enum
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -91,3 +93,10 @@ def _described(hint: Any, definitions: dict[str, Any]) -> dict[str, Any]:
     simple = {str: {"type": "string"}, bool: {"type": "boolean"}, int: {"type": "integer"}}
     # numbers that are not finite are null
     return simple.get(hint, {"type": ["number", "null"]})
+
+
+def published(name: str) -> dict[str, Any]:
+    """The schema of "result.json", "check.json" or "track.json" as it goes with the package."""
+    text = files("trueplant.result").joinpath("schemas", f"{name.removesuffix('.json')}.schema.json")
+    found: dict[str, Any] = json.loads(text.read_text(encoding="utf-8"))
+    return found

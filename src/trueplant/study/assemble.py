@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from trueplant.lti import UncertainPlant, to_formula
 from trueplant.mismatch import Coherence
-from trueplant.project import plant_project
 from trueplant.result import (
     CascadeCheck,
     ControllerCheck,
@@ -20,6 +19,7 @@ from trueplant.result import (
     MoreData,
     Reason,
     Result,
+    Uncertainty,
 )
 from trueplant.study.curves import curves_of
 from trueplant.study.data.cascade import cascade_notes
@@ -65,10 +65,9 @@ def assemble(study: Study, checked: Checked, found: Found) -> Result:
     """The result of an analysis that answered at least in part; refused if no parameter is answered."""
     elements, answered = found.judged.elements, found.judged.answered
     plant = found.plant.nominal
-    curves = curves_of(study, found.identified, found.judged.found, plant, found.compared.response)
+    curves = curves_of(study, found.identified, found.plant, found.compared.response)
     if checked.coherence is not None:
         curves = replace(curves, coherence=coherence_curves(study, checked.coherence))
-    updated = {(i, j): plant[i, j] for i, j in found.judged.found}
     return Result(
         status="ok" if answered else "refused",
         reasons=grouped([*checked.reasons, *(() if answered else _unanswered(elements))]),
@@ -82,7 +81,8 @@ def assemble(study: Study, checked: Checked, found: Found) -> Result:
         more_data=found.plans,
         notes=_notes(study, checked, found),
         curves=replace(curves, mu=found.loop.mu, retuning=found.retuned.curves),
-        plant_toml=plant_project(study.project, updated),
+        uncertainty=Uncertainty.of(found.plant, study.project.output_names, study.columns) if answered else None,
+        plant=found.plant,
     )
 
 
@@ -115,7 +115,6 @@ def refused(study: Study, checked: Checked) -> Result:
         elements=elements,
         methods=_beside(checked),
         notes=grouped(notes),
-        plant_toml=study.project.to_toml(),
     )
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from scipy.stats import norm
 
 from trueplant.arrays import Array, ComplexArray
-from trueplant.detect import Found
+from trueplant.errors import LoopError
 from trueplant.identify import OutputEstimate, pieces_of
 from trueplant.identify.validate import LAGS
-from trueplant.lti import TransferMatrix
+from trueplant.lti import TransferMatrix, UncertainPlant
 from trueplant.lti.sampled import sampled_response
 from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.record import excitation
@@ -20,31 +18,20 @@ from trueplant.study.data.nonparametric import label_of
 from trueplant.study.plant.elements import model_frequencies
 from trueplant.study.plant.fit import simulate_row
 from trueplant.study.plant.identified import Identified
-from trueplant.study.study import Place, Study
+from trueplant.study.study import Study
 
 POINTS = 200
 DRAWS = 200
 
 
 def curves_of(
-    study: Study,
-    identified: Identified,
-    found: Mapping[Place, Found],
-    plant: TransferMatrix,
-    response: FrequencyResponse | None,
+    study: Study, identified: Identified, known: UncertainPlant, response: FrequencyResponse | None
 ) -> Curves:
-    """All curves of the report: steps, Bode, trends, residuals, excitation."""
-    project = study.project
-    n_y, n_u = len(project.outputs), len(project.inputs)
-    w = model_frequencies(study, plant)
-    inputs_only = range(n_u)
-    t, low, high = _step_bands(study, found, plant)
-    step = [
-        [sampled_response(m[i, j], np.ones(t.size), t[1], "zoh") for j in inputs_only]
-        for m in (study.model, plant)
-        for i in range(n_y)
-    ]
-    steps = np.array(step).reshape(2, n_y, n_u, t.size).transpose(0, 3, 1, 2)
+    """All curves of the report: steps, Bode, trends, residuals, excitation; `known` (n_y, n_u + n_d)."""
+    project, plant = study.project, known.nominal
+    n_y, n_u = len(project.outputs), study.n_u
+    w, t = model_frequencies(study, plant), _step_times(study, plant)
+    low, high = _step_bands(study, known, t)
     setpoints = any(s.closed and np.isfinite(s.r).any() for s in study.segments)
     excited = excitation(study.segments, "r" if setpoints else "u")
     return Curves(
@@ -54,17 +41,17 @@ def curves_of(
         input_units=tuple(u.unit for u in project.inputs),
         time_unit=project.time_unit,
         step_t=t,
-        step_model=steps[0],
-        step_plant=steps[1],
-        step_low=low,
-        step_high=high,
+        step_model=_steps(study.inputs_model, t),
+        step_plant=_steps(plant.columns(0, n_u), t),
+        step_low=low[:, :, :n_u],
+        step_high=high[:, :, :n_u],
         w=w,
         bode_model=study.model(1j * w)[:, :, :n_u],
         bode_plant=plant(1j * w)[:, :, :n_u],
-        bode_std=_relative_std(found, plant, w, n_y, n_u),
+        bode_std=_relative_std(known, w)[:, :, :n_u],
         band=tuple((None,) * n_u for _ in range(n_y)) if response is None else speaking_band(response),
         np_w=np.zeros(0) if response is None else response.w,
-        np_value=np.zeros((0, n_y, n_u), complex) if response is None else _believable(response),
+        np_value=np.zeros((0, n_y, n_u), complex) if response is None else _reliable(response),
         np_std=np.zeros((0, n_y, n_u)) if response is None else response.std,
         np_label="" if response is None else label_of(response),
         trends=tuple(_trend(study, identified, k, plant) for k in range(len(study.screened))),
@@ -74,64 +61,60 @@ def curves_of(
     )
 
 
-def _believable(response: FrequencyResponse) -> ComplexArray:
+def _reliable(response: FrequencyResponse) -> ComplexArray:
     """(n_w, n_y, n_u) the non-parametric response where its error is below its size; NaN elsewhere."""
     good = response.reliable[:, None, None] & (response.std < np.abs(response.sampled))
     return np.where(good, response.value, np.nan)
 
 
-def _relative_std(found: Mapping[tuple[int, int], Found], plant: TransferMatrix, w: Array, n_y: int, n_u: int) -> Array:
-    """(n_w, n_y, n_u) standard error of |G| over |G|, to first order."""
-    out = np.zeros((w.size, n_y, n_u))
-    for (i, j), element in found.items():
-        if j >= n_u:
-            continue
-        gradient = element.spec.structure.gradient(element.theta, 1j * w)
-        value = plant[i, j](1j * w)
-        relative = np.real(gradient * np.conj(value)[:, None]) / np.maximum(np.abs(value), 1e-300)[:, None] ** 2
-        variance = np.einsum("wp,pq,wq->w", relative, element.covariance, relative)
-        out[:, i, j] = np.sqrt(np.maximum(variance, 0.0))
+def _relative_std(plant: UncertainPlant, w: Array) -> Array:
+    """(n_w, n_y, n_u + n_d) standard error of |G| over |G|, to first order; 0 where nothing is uncertain."""
+    out = np.zeros((w.size, *plant.nominal.shape))
+    for i, row in plant.rows.items():
+        for j, structure, part in zip(row.columns, row.structures, row.slices, strict=True):
+            gradient = structure.gradient(row.theta[part], 1j * w)
+            value = plant.nominal[i, j](1j * w)
+            relative = np.real(gradient * np.conj(value)[:, None]) / np.maximum(np.abs(value), 1e-300)[:, None] ** 2
+            variance = np.einsum("wp,pq,wq->w", relative, row.covariance[part, part], relative)
+            out[:, i, j] = np.sqrt(np.maximum(variance, 0.0))
     return out
 
 
-def _step_bands(
-    study: Study, found: Mapping[tuple[int, int], Found], plant: TransferMatrix
-) -> tuple[Array, Array, Array]:
-    """Times (n_t,), and the band (n_t, n_y, n_u) of the step responses over plants drawn from the covariance."""
-    n_y, n_u = len(study.project.outputs), len(study.project.inputs)
-    slow = [-1 / p.real for m in (plant, study.model) for row in m.elements for e in row for p in e.poles if p.real < 0]
-    dead = [term.dead_time for m in (plant, study.model) for row in m.elements for e in row for term in e.terms]
+def _step_times(study: Study, plant: TransferMatrix) -> Array:
+    """(n_t,) until model and plant have settled, twice the longest record at most."""
+    both = [e for m in (plant, study.model) for row in m.elements for e in row]
+    slow = [-1 / p.real for e in both for p in e.poles if p.real < 0]
+    dead = [term.dead_time for e in both for term in e.terms]
     span = max(segment.t[-1] - segment.t[0] for segment in study.segments)
     end = min(5 * max(slow, default=span / 10) + max(dead, default=0.0), 2 * span)
-    t = np.linspace(0, end, POINTS + 1)
-    low = np.zeros((t.size, n_y, n_u))
-    high = np.zeros((t.size, n_y, n_u))
+    return np.linspace(0, end, POINTS + 1)
+
+
+def _steps(matrix: TransferMatrix, t: Array) -> Array:
+    """(n_t, n_y, n_columns) unit step responses."""
+    one = np.ones(t.size)
+    rows = [[sampled_response(element, one, t[1], "zoh") for element in row] for row in matrix.elements]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def _step_bands(study: Study, plant: UncertainPlant, t: Array) -> tuple[Array, Array]:
+    """(n_t, n_y, n_u + n_d) each: the band of the step responses over plants drawn from what is known of this one.
+
+    NaN for the drawn elements where almost no draw is a plant that can be.
+    """
+    low = _steps(plant.nominal, t)
+    high = low.copy()
     tail = (1 - study.project.analysis.confidence) / 2
-    rng = np.random.default_rng(study.project.analysis.seed)
-    for i in range(n_y):
-        for j in range(n_u):
-            nominal = sampled_response(plant[i, j], np.ones(t.size), t[1])
-            low[:, i, j] = high[:, i, j] = nominal
-            if (i, j) in found:
-                draws = _drawn_steps(found[i, j], t, rng)
-                low[:, i, j], high[:, i, j] = np.quantile(draws, [tail, 1 - tail], axis=0)
-    return t, low, high
-
-
-def _drawn_steps(element: Found, t: Array, rng: np.random.Generator) -> Array:
-    """(DRAWS, n_t) step responses of plants drawn from the covariance, inside the parameters' bounds."""
-    theta, covariance = element.theta, element.covariance
-    # A parameter that is not known at all would only hide what is known.
-    scale = np.minimum(np.sqrt(np.diag(covariance)), 3 * np.abs(theta) + 1e-12)
-    correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)) + 1e-300)
-    values, vectors = np.linalg.eigh(correlation)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    draws = theta + scale * (rng.standard_normal((DRAWS, theta.size)) @ root.T)
-    low, high = element.spec.structure.bounds()
-    floor = np.where(low > 0, np.abs(theta) * 0.02, low)
-    draws = np.clip(draws, floor, high)
-    structure = element.spec.structure
-    return np.array([sampled_response(structure.transfer(p), np.ones(t.size), t[1]) for p in draws])
+    try:
+        drawn = plant.draw(DRAWS, study.project.analysis.seed).parameters
+    except LoopError:
+        for i, row in plant.rows.items():
+            low[:, i, row.columns] = high[:, i, row.columns] = np.nan
+        return low, high
+    for (i, j), (structure, parameters) in drawn.items():
+        responses = [sampled_response(structure.transfer(p), np.ones(t.size), t[1]) for p in parameters]
+        low[:, i, j], high[:, i, j] = np.quantile(responses, [tail, 1 - tail], axis=0)
+    return low, high
 
 
 def _trend(study: Study, identified: Identified, k: int, plant: TransferMatrix) -> Trend:

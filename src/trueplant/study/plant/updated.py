@@ -6,34 +6,43 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from trueplant.arrays import Array
-from trueplant.identify import OutputEstimate, Row, fit_row, unanswered
+from trueplant.identify import OutputEstimate, unanswered
 from trueplant.lti import KnownRow, TransferMatrix, UncertainPlant
 
 
 def updated_plant(model: TransferMatrix, estimates: Mapping[int, OutputEstimate]) -> UncertainPlant:
     """The plant (n_y, n_u + n_d) with its estimated elements, and the covariance of their parameters.
 
-    Parameters that the data do not answer have no variance, and elements of which nothing is answered stand still: what
-    is not known at all would only hide what is.
+    An element of which anything is answered is the estimate as it stands, the numbers that the results show; one of
+    which nothing is answered stays as the model has it. Parameters that the data do not answer have no variance:
+    what is not known at all would only hide what is.
     """
     rows = {}
     for i, estimate in estimates.items():
-        theta, silent = believed(estimate)
-        unknown = list(unanswered(estimate))
+        kept = _answered_elements(estimate)
+        if not kept:
+            continue
+        specs, slices = estimate.row.specs, estimate.row.slices
         covariance = np.array(estimate.covariance)
+        unknown = list(unanswered(estimate))
         covariance[unknown, :] = covariance[:, unknown] = 0.0
-        kept = [m for m in range(len(estimate.row.specs)) if m not in silent]
-        if kept:
-            index = np.concatenate([np.arange(theta.size)[estimate.row.slices[m]] for m in kept])
-            rows[i] = KnownRow(
-                tuple(estimate.row.specs[m].column for m in kept),
-                tuple(estimate.row.specs[m].structure for m in kept),
-                theta[index],
-                covariance[np.ix_(index, index)],
-                tuple(int(place) for place, k in enumerate(index) if k in unknown),
-            )
+        index = np.concatenate([np.arange(estimate.theta.size)[slices[m]] for m in kept])
+        rows[i] = KnownRow(
+            tuple(specs[m].column for m in kept),
+            tuple(specs[m].structure for m in kept),
+            estimate.theta[index],
+            covariance[np.ix_(index, index)],
+            tuple(int(place) for place, k in enumerate(index) if k in unknown),
+        )
     return UncertainPlant(_with_rows(model, rows), rows)
+
+
+def _answered_elements(estimate: OutputEstimate) -> list[int]:
+    """Places in the row of the elements of which at least one parameter is answered."""
+    unknown = unanswered(estimate)
+    return [
+        m for m, part in enumerate(estimate.row.slices) if any(k not in unknown for k in range(part.start, part.stop))
+    ]
 
 
 def _with_rows(model: TransferMatrix, rows: Mapping[int, KnownRow]) -> TransferMatrix:
@@ -42,36 +51,3 @@ def _with_rows(model: TransferMatrix, rows: Mapping[int, KnownRow]) -> TransferM
         for j, structure, part in zip(row.columns, row.structures, row.slices, strict=True):
             elements[i][j] = structure.transfer(row.theta[part])
     return TransferMatrix(tuple(tuple(row) for row in elements), model.time_unit)
-
-
-def believed(found: OutputEstimate) -> tuple[Array, set[int]]:
-    """Parameters of a row, and the elements of which nothing is answered."""
-    reasons = unanswered(found)
-    fit, theta = found.fit, found.theta
-    silent: set[int] = set()
-    back: dict[int, float] = {}
-    for m, (spec, part) in enumerate(zip(found.row.specs, found.row.slices, strict=True)):
-        open_ones = [k for k in range(part.start, part.stop) if k in reasons]
-        if len(open_ones) == part.stop - part.start:
-            silent.add(m)
-            # A silent element that the model lacks is left out: its gain is 0.
-            gains = range(part.start, part.start + spec.structure.delayed)
-            back |= {k: 0.0 for k in gains} if spec.start is None else dict(zip(open_ones, spec.start, strict=True))
-        elif spec.start is not None:
-            back |= {k: spec.start[k - part.start] for k in open_ones}
-    if not back:
-        return theta, silent
-    start, free = theta.copy(), fit.free.copy()
-    start[list(back)], free[list(back)] = list(back.values()), False
-    again = fit_row(fit.row, start, fit.ar, weights=fit.weights, free=free, reweight=False)
-    if silent or _output_error(again.row, again.theta) < _output_error(fit.row, theta):
-        return again.theta, silent
-    return theta, silent
-
-
-def _output_error(row: Row, theta: Array) -> float:
-    """Sum of squares of the simulation error, offsets and free responses fitted."""
-    none = np.zeros(0)
-    size = row.size
-    held = fit_row(row, theta, none, free=np.zeros(size, dtype=bool), reweight=False, iterations=0)
-    return held.cost

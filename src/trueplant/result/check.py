@@ -1,0 +1,42 @@
+"""What checking the data returns: frozen data and its JSON form, check.json (schema 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from trueplant.result.codec import document
+from trueplant.result.data import ExperimentData
+from trueplant.result.numbers import counted
+from trueplant.result.provenance import Provenance
+from trueplant.result.reason import Reason
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """Which of the data can be used, and whether they can answer. `to_dict` is check.json (schema 1)."""
+
+    status: str
+    """"ok", or "refused" where nothing can be answered from these data."""
+    reasons: tuple[Reason, ...]
+    """Why nothing, or not everything, can be answered."""
+    notes: tuple[Reason, ...]
+    provenance: Provenance
+    data: tuple[ExperimentData, ...]
+
+    @property
+    def headline(self) -> str:
+        """Whether it is worth going on, in a sentence."""
+        usable = [one for one in self.data if one.refused is None]
+        if self.status == "refused":
+            why = self.reasons[0].message if self.reasons else "no usable data are left after screening"
+            return f"These data cannot answer: {why}."
+        whole = "" if len(usable) == len(self.data) else f" of {len(self.data)}"
+        return f"{counted(len(usable), 'record')}{whole} can be used, and the moves in them can be told from noise."
+
+    def to_dict(self) -> dict[str, Any]:
+        """check.json as plain Python; numbers that are not finite become None."""
+        return document(self)
+
+    def __repr__(self) -> str:
+        return f"Check({self.status}: {self.headline})"
