@@ -90,6 +90,7 @@ ELSEWHERE = {
     },
     "mathematical constants": {"lti/formula.py:_ONE", "study/experiment/moves.py:GOLDEN"},
     "versions of file formats": {"result/schema.py:VERSION"},
+    "sizes of files": {"output.py:MOST_SAMPLES"},
     "sizes of arrays held at once, which no result depends on": {"record/laplace.py:_CHUNK"},
 }
 """Numbers that are no thresholds, by the reason why they stand where they do."""

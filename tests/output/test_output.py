@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from report_sample import sample
 
 import trueplant as tp
+from support.report_sample import sample
 from trueplant import output
 from trueplant.lti import KnownRow, Structure, TransferMatrix, UncertainPlant
 from trueplant.result import Curves, Provenance, Result, Settings, Trend, Uncertainty

@@ -1,4 +1,4 @@
-"""Writes the JSON Schemas of the results into the package: python tests/schemas.py"""
+"""Writes the JSON Schemas of the results into the package: python -m support.schemas, in tests/"""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def test_the_loop_that_was_designed_is_restored(name, request):
 @pytest.mark.parametrize("name", ["splitter", "mill"])
 def test_the_recommended_settings_are_better_on_the_true_plant(name, request):
     result, plant = request.getfixturevalue(name)
-    assert {loop["recommended"] for loop in result.controllers} == {"certain-share"}
+    assert {loop.recommended for loop in result.controllers} == {"certain-share"}
     scan = result.to_dict()["provenance"] and {"splitter": 0.1, "mill": 0.05}[name]
     before, after = (law_of(result, method, scan) for method in ("current", "certain-share"))
     for i, _ in enumerate(result.to_dict()["controllers"]):
@@ -161,7 +161,7 @@ def test_a_proposal_from_one_run_holds_on_the_plant_of_another(real_data):
     found = {(e.output, e.input): e.tf_plant for e in other.elements}
     names = ("temperature_1", "temperature_2"), ("heater_1", "heater_2")
     plant = TransferMatrix.of([[found[y, u] for u in names[1]] for y in names[0]], "s")
-    assert [loop["recommended"] for loop in result.controllers] == ["certain-share"] * 2
+    assert [loop.recommended for loop in result.controllers] == ["certain-share"] * 2
     before, after = (law_of(result, method, None) for method in ("current", "certain-share"))
     for i in range(2):
         old, new = (loop_metrics(plant, law, output=i, input=i) for law in (before, after))
