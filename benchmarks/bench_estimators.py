@@ -90,7 +90,7 @@ def direct(order: Order, structure: str) -> Method:
 
 
 def searched(order: Order, structure: Structure) -> Method:
-    """`estimate_row` from SRIVC (what `started` does), told nothing but the structure: its own search comes after."""
+    """`estimate_row` from SRIVC (as `with_initial_guess`), knowing the structure alone: its own search comes after."""
 
     def run(segment: Segment, shared: Shared) -> tuple[np.ndarray, np.ndarray]:
         start = tuple(float(x) for x in shared["SRIVC"].as_structure(structure)[0])
@@ -223,7 +223,7 @@ def closed(runs: int, noise: str) -> None:
         "direct fit": direct(order, "pair+lead"),
     }
     if noise == "coloured":
-        methods["RIVC"] = coefficients(lambda s, p: rivc([s], 0, [order], start=p))
+        methods["RIVC"] = coefficients(lambda s, p: rivc([s], 0, [order], initial=p))
     model = ArmaNoise(np.array([-0.85]), np.array([0.5])) if noise == "coloured" else ArmaNoise()
     innovation = 0.00498**2
     if noise == "coloured":

@@ -239,7 +239,7 @@ def tclab(number: int) -> tuple[list[Row], float]:
     specs = [[spec for (row, _), spec in sorted(study.specs.items()) if row == i] for i in range(2)]
     held = max(float(np.max(s.update_interval)) for s in study.screened)
     stride = choose_stride(study.segments, list(study.specs.values()), held)
-    taus = [s.start[1] for row in specs for s in row if s.start is not None]
+    taus = [s.initial[1] for row in specs for s in row if s.initial is not None]
     return [Row(tuple(specs[i]), pieces_of(study.segments, i), stride) for i in range(2)], float(np.median(taus))
 
 

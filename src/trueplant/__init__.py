@@ -25,9 +25,12 @@ if TYPE_CHECKING:
         UnstableLoop,
         UsageError,
     )
+    from trueplant.loop import PID
     from trueplant.lti import TransferFunction, TransferMatrix, tf
+    from trueplant.notebook import Analysis, Loop, check, load, run, simulate, track
+    from trueplant.project import Project
     from trueplant.record.types import Record, Screened, Segment
-    from trueplant.study import Project, Result, run
+    from trueplant.result import Check, Result, Track
 
 from trueplant.version import __version__
 
@@ -52,13 +55,20 @@ _HOME = {
     ),
     **dict.fromkeys(("TransferFunction", "TransferMatrix", "tf"), "trueplant.lti"),
     **dict.fromkeys(("Record", "Screened", "Segment"), "trueplant.record.types"),
-    **dict.fromkeys(("Project", "Result", "run"), "trueplant.study"),
+    **dict.fromkeys(("Check", "Result", "Track"), "trueplant.result"),
+    **dict.fromkeys(("Analysis", "Loop", "check", "load", "run", "simulate", "track"), "trueplant.notebook"),
+    "PID": "trueplant.loop",
+    "Project": "trueplant.project",
 }
 
 __all__ = [
+    "PID",
+    "Analysis",
+    "Check",
     "DataError",
     "FormulaError",
     "IllPosedLoop",
+    "Loop",
     "LoopError",
     "OutputError",
     "Project",
@@ -70,15 +80,20 @@ __all__ = [
     "Segment",
     "SignConflict",
     "SourceError",
+    "Track",
     "TransferFunction",
     "TransferMatrix",
     "TrueplantError",
     "UnstableLoop",
     "UsageError",
     "__version__",
+    "check",
     "datasets",
+    "load",
     "run",
+    "simulate",
     "tf",
+    "track",
 ]
 
 

@@ -10,7 +10,7 @@ from scipy.stats import binom, chi2
 from support.chance import most
 from support.changing import PARAMETERS, changing_wood_berry, varying_lag
 from support.simulated import WOOD_BERRY, segment_of
-from trueplant.detect.change_point import critical, switch_time
+from trueplant.detect.change_point import change_point, critical
 from trueplant.detect.since import Series, Shift, history, slope
 from trueplant.identify import Row, Spec, estimate_row, pieces_of
 from trueplant.lti import Structure
@@ -154,7 +154,7 @@ def test_instant_is_covered(kind: str, size: float) -> None:
         before = np.array([*PARAMETERS[0, 0], *PARAMETERS[0, 1]])
         after = before * np.where(np.arange(6) == (0 if kind == "gain" else 1), 1 + size, 1.0)
         row = Row(specs, (piece,))
-        found = switch_time(row, np.zeros(1), before, after, changing, np.array([-0.8]), (100.0, 1100.0))
+        found = change_point(row, np.zeros(1), before, after, changing, np.array([-0.8]), (100.0, 1100.0))
         assert found is not None
         # sample `at` is the first that the new process drives; PV shows it from the next on
         covered += found.interval[0] <= at + 1 and at <= found.interval[1]
@@ -167,4 +167,4 @@ def test_no_place_for_a_change() -> None:
     piece = pieces_of([segment_of(changing_wood_berry(0, 300))], 0)[0]
     row = Row((Spec(0, FOPDT, PARAMETERS[0, 0]),), (piece,))
     theta = estimate_row(row, 10.0).theta
-    assert switch_time(row, np.zeros(1), theta, theta, np.ones(3, bool), np.zeros(0), (500.0, 600.0)) is None
+    assert change_point(row, np.zeros(1), theta, theta, np.ones(3, bool), np.zeros(0), (500.0, 600.0)) is None

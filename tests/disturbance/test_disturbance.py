@@ -9,18 +9,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
+from trueplant.detect import elements_found, judge_elements
 from trueplant.disturbance import DisturbedFit, Part, fit_with_disturbance, likelihood_p, recover
 from trueplant.disturbance.kalman import smoothed, whitened
 from trueplant.disturbance.models import system_of
 from trueplant.errors import UsageError
 from trueplant.identify import OutputEstimate, Spec, identify_output, pieces_of
+from trueplant.identify.levels import SEARCHED_FREEDOM
 from trueplant.loop import Simulation, simulate, step_disturbance
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.lti.structure import structure_of
 from trueplant.mismatch import fit_locally
 from trueplant.record import Segment
+from trueplant.study.plant.disturbance import resting_on
 
 H = 0.7
 PARTS = [Part("step", 0.3), Part("drift", 0.02), Part("ar1", 0.5, 4.0)]
@@ -289,6 +293,32 @@ def test_a_huge_disturbance_could_have_been_the_mismatch():
     simulation = stepped(5, samples=600, size=0.0)
     found = together(simulation, 1, std=10.0)
     assert likelihood_p(found, np.array([0]), np.array([6.6]), largest=True) > 0.05
+
+
+def test_the_p_value_of_an_element_is_that_of_the_disturbance_likelihood():
+    """Not of the fit without the disturbance, from which the parameters are not."""
+    simulation = stepped(4)
+    estimate = direct(simulation, 1)
+    found = fit_with_disturbance(estimate.fit, [Part("step", 0.2)])
+    resting = resting_on(estimate, found, 0.0, 0.95)
+    assert np.array_equal(resting.theta, found.theta) and resting.unprofiled is None
+    for column in range(2):
+        index, model = np.arange(3 * column, 3 * column + 3), STRUCTURES[1, column][1]
+        assert resting.likelihood_ratio_p(index, model) == pytest.approx(likelihood_p(found, index, model), rel=1e-9)
+        other = estimate.likelihood_ratio_p(index, model)
+        assert other != pytest.approx(likelihood_p(found, index, model), rel=1e-3, abs=0)
+        assert resting.absence_p(column) < 1e-9
+    doubtless = replace(resting, rise=lambda index, values: 0.0)
+    judged = judge_elements(elements_found(WOOD_BERRY, {1: doubtless}), {1: doubtless})
+    assert all(verdict.p_adjusted == 1.0 for verdict in judged.values())
+
+
+def test_an_absent_element_costs_the_search_for_it():
+    """Under a declared disturbance too: lag and dead time of an element that the model lacks were searched for."""
+    estimate = replace(
+        direct(stepped(4, samples=400), 1), rise=lambda index, values: 12.0 if values[0] == 0 else np.nan
+    )
+    assert estimate.absence_p(0) == pytest.approx(chi2.sf(12.0, SEARCHED_FREEDOM + 3))
 
 
 # -- jumps in the fit ------------------------------------------------------------------------------------------

@@ -49,6 +49,6 @@ def test_the_lead_is_found(case):
     assert np.all(np.abs(found.theta - np.r_[truth, KNOWN[1]]) < 3.5 * error)
     # the sign of the lead is told for certain, and the start still says what the model was
     assert error[3] < 0.2 * abs(truth[3])
-    assert found.row.specs[0].start == start
+    assert found.row.specs[0].initial == start
     alone = estimate_row(Row(found.row.specs, pieces_of([segment], 1)), KNOWN[1][1])
     assert (abs(alone.theta[3] - truth[3]) > 5 * error[3]) == hard

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from support.simulated import WOOD_BERRY, coloured, random_switching, segment_of
-from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
-from trueplant.identify.blocks import BLOCK, SEARCHED, block_length, in_blocks, most_moved
+from trueplant.identify import Row, Sampling, Spec, fit_row, identify_output, pieces_of
+from trueplant.identify.blocks import block_length, in_blocks, most_moved
+from trueplant.identify.levels import SEARCHED_ERRORS, SHORTEST_BLOCK
 from trueplant.identify.validate import residual_tests
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti.structure import Structure, structure_of
@@ -28,7 +29,7 @@ def record(samples, seed=5):
 
 @pytest.fixture(scope="module")
 def long():
-    return record(3 * SEARCHED)
+    return record(3 * SEARCHED_ERRORS)
 
 
 def test_blocks_are_the_record_and_begin_at_updates(long):
@@ -44,7 +45,7 @@ def test_blocks_are_the_record_and_begin_at_updates(long):
 
 
 def test_blocks_are_long_beside_the_plant():
-    assert block_length(20.0, 1.0) == BLOCK
+    assert block_length(20.0, 1.0) == SHORTEST_BLOCK
     assert block_length(20.0, 0.01) == 300 * 2000
 
 
@@ -67,24 +68,24 @@ def test_blocks_tell_what_the_whole_record_tells(long):
 
 def test_the_part_is_where_all_inputs_move(long):
     quiet = replace(long, u=long.u.copy())
-    first, second = SEARCHED, 2 * SEARCHED
+    first, second = SEARCHED_ERRORS, 2 * SEARCHED_ERRORS
     quiet.u[:first, 0] = quiet.u[0, 0]
     quiet.u[second:, 1] = quiet.u[second, 1]
     part = most_moved(Row(SPECS, pieces_of([quiet], 0)))
-    assert [(piece.start, piece.y.size) for piece in part.pieces] == [(first, SEARCHED)]
+    assert [(piece.start, piece.y.size) for piece in part.pieces] == [(first, SEARCHED_ERRORS)]
 
 
 def test_short_records_and_inputs_that_never_move_are_left_alone(long):
     short = Row(SPECS, pieces_of([record(500)], 0))
     assert most_moved(short) is short
     still = replace(long, u=np.zeros_like(long.u))
-    assert most_moved(Row(SPECS, pieces_of([still], 0))).pieces[0].y.size == SEARCHED
+    assert most_moved(Row(SPECS, pieces_of([still], 0))).pieces[0].y.size == SEARCHED_ERRORS
 
 
 def test_the_whole_of_a_long_record_is_used(long):
     """Errors are within four standard errors, which shrink with the root of the number of samples."""
-    part = replace(long, **{name: getattr(long, name)[:SEARCHED] for name in ("t", "r", "u", "y", "d", "free")})
-    found = identify_output([long], 0, SPECS, block=len(long) // 3)
+    part = replace(long, **{name: getattr(long, name)[:SEARCHED_ERRORS] for name in ("t", "r", "u", "y", "d", "free")})
+    found = identify_output([long], 0, SPECS, sampling=Sampling(block=len(long) // 3))
     fewer = identify_output([part], 0, SPECS)
     sigma, wider = (np.sqrt(np.diag(one.covariance)) for one in (found, fewer))
     assert np.all(np.abs(found.theta - TRUTH) < 4 * sigma)

@@ -10,7 +10,7 @@ import pytest
 from support.chance import most
 from support.simulated import WOOD_BERRY, random_switching, segment_of, wood_berry
 from trueplant.identify import Spec, identify_matrix, identify_output, specs_of
-from trueplant.identify.small import inflation, widening_by_starts
+from trueplant.identify.covariance import inflation, initial_state_share
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.lti.structure import Structure, structure_of
@@ -82,8 +82,8 @@ def test_many_gaps_in_closed_loop_are_allowed_for():
             error = np.abs(found.theta - truth)
             covered.append(error <= 1.96 * np.sqrt(np.diag(found.covariance)))
             plain.append(error <= 1.96 * np.sqrt(np.diag(found.fit.covariance)))
-            assert widening_by_starts(found.fit) > 0.2
+            assert initial_state_share(found.fit) > 0.2
     assert np.mean(plain) < 0.88
     assert 0.92 < np.mean(covered) <= 0.99
     one_start = identify_matrix([whole], WOOD_BERRY, specs_of(WOOD_BERRY))[0]
-    assert widening_by_starts(one_start.fit) < 0.01
+    assert initial_state_share(one_start.fit) < 0.01

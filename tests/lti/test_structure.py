@@ -107,3 +107,27 @@ def test_unknown_structures_are_refused(name):
 def test_units_of_gains_cannot_be_misread(units, gain, slope):
     assert Structure.parse("fopdt").units(*units, "min") == (gain, "min", "min")
     assert Structure.parse("integrator").units(*units, "min") == (slope, "min")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_parameter_is_of_one_kind(name):
+    structure = Structure.parse(name)
+    kinds = {
+        "slope" if structure.integrators else "gain": structure.is_gain,
+        "tau": structure.is_lag,
+        "omega0": structure.is_frequency,
+        "zeta": structure.is_damping,
+        "lead": structure.is_lead,
+        "dead_time": structure.is_dead_time,
+    }
+    for k, parameter in enumerate(structure.names):
+        (kind,) = [kind for kind, mask in kinds.items() if mask[k]]
+        assert parameter.startswith(kind)
+
+
+def test_lag_and_dead_time_of_an_element():
+    structure = Structure.parse("sopdt+pair+delayed")
+    p = structure.parameters(1.0, [5.0, 2.0], 0.5, 0.7, 0.0, [1.0, 4.0])
+    assert structure.lag(p) == pytest.approx(9.0) and structure.longest_dead_time(p) == 4.0
+    assert p[structure.is_gain].tolist() == [1.0, 1.0] and p[structure.is_damping].tolist() == [0.7]
+    assert Structure.parse("gain").longest_dead_time(np.ones(1)) == 0.0

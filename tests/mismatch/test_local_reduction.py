@@ -30,7 +30,7 @@ def test_structures_are_recovered_from_their_own_response(name, truth, h):
     g = structure.transfer(truth)
     value = g(1j * W) if h is None else sampled_frequency_response(g, W, h)
     start = truth * 1.1 if structure.delayed > 1 else None
-    found, _ = fit_structure(W, value, 0.01 * np.abs(value), structure, h, start=start)
+    found, _ = fit_structure(W, value, 0.01 * np.abs(value), structure, h, initial=start)
     fitted = structure.transfer(found)
     np.testing.assert_allclose(
         fitted(1j * W) if h is None else sampled_frequency_response(fitted, W, h), value, rtol=1e-5, atol=1e-8
@@ -61,7 +61,7 @@ def test_covariance_is_that_of_many_noisy_responses():
     for _ in range(300):
         e = (rng.standard_normal((20, 3, 1)) + 1j * rng.standard_normal((20, 3, 1))) / np.sqrt(2)
         noisy = value + (root @ e).ravel()
-        found, claimed = fit_structure(W, noisy, std, structure, covariance=covariance, start=truth)
+        found, claimed = fit_structure(W, noisy, std, structure, covariance=covariance, initial=truth)
         draws.append(found)
     np.testing.assert_allclose(np.std(draws, axis=0), np.sqrt(np.diag(claimed)), rtol=0.15)
     np.testing.assert_allclose(np.mean(draws, axis=0), truth, atol=4 * np.sqrt(np.diag(claimed).max() / 300))

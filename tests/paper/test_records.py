@@ -8,7 +8,8 @@ import pytest
 from trueplant.identify import fit_percent
 from trueplant.lti import sampled_response
 from trueplant.lti.structure import structure_of
-from trueplant.paper.montecarlo import OFF_GRID, bound, estimate, noise_model, percent, ratio_to_bound, together
+from trueplant.paper.levels import OFF_GRID
+from trueplant.paper.montecarlo import bound, estimate, noise_model, percent, ratio_to_bound, together
 from trueplant.paper.records import (
     FOPDT,
     KINDS,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import polars as pl
 import pytest
 
 from trueplant.errors import DataError
-from trueplant.record import Channel, Layout, Record, read_record, read_table
+from trueplant.record import FORMATS, Channel, Format, Layout, Record, Source, Table, read_record, read_table
 
 N = 40
 START = dt.datetime(2024, 10, 17, 21, 55)
@@ -230,3 +231,16 @@ def test_the_digest_of_a_frame_follows_its_values() -> None:
     first = read_record(COLUMNS, ONE).sha256
     assert first == read_record(pl.DataFrame(COLUMNS), ONE).sha256
     assert first != read_record(COLUMNS | {"pv": COLUMNS["pv"] + 1e-9}, ONE).sha256
+
+
+def test_another_format_is_a_line_in_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def reader(source: Source) -> Table:
+        frame = pl.read_ndjson(io.BytesIO(source.data))
+        return Table(tuple(frame.columns), frame, source.name, source.sha256)
+
+    path = tmp_path / "run.jsonl"
+    pl.DataFrame({"t": [0.0, 1.0], "op": [1.0, 2.0]}).write_ndjson(path)
+    with pytest.raises(DataError):
+        read_table(path).numbers("op")
+    monkeypatch.setitem(FORMATS, "JSON lines", Format((".jsonl",), reader))
+    assert read_table(path).numbers("op")[0].tolist() == [1.0, 2.0]

@@ -25,7 +25,7 @@ from trueplant.lti import Structure
 from trueplant.report.track import render
 from trueplant.result import Change, Moved, Track, TrackedElement, TrackedExperiment, Window, WindowElement
 from trueplant.result.track_words import refused_stretches
-from trueplant.tracking import windows as track_windows
+from trueplant.tracking import levels
 from trueplant.tracking.track import track
 from trueplant.tracking.windows import blocks_of, moves_of
 
@@ -188,14 +188,14 @@ def test_blocks_hold_the_information_of_the_record(monkeypatch: pytest.MonkeyPat
         row = Row(specs, pieces_of([segment], 0), stride)
         fit = fit_row(row, theta, np.array([-0.5]), iterations=0)
         moves = moves_of([segment])
-        monkeypatch.setattr(track_windows, "CHUNK", 20_000)
+        monkeypatch.setattr(levels, "CHUNK", 20_000)
         blocks = blocks_of(fit, row, moves)
         assert blocks.end[-1] <= segment.t[-1] + segment.h and np.all(blocks.start[1:] == blocks.end[:-1])
         assert blocks.active.all() and blocks.errors.sum() == pytest.approx(1501 / stride, abs=2)
         _, gradient = row.response_and_gradient(theta, 0)
         x = whiten(fit.ar, np.column_stack([gradient, np.ones(len(gradient))]))
         assert np.allclose(blocks.information.sum(axis=0), x.T @ x / fit.variance, rtol=1e-9)
-        monkeypatch.setattr(track_windows, "CHUNK", 100)
+        monkeypatch.setattr(levels, "CHUNK", 100)
         again = blocks_of(fit, row, moves)
         scale = np.sqrt(np.diag(blocks.information.sum(axis=0)))
         difference = (again.information.sum(axis=0) - blocks.information.sum(axis=0)) / np.outer(scale, scale)

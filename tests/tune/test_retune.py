@@ -87,3 +87,10 @@ def test_unknown_methods_and_transformed_pvs_are_refused():
         retune(tf("1/(s + 1)"), PID(Kc=1.0), ["guess"])
     with pytest.raises(LoopError, match="linearised"):
         retune(tf("1/(s + 1)"), PID(Kc=1.0, pv_transform=np.sqrt))
+
+
+def test_another_rule_is_a_line_in_the_table(monkeypatch):
+    monkeypatch.setitem(METHODS, "half", lambda g, choices: PID(Kc=0.5 / g.dc_gain, Ti=20.0))
+    (found,) = retune(tf("2 exp(-2 s)/(10 s + 1)"), PID(form="parallel", Kp=1.0, Ki=0.1), ["half"])
+    assert found.pid is not None
+    assert (found.pid.form, found.pid.Kp) == ("parallel", 0.25)

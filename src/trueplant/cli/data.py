@@ -42,7 +42,7 @@ def check(path: Path) -> int:
 def init(data: Path, out: Path | None, force: bool) -> int:
     """Write a project file for ``data`` next to it, or where ``out`` says."""
     from trueplant.project.guess import guess_project
-    from trueplant.record.table import read_table
+    from trueplant.record.readers import read_table
 
     if data.suffix.lower() == ".toml":
         raise UsageError(

@@ -14,7 +14,7 @@ from trueplant.cli.analyse import REFUSED, saying
 from trueplant.cli.show import console
 from trueplant.output import prepare_output, write_files
 from trueplant.project.project import Project
-from trueplant.result import Change, Track
+from trueplant.result import Change, ElementHistory, Track
 from trueplant.result.track_words import moved_words, refused_stretches, time_text
 
 JSON, PAGE = "track.json", "track.html"
@@ -40,6 +40,9 @@ def track(path: Path, out: Path | None, json: bool, precision: float) -> int:
     return REFUSED if found.status == "refused" else 0
 
 
+_STYLES = {ElementHistory.CONSTANT: "green", ElementHistory.NOT_IDENTIFIABLE: "yellow"}
+
+
 def show(track: Track) -> None:
     """The headline, a table of the elements, the refused stretches and what else to know."""
     out = console()
@@ -51,8 +54,8 @@ def show(track: Track) -> None:
         for element in track.elements:
             changes = [c for c in track.changes if (c.output, c.input) == (element.output, element.input)]
             name = Text(f"{element.input} -> {element.output}")
-            word = "step or drift" if element.history == "undecided" else element.history
-            style = {"constant": "green", "not identifiable": "yellow"}.get(element.history, "bold red")
+            word = "step or drift" if element.history == ElementHistory.UNDECIDED else element.history
+            style = _STYLES.get(element.history, "bold red")
             cells = [_cells(c) for c in changes] or [(Text(""), Text(element.reason))]
             for k, (when, what) in enumerate(cells):
                 first = (name, Text(word, style=style), Text(str(element.windows)))

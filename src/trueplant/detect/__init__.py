@@ -3,11 +3,9 @@
 from trueplant.detect.causes import (
     CommonFactor,
     NoiseChange,
-    Sticking,
     common_factors,
     level_variance,
     noise_change,
-    stuck,
 )
 from trueplant.detect.correlation import cross_correlation, partial_correlation
 from trueplant.detect.elements import Found, elements_found, judge_elements, verdicts
@@ -17,7 +15,7 @@ from trueplant.detect.ratio import plant_model_ratio
 from trueplant.detect.sensitivity import nominal_sensitivity
 from trueplant.detect.signals import Detection, Signals, signals_of
 from trueplant.detect.stepwise import stepwise
-from trueplant.detect.stiction import sticking
+from trueplant.detect.stiction import Sticking, sticking, stuck
 from trueplant.detect.verdict import (
     Evidence,
     ParameterVerdict,

@@ -1,4 +1,4 @@
-"""Tests that tell causes apart: common factors of gains, a changed disturbance, a shifted level, a sticking valve."""
+"""Tests that distinguish causes: common factors of gains, a changed disturbance, a shifted level."""
 
 from __future__ import annotations
 
@@ -102,28 +102,3 @@ def level_variance(v: Array, order: int) -> float:
     e = whiten(ar, centred)
     gain = 1 / max(abs(1 + float(np.sum(ar))), 1e-3)
     return float(np.mean(e**2) * gain**2 / v.size)
-
-
-@dataclass(frozen=True)
-class Sticking:
-    """A valve that stays until OP is farther away than a band, and then jumps to it."""
-
-    band: float
-    """In the unit of OP."""
-    p_value: float
-    """That there is none, with what a search over bands finds in noise taken off."""
-
-
-def stuck(op: Array, band: float) -> Array:
-    """Position (N,) of a valve that follows OP (N,) only when it is farther than `band` away, and then fully.
-
-    The model with one parameter of Stenman, Gustafsson and Forsman (2003), Int. J. Adapt. Control Signal Process. 17.
-    """
-    from trueplant.detect.valve import follow
-
-    return np.asarray(follow(np.ascontiguousarray(op, dtype=float), float(band)))
-
-
-def searched_p(gain: float, tried: int, degrees: int = 1) -> float:
-    """p-value of the largest of `tried` likelihood-ratio statistics (Bonferroni)."""
-    return float(min(1.0, tried * chi2.sf(max(gain, 0.0), degrees)))

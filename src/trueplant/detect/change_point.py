@@ -20,20 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.detect import levels
 from trueplant.identify.noise import choose_order, fit_ar, whiten, whitened_valid
 from trueplant.identify.row import Row
 
-FIRST, FURTHER = 60, 40
-"""Instants looked at in the first pass and in each closer one."""
-ROUNDS = 4
-"""Of re-estimating parameters and noise at the best instant."""
-LARGEST_ORDER = 15
-BESIDE = 10
-"""Sampled errors that each side of the instant keeps at least."""
-
 
 @dataclass(frozen=True, eq=False)
-class Switch:
+class ChangePoint:
     """The instant at which the row goes from one set of parameters to another."""
 
     time: float
@@ -42,7 +35,7 @@ class Switch:
     after: Array
     """(size,) parameters; those that were not allowed to change are equal."""
     gain: float
-    """Likelihood ratio of the switch against no change, as 2 log L."""
+    """Likelihood ratio of the change against none, as 2 log L."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +62,7 @@ def critical(confidence: float) -> float:
     return float(-2 * np.log(1 - np.sqrt(confidence)))
 
 
-def switch_time(
+def change_point(
     row: Row,
     clock: Array,
     before: Array,
@@ -78,16 +71,16 @@ def switch_time(
     ar: Array,
     search: tuple[float, float],
     confidence: float = 0.95,
-) -> Switch | None:
+) -> ChangePoint | None:
     """The best instant within `search` and its interval; None where the record has no place for one.
 
-    `clock` (n_pieces,) is added to each piece's own time. `before` and `after` (size,) are where the parameters start,
-    `changing` marks those that may differ, `ar` is where the noise model starts.
+    `clock` (n_pieces,) is added to each piece's own time. `before` and `after` (size,) are initial guesses,
+    `changing` marks those that may differ, `ar` is that of the noise model.
     """
     low, high = row.bounds()
     before, after = before.copy(), np.where(changing, after, before)
     best, interval, gain = np.nan, (np.nan, np.nan), 0.0
-    for _ in range(ROUNDS):
+    for _ in range(levels.CHANGE_ROUNDS):
         parts = _parts(row, clock, before, after, changing)
         filtered = _Filtered(parts, ar, row)
         places = filtered.places(search)
@@ -108,9 +101,9 @@ def switch_time(
         moved = max(float(np.max(np.abs(s) / (np.abs(p) + 1e-12))) for s, p in ((old, before), (new, after)))
         before, after = (np.clip(_limited(p, s), low, high) for p, s in ((before, old), (after, new)))
         ar = _noise(errors, parts, row)
-        if moved < 1e-3:
+        if moved < levels.CHANGE_SETTLED:
             break
-    return Switch(best, interval, before, after, gain)
+    return ChangePoint(best, interval, before, after, gain)
 
 
 def _limited(theta: Array, step: Array) -> Array:
@@ -138,10 +131,10 @@ def _parts(row: Row, clock: Array, before: Array, after: Array, changing: BoolAr
     t, piece_of, valid, target, difference, common = (np.concatenate(part) for part in columns[:6])
     old, new = np.concatenate(columns[6], axis=1)
     lags = [
-        after[part.start + m]
+        float(lag)
         for spec, part in zip(row.specs, row.slices, strict=True)
-        for m, name in enumerate(spec.structure.names)
-        if name.startswith("tau") and changing[part].any()
+        if changing[part].any()
+        for lag in after[part][spec.structure.is_lag]
     ]
     return _Parts(t, piece_of, valid, target, difference, common, old, new, tuple(lags))
 
@@ -179,7 +172,7 @@ class _Filtered:
         """Samples that may be the first of the new plant."""
         seen = np.cumsum(self.use)
         t = self.parts.t
-        inside = (t > search[0]) & (t <= search[1]) & (seen >= BESIDE) & (seen <= seen[-1] - BESIDE)
+        inside = (t > search[0]) & (t <= search[1]) & (seen >= levels.BESIDE) & (seen <= seen[-1] - levels.BESIDE)
         inside[0] = False
         return np.flatnonzero(inside)
 
@@ -224,7 +217,7 @@ def _remainder(columns: Array, target: Array) -> float:
 def _profile(filtered: _Filtered, places: NDArray[np.intp], threshold: float) -> tuple[NDArray[np.intp], Array]:
     """Instants tried, in order, and the deviance at each: coarse first, then every sample where it matters."""
     found: dict[int, float] = {}
-    wanted = places[np.unique(np.linspace(0, places.size - 1, FIRST).astype(int))]
+    wanted = places[np.unique(np.linspace(0, places.size - 1, levels.FIRST_PASS).astype(int))]
     while True:
         for place in wanted:
             if int(place) not in found:
@@ -235,13 +228,13 @@ def _profile(filtered: _Filtered, places: NDArray[np.intp], threshold: float) ->
         low = tried[max(near[0] - 1, 0)]
         high = tried[min(near[-1] + 1, tried.size - 1)]
         between = places[(places >= low) & (places <= high)]
-        wanted = between[np.unique(np.linspace(0, between.size - 1, FURTHER).astype(int))]
-        if all(int(k) in found for k in wanted) or len(found) > FIRST + 6 * FURTHER:
+        wanted = between[np.unique(np.linspace(0, between.size - 1, levels.CLOSER_PASS).astype(int))]
+        if all(int(k) in found for k in wanted) or len(found) > levels.FIRST_PASS + 6 * levels.CLOSER_PASS:
             return tried, deviance
 
 
 def _noise(errors: Array, parts: _Parts, row: Row) -> Array:
-    """The noise model of the output errors, of the order that the Bayesian criterion asks for."""
+    """The noise model of the output errors, of the order that the Bayesian criterion chooses."""
     pieces = [parts.piece == k for k in range(len(row.pieces))]
     signals, valid = [errors[p] for p in pieces], [parts.valid[p] for p in pieces]
-    return fit_ar(signals, valid, choose_order(signals, valid, LARGEST_ORDER))[0]
+    return fit_ar(signals, valid, choose_order(signals, valid, levels.CHANGE_LARGEST_ORDER))[0]

@@ -12,9 +12,8 @@ from trueplant.detect.verdict import Evidence, Verdict, judge
 from trueplant.identify import (
     OutputEstimate,
     Spec,
-    absence_p,
+    Unanswered,
     identify_matrix,
-    likelihood_ratio_p,
     specs_of,
     unanswered,
 )
@@ -34,7 +33,7 @@ class Found:
     """The covariance for tests of the whole: without the widening of single parameters by their profiles, which
     stretches strong correlations and which the likelihood ratio makes up for."""
     intervals: Array
-    reasons: Mapping[int, str]
+    reasons: Mapping[int, Unanswered]
     """Parameters that are not answered, by their place in theta."""
     model: tuple[float | None, ...]
 
@@ -61,13 +60,12 @@ def elements_found(model: TransferMatrix, estimates: Mapping[int, OutputEstimate
 
 def _model_values(model: TransferMatrix, i: int, spec: Spec) -> tuple[float | None, ...]:
     """What the model says of each parameter; an element that it lacks has no gain and no dynamics."""
-    names = spec.structure.names
     system = model[i, spec.column]
     if system.is_zero:
-        return tuple(0.0 if name.startswith(("gain", "slope")) else None for name in names)
+        return tuple(0.0 if gain else None for gain in spec.structure.is_gain)
     own, values = structure_of(system)
     known = dict(zip(own.names, values, strict=True))
-    return tuple(float(known[name]) if name in known else None for name in names)
+    return tuple(float(known[name]) if name in known else None for name in spec.structure.names)
 
 
 def judge_elements(
@@ -98,13 +96,12 @@ def _other_p(estimate: OutputEstimate, found: Found) -> float | None:
     All parameters that the model has are set back at once, answered or not: what is not known by itself would
     otherwise stay where the estimate has put it, and could not be there with the others at their old values.
     """
-    fit = estimate.fit
-    m = next(m for m, spec in enumerate(fit.row.specs) if spec is found.spec)
-    if found.spec.start is None:
-        return absence_p(fit, m)
+    m = next(m for m, spec in enumerate(estimate.row.specs) if spec is found.spec)
+    if found.spec.initial is None:
+        return estimate.absence_p(m)
     told = [k for k, value in enumerate(found.model) if value is not None]
-    index = fit.row.slices[m].start + np.array(told)
-    return likelihood_ratio_p(fit, index, np.array([found.model[k] for k in told], dtype=float))
+    index = estimate.row.slices[m].start + np.array(told)
+    return estimate.likelihood_ratio_p(index, np.array([found.model[k] for k in told], dtype=float))
 
 
 def verdicts(

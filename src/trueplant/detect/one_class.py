@@ -10,18 +10,10 @@ from scipy.signal import lfilter
 from scipy.stats import f as fisher
 
 from trueplant.arrays import Array
+from trueplant.detect import levels
 from trueplant.detect.signals import Detection, NotApplicable, centred, flagged
 from trueplant.lti import TransferMatrix
 from trueplant.record import Segment
-
-ORDER = 3
-"""Of the ARX model of a window: past PVs, and past OPs after the model's dead time."""
-PER_LAG = 8
-"""Samples per lag of the fastest element, beyond which records are thinned out."""
-WINDOWS = 12
-"""In the part that shows how the loop was, and about as long ones in the part that is judged."""
-HORIZONS = np.array([0.5, 1.0, 2.0])
-"""In lags of the element: where the step response of a window's model is read."""
 
 
 def one_class(segments: Sequence[Segment], model: TransferMatrix, level: float = 0.05) -> Detection:
@@ -32,7 +24,7 @@ def one_class(segments: Sequence[Segment], model: TransferMatrix, level: float =
     The reference trains a one-class support vector machine on the windows' impulse responses; here the class is a
     Gaussian: the means of the early and the late windows are compared by Hotelling's T-squared, of three points on the
     step response of each element from a least-squares ARX model of each output. The noise model of the windows is
-    compared likewise and said in the note, so that a change of the disturbance is told from one of the plant.
+    compared likewise and given in the note, which distinguishes a changed disturbance from a changed plant.
 
     This compares early with late data, not data with the model, and ARX models of short windows in closed loop
     without set-point changes are biased: as long as controller and disturbance stay, the bias is the same in all.
@@ -43,7 +35,7 @@ def one_class(segments: Sequence[Segment], model: TransferMatrix, level: float =
     if not closed:
         raise NotApplicable("every stretch of data has missing PVs")
     lags = _lags(model)
-    stride = max(1, int(min(lag for lag in lags.ravel() if lag > 0) / PER_LAG / closed[0].h))
+    stride = max(1, int(min(lag for lag in lags.ravel() if lag > 0) / levels.SAMPLES_PER_LAG / closed[0].h))
     signals = [(centred(s.y[::stride]), centred(s.u[::stride])) for s in closed]
     if len(signals) == 1:
         y, u = signals[0]
@@ -52,10 +44,12 @@ def one_class(segments: Sequence[Segment], model: TransferMatrix, level: float =
     else:
         early, late = signals[:1], signals[1:]
     n_y, n_u = model.shape[0], closed[0].u.shape[1]
-    size = len(early[0][0]) // WINDOWS
-    least = 6 * ORDER * (1 + n_u)
+    size = len(early[0][0]) // levels.WINDOWS
+    least = 6 * levels.WINDOW_ORDER * (1 + n_u)
     if size < least:
-        raise NotApplicable(f"{WINDOWS} windows of at least {least} samples are needed where the model is known to fit")
+        raise NotApplicable(
+            f"{levels.WINDOWS} windows of at least {least} samples are needed where the model is known to fit"
+        )
     h = closed[0].h * stride
     dead = _dead_times(model, h)
     pairs = [_features(part, size, h, lags, dead) for part in (early, late)]
@@ -97,7 +91,7 @@ def _dead_times(model: TransferMatrix, h: float) -> NDArray[np.intp]:
 def _features(
     parts: Sequence[tuple[Array, Array]], size: int, h: float, lags: Array, dead: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Of each window: points of the step responses (m, n_y, n_u, 3), and of the noise models (m, n_y, 1 + ORDER)."""
+    """Of each window: points of the step responses (m, n_y, n_u, 3), and noise models (m, n_y, 1 + WINDOW_ORDER)."""
     steps, noise = [], []
     for y, u in parts:
         for start in range(0, len(y) - size + 1, size):
@@ -108,24 +102,24 @@ def _features(
 
 
 def _window(y: Array, u: Array, i: int, dead: NDArray[np.intp]) -> tuple[Array, Array, float]:
-    """Least-squares ARX model of output i: a (ORDER,), b (n_u, ORDER), residual variance."""
+    """Least-squares ARX model of output i: a (WINDOW_ORDER,), b (n_u, WINDOW_ORDER), residual variance."""
     n_u = u.shape[1]
-    first = ORDER + int(dead[:n_u].max())
+    first = levels.WINDOW_ORDER + int(dead[:n_u].max())
     rows = np.arange(first, len(y))
-    back = np.arange(1, ORDER + 1)
+    back = np.arange(1, levels.WINDOW_ORDER + 1)
     columns = [y[rows[:, None] - back, i]] + [u[rows[:, None] - back - dead[j], j] for j in range(n_u)]
     x = np.column_stack([*columns, np.ones(rows.size)])
     theta = np.linalg.lstsq(x, y[rows, i], rcond=None)[0]
     residual = y[rows, i] - x @ theta
-    b = theta[ORDER : ORDER * (1 + n_u)].reshape(n_u, ORDER)
-    return theta[:ORDER], b, float(residual @ residual / max(rows.size - x.shape[1], 1))
+    b = theta[levels.WINDOW_ORDER : levels.WINDOW_ORDER * (1 + n_u)].reshape(n_u, levels.WINDOW_ORDER)
+    return theta[: levels.WINDOW_ORDER], b, float(residual @ residual / max(rows.size - x.shape[1], 1))
 
 
 def _step_points(a: Array, b: Array, h: float, lags: Array) -> list[Array]:
     """For each input the step response of the window's model, without its dead time, at HORIZONS lags."""
     points = []
     for j, own in enumerate(b):
-        at = np.maximum(np.round(HORIZONS * max(lags[j], h) / h).astype(int), 1)
+        at = np.maximum(np.round(levels.HORIZONS * max(lags[j], h) / h).astype(int), 1)
         response = lfilter(np.concatenate([[0.0], own]), np.concatenate([[1.0], -a]), np.ones(at[-1] + 1))
         points.append(np.clip(response[at], -1e6, 1e6))
     return points

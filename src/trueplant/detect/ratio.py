@@ -1,4 +1,4 @@
-"""The plant-model ratio over frequency: gain, dynamics and dead time told apart."""
+"""The plant-model ratio over frequency: gain, dynamics and dead time separately."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from trueplant.arrays import Array, ComplexArray
 from trueplant.detect.signals import Detection, NotApplicable, Signals, shifted
 from trueplant.lti import TransferMatrix
+from trueplant.record.spectra import window_spectra
 
 KINDS = ("gain", "dynamics", "dead time")
 
@@ -63,13 +64,10 @@ def _error_responses(signals: Signals, errors: Array) -> tuple[Array, ComplexArr
     """
     n = signals.u.shape[0]
     size = int(np.clip(4 * signals.lags, 16, max(16, n // 4)))
-    starts = np.arange(0, n - size + 1, size // 2)
-    index = starts[:, None] + np.arange(size)[None, :]
-    window = np.hanning(size)[None, :, None]
+    hann = np.hanning(size)
 
     def transform(x: Array) -> ComplexArray:
-        blocks = x[index]
-        spectrum = np.fft.rfft((blocks - blocks.mean(axis=1, keepdims=True)) * window, axis=1)
+        spectrum = np.concatenate(list(window_spectra(x, hann, size // 2)))
         return np.asarray(spectrum[:, 1 : size // 2].transpose(1, 0, 2))
 
     r, u, e = (transform(x) for x in (signals.outer, signals.u, errors))

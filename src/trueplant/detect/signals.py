@@ -14,15 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.detect import levels
 from trueplant.errors import TrueplantError
 from trueplant.lti import TransferMatrix
 from trueplant.lti.sampled import sampled_response
 from trueplant.record import Segment
-
-MOST_LAGS = 100
-"""Lags looked at; finely sampled records are thinned out to that."""
-SHIFTS = 199
-"""Circular shifts that a threshold rests on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +78,7 @@ class Signals:
 
 
 def signals_of(segments: Sequence[Segment], model: TransferMatrix) -> Signals:
-    """The longest segment that has set-point moves (OP moves in open loop), thinned out to at most MOST_LAGS lags.
+    """The longest segment that has set-point moves (OP moves in open loop), decimated to at most MOST_LAGS lags.
 
     Missing PVs are interpolated. What a record that starts in motion owes to its past is left out.
     Raises NotApplicable where nothing moves from outside or too little is left.
@@ -96,8 +92,8 @@ def signals_of(segments: Sequence[Segment], model: TransferMatrix) -> Signals:
         raise NotApplicable(f"no {moved} moves in the longest stretch of data")
     error, y = model_error(segment, model)
     memory = memory_of(model)
-    stride = max(1, int(np.ceil(memory / (MOST_LAGS * segment.h))))
-    lags = int(np.clip(np.ceil(memory / (stride * segment.h)), 5, MOST_LAGS))
+    stride = max(1, int(np.ceil(memory / (levels.MOST_LAGS * segment.h))))
+    lags = int(np.clip(np.ceil(memory / (stride * segment.h)), 5, levels.MOST_LAGS))
     first = 0 if starts_at_rest(segment) else min(lags * stride, len(segment) // 5)
     pick = slice(first, None, stride)
     outer, u, y, error = (centred(x[pick]) for x in (outer, segment.u, y, error))
@@ -175,7 +171,7 @@ def explained(columns: Array, x: Array) -> Array:
     return np.asarray(q @ (q.T @ x))
 
 
-def shifted(e: Array, lags: int, count: int = SHIFTS, seed: int = 0) -> Array:
+def shifted(e: Array, lags: int, count: int = levels.SHIFTS, seed: int = 0) -> Array:
     """(N, 1 + count, n) e as it is, then shifted circularly by random amounts beyond the lags, both ways."""
     n = e.shape[0]
     least = min(lags + 1, n // 3)

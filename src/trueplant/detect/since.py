@@ -14,18 +14,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from trueplant.arrays import Array
-
-DRAWS = 2000
-PARTS = 4
-"""Instants tried in each window, so that a step within one is found too."""
-CLEAR = 2.0
-"""Difference of the Bayesian criterion (in units of -2 log likelihood) from which the two count as told apart."""
-SCATTERED = 1e-2
-"""Significance from which windows count as scattering beyond their covariances."""
-DRIFT_SHOWS = 5
-"""Windows from which a drift can be called one: with fewer, a step within the middle one looks the same."""
-FEWEST = 6
-"""Windows from which their scatter can be judged."""
+from trueplant.detect import levels
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +73,7 @@ class Shift:
         return float(chi2.sf(difference @ np.linalg.solve(self.covariance, difference), difference.size))
 
 
-def history(series: Series, draws: int = DRAWS, seed: int = 0) -> History:
+def history(series: Series, draws: int = levels.DRAWS, seed: int = 0) -> History:
     """Constant, step or drift? Needs two windows at least; two cannot tell a step from a drift."""
     count, m = series.theta.shape
     if count < 2:
@@ -108,9 +97,9 @@ def history(series: Series, draws: int = DRAWS, seed: int = 0) -> History:
     # Far in the tail the draws end, and Bonferroni's bound over the instants takes over.
     p = min((1 + int(np.sum(null >= found))) / (1 + draws), (times.size + 1) * float(chi2.sf(found, m)))
     difference = step_gain - drift_gain - np.log(count * m)
-    told = count > 2 and abs(difference) >= CLEAR
+    told = count > 2 and abs(difference) >= levels.CLEAR
     kind = "undecided" if not told else "step" if difference > 0 else "drift"
-    if kind == "drift" and count < DRIFT_SHOWS:
+    if kind == "drift" and count < levels.DRIFT_SHOWS:
         kind = "undecided"
     return History(float(p), kind, float(times[best]), step_gain, drift_gain, scatter)
 
@@ -132,7 +121,7 @@ def slope(series: Series, scatter: float = 1.0) -> tuple[Array, Array, Array]:
 def _instants(series: Series) -> Array:
     """Where a step is looked for: between windows, and within those that have another on both sides."""
     inner = [
-        series.start[k] + (series.end[k] - series.start[k]) * np.arange(1, PARTS) / PARTS
+        series.start[k] + (series.end[k] - series.start[k]) * np.arange(1, levels.PARTS) / levels.PARTS
         for k in range(1, len(series) - 1)
     ]
     between = (series.end[:-1] + series.start[1:]) / 2
@@ -166,13 +155,13 @@ def _scatter(series: Series) -> float:
     The largest difference is left out: it may be the step itself. A slow drift hardly shows between neighbours.
     """
     count, m = series.theta.shape
-    if count < FEWEST:
+    if count < levels.FEWEST_WINDOWS:
         return 1.0
     pairs = np.arange(0, count - 1, 2)
     difference = series.theta[pairs + 1] - series.theta[pairs]
     spread = series.covariance[pairs + 1] + series.covariance[pairs]
     size = np.sort(np.einsum("ka,ka->k", difference, np.linalg.solve(spread, difference[..., None])[..., 0]))[:-1]
-    if chi2.sf(float(size.sum()), m * size.size) > SCATTERED:
+    if chi2.sf(float(size.sum()), m * size.size) > levels.SCATTERED:
         return 1.0
     largest = float(chi2.ppf(1 - np.exp(-np.euler_gamma) / pairs.size, m))  # about the mean of what was left out
     return max(1.0, float(np.sqrt(size.sum() / (m * pairs.size - largest))))

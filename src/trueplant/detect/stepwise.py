@@ -6,11 +6,9 @@ import numpy as np
 from scipy.stats import t as student
 
 from trueplant.arrays import Array
+from trueplant.detect import levels
 from trueplant.detect.signals import Detection, Signals, explained, flagged, lagged
 from trueplant.identify.noise import choose_order, fit_ar, whiten
-
-MOST_STEPS = 20
-LARGEST_ORDER = 10
 
 
 def stepwise(signals: Signals, level: float = 0.05) -> Detection:
@@ -25,11 +23,11 @@ def stepwise(signals: Signals, level: float = 0.05) -> Detection:
     past = lagged(signals.driven, signals.lags)
     rest = signals.e - explained(past, signals.e)
     candidates = past.shape[1]
-    threshold = float(student.isf(level / (2 * n_y * candidates), signals.e.shape[0] - MOST_STEPS - 1))
+    threshold = float(student.isf(level / (2 * n_y * candidates), signals.e.shape[0] - levels.MOST_STEPS - 1))
     statistic = np.zeros((n_y, n_u))
     for i in range(n_y):
         valid = [np.ones(rest.shape[0], dtype=bool)]
-        ar = fit_ar([rest[:, i]], valid, choose_order([rest[:, i]], valid, LARGEST_ORDER))[0]
+        ar = fit_ar([rest[:, i]], valid, choose_order([rest[:, i]], valid, levels.STEPWISE_LARGEST_ORDER))[0]
         statistic[i] = _forward(whiten(ar, past), whiten(ar, signals.e[:, i]), threshold, n_u)
     note = "inputs that move together stand in for each other"
     return flagged("stepwise", statistic, threshold, note)
@@ -41,9 +39,9 @@ def _forward(columns: Array, e: Array, threshold: float, n_u: int) -> Array:
     e = e - e.mean()
     whole = np.sum(columns**2, axis=0)
     best = np.zeros(n_u)
-    for step in range(MOST_STEPS):
+    for step in range(levels.MOST_STEPS):
         power = np.sum(columns**2, axis=0)
-        usable = power > 1e-6 * whole
+        usable = power > levels.COLLINEAR * whole
         gain = np.where(usable, (columns.T @ e) ** 2 / np.where(usable, power, 1.0), 0.0)
         left = float(e @ e)
         t = np.sqrt(gain * (e.size - step - 2) / np.maximum(left - gain, 1e-300))

@@ -3,18 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
+from scipy.stats import chi2
 
-from trueplant.detect.causes import Sticking, searched_p, stuck
+from trueplant.arrays import Array
+from trueplant.detect import levels
 from trueplant.identify import OutputEstimate, fit_row
 
-BANDS = np.array([0.04, 0.08, 0.12, 0.18, 0.25, 0.35, 0.5])
-"""Tried, relative to OP's range from its 1st to its 99th percentile."""
-LARGEST = 10_000
-"""Longer records are left out: each band costs a fit."""
-ITERATIONS = 3
+
+@dataclass(frozen=True)
+class Sticking:
+    """A valve that stays until OP is farther away than a band, and then jumps to it."""
+
+    band: float
+    """In the unit of OP."""
+    p_value: float
+    """That there is none, with what a search over bands finds in noise taken off."""
+
+
+def stuck(op: Array, band: float) -> Array:
+    """Position (N,) of a valve that follows OP (N,) only when it is farther than `band` away, and then fully.
+
+    The model with one parameter of Stenman, Gustafsson and Forsman (2003), Int. J. Adapt. Control Signal Process. 17.
+    """
+    return np.asarray(_follow(np.ascontiguousarray(op, dtype=float), float(band)))
+
+
+def searched_p(gain: float, tried: int, degrees: int = 1) -> float:
+    """p-value of the largest of `tried` likelihood-ratio statistics (Bonferroni)."""
+    return float(min(1.0, tried * chi2.sf(max(gain, 0.0), degrees)))
+
+
+@njit(cache=True)
+def _follow(op: Array, band: float) -> Array:
+    """Position (N,) that takes OP's value whenever it is farther than `band` from it, and stays otherwise."""
+    out = np.empty(op.size)
+    at = op[0]
+    for k in range(op.size):
+        if abs(op[k] - at) > band:
+            at = op[k]
+        out[k] = at
+    return out
 
 
 def sticking(estimates: Sequence[OutputEstimate], column: int) -> Sticking | None:
@@ -26,16 +58,16 @@ def sticking(estimates: Sequence[OutputEstimate], column: int) -> Sticking | Non
     Miller (2005), Ind. Eng. Chem. Res. 44, with that simpler valve.
     """
     rows = [e for e in estimates if any(spec.column == column for spec in e.row.specs)]
-    if not rows or sum(p.y.size for p in rows[0].row.pieces) > LARGEST:
+    if not rows or sum(p.y.size for p in rows[0].row.pieces) > levels.STICTION_LONGEST:
         return None
     moves = np.concatenate([p.inputs[column] for p in rows[0].row.pieces])
     low, high = np.percentile(moves, [1, 99])
     if high <= low:
         return None
-    gains = np.array([sum(_gain(e, column, band * (high - low)) for e in rows) for band in BANDS])
+    gains = np.array([sum(_gain(e, column, band * (high - low)) for e in rows) for band in levels.BANDS])
     best = int(np.argmax(gains))
-    p = searched_p(gains[best], BANDS.size)
-    return Sticking(float(BANDS[best] * (high - low)), p) if p < 1e-3 else None
+    p = searched_p(gains[best], levels.BANDS.size)
+    return Sticking(float(levels.BANDS[best] * (high - low)), p) if p < levels.STICTION else None
 
 
 def _gain(estimate: OutputEstimate, column: int, band: float) -> float:
@@ -47,5 +79,5 @@ def _gain(estimate: OutputEstimate, column: int, band: float) -> float:
         inputs[column] = stuck(inputs[column], band)
         pieces.append(replace(piece, inputs=inputs))
     row = replace(fit.row, pieces=tuple(pieces))
-    other = fit_row(row, fit.theta, fit.ar, weights=fit.weights, reweight=False, iterations=ITERATIONS)
+    other = fit_row(row, fit.theta, fit.ar, weights=fit.weights, reweight=False, iterations=levels.STICTION_ITERATIONS)
     return float(fit.count * np.log(max(fit.cost, 1e-300) / max(other.cost, 1e-300)))

@@ -2,7 +2,7 @@
 
 The elements are tested jointly over their answered parameters, and Holm's procedure (1979) keeps the
 chance of a single false alarm in the whole matrix at the level asked for. Within an element that has
-changed, its parameters are told apart by Holm's procedure again; a parameter is called changed only
+changed, its parameters are tested one by one with Holm's procedure again; a parameter is called changed only
 where its element is.
 """
 
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import chi2, norm
 
 from trueplant.arrays import Array, ComplexArray
+from trueplant.detect import levels
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +149,6 @@ def grade(half_widths: Sequence[float], answered: Sequence[bool], sound: bool) -
     if not all(answered) or not answered:
         return "D"
     widest = max(half_widths)
-    if widest <= 0.10:
+    if widest <= levels.GRADE_A:
         return "A" if sound else "B"
-    return "B" if widest <= 0.25 and sound else "C"
+    return "B" if widest <= levels.GRADE_B and sound else "C"

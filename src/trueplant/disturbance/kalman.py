@@ -16,10 +16,8 @@ import numpy as np
 from numba import njit
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.disturbance.levels import STEADY
 from trueplant.disturbance.models import System
-
-STEADY = 1e-13
-"""Relative change of the covariance from one sample to the next below which gains are kept."""
 
 
 @dataclass(frozen=True, eq=False)

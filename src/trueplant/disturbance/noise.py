@@ -10,23 +10,16 @@ from scipy.optimize import minimize
 from scipy.stats import norm
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.disturbance import levels
 from trueplant.disturbance.kalman import smoothed, whitened
 from trueplant.disturbance.models import Part, System, ramps, system_of
-
-MOST_JUMPS = 12
-FALSE_JUMP = 0.01
-"""Chance that a jump is found in a signal that has none."""
-LEAST_SCALE = 1e-3
-ROUNDS = 4
-QUIET = 0.1
-"""Share of the declared std of a step with which jumps are looked for."""
 
 
 @dataclass(frozen=True)
 class Noise:
     """The declared disturbance, as large as the record shows it, with a background of white noise and a first order.
 
-    A declared std is the largest that is believed: `scale` (0..1) multiplies all of them. The background has
+    A declared std is an upper limit: `scale` (0..1) multiplies all of them. The background has
     standard deviation `std` and time constant `time_constant`; `white` is the standard deviation of the white noise.
     """
 
@@ -120,8 +113,9 @@ def fit_noise(declared: Sequence[Part], signals: Sequence[Signal], before: Noise
         white, std, tau, scale = np.exp(x)
         return Noise(tuple(declared), float(scale) if declared else 1.0, float(white), float(std), float(tau))
 
-    low = np.log([1e-4 * typical, 1e-3 * typical, h / 3, LEAST_SCALE])
-    high = np.log([1e4 * typical, 1e5 * typical, longest, 1.0])
+    white, background = levels.WHITE_RANGE, levels.BACKGROUND_RANGE
+    low = np.log([white[0] * typical, background[0] * typical, h / 3, levels.LEAST_SCALE])
+    high = np.log([white[1] * typical, background[1] * typical, longest, 1.0])
 
     def cost(x: Array) -> float:
         # a wall that rises keeps the simplex from folding up at the limits
@@ -129,18 +123,23 @@ def fit_noise(declared: Sequence[Part], signals: Sequence[Signal], before: Noise
         return deviance(noise(np.clip(x, low, high)), signals) + 10 * beyond
 
     if before is None:
-        start = np.log([typical / 2, typical, 5 * h, 1.0])
+        initial = np.log([typical / 2, typical, 5 * h, 1.0])
     else:
-        start = np.log([before.white, before.std, before.time_constant, before.scale])
+        initial = np.log([before.white, before.std, before.time_constant, before.scale])
     size = 4 if declared else 3
     steps = np.diag([1.0, 0.7, 0.7, -1.0])[:size]
-    simplex = start[:size] + np.vstack([np.zeros(size), steps[:, :size]])
+    simplex = initial[:size] + np.vstack([np.zeros(size), steps[:, :size]])
     fixed = np.zeros(4 - size)
     found = minimize(
         lambda x: cost(np.concatenate([x, fixed])),
-        start[:size],
+        initial[:size],
         method="Nelder-Mead",
-        options={"initial_simplex": simplex, "xatol": 0.1, "fatol": 0.1, "maxiter": 200},
+        options={
+            "initial_simplex": simplex,
+            "xatol": levels.SIMPLEX_TOLERANCE,
+            "fatol": levels.SIMPLEX_TOLERANCE,
+            "maxiter": 200,
+        },
     )
     return noise(np.clip(np.concatenate([found.x, fixed]), low, high))
 
@@ -155,9 +154,9 @@ def with_jumps(noise: Noise, signal: Signal) -> Signal:
     states = noise.step_states
     if not states:
         return signal
-    threshold = norm.isf(FALSE_JUMP / (2 * signal.v.size))
+    threshold = norm.isf(levels.FALSE_JUMP / (2 * signal.v.size))
     system = noise.system(signal.h)
-    while len(signal.jumps) < MOST_JUMPS:
+    while len(signal.jumps) < levels.MOST_JUMPS:
         linear = signal.linear
         both, _ = whitened(system, np.column_stack([signal.v, linear]), signal.valid)
         weights = np.linalg.lstsq(both[:, 1:], both[:, 0], rcond=1e-7)[0]
@@ -181,8 +180,8 @@ def fit_noise_and_jumps(declared: Sequence[Part], signals: Sequence[Signal]) -> 
     best = criterion(noise, signals), noise, signals
     if not noise.step_states:
         return best[1:]
-    trial = replace(noise, scale=min(noise.scale, QUIET))
-    for _ in range(ROUNDS):
+    trial = replace(noise, scale=min(noise.scale, levels.QUIET_STEP))
+    for _ in range(levels.JUMP_ROUNDS):
         found = [with_jumps(trial, s) for s in signals]
         if [s.jumps for s in found] == [s.jumps for s in signals]:
             break

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.arrays import Array
+from trueplant.disturbance import levels
 from trueplant.disturbance.kalman import smoothed, whitened
 from trueplant.disturbance.models import Part, ramps
 from trueplant.disturbance.noise import Noise, Signal, fit_noise_and_jumps, with_jumps
@@ -16,15 +17,12 @@ from trueplant.identify import pieces_of
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.record import Segment
 
-FEWEST = 20
-"""Measured samples of an output below which nothing is said of its disturbance."""
-
 
 @dataclass(frozen=True, eq=False)
 class Recovered:
     """What acted on the outputs besides the plant, over one segment; all (N, n_y) but t, relative to the start.
 
-    NaN throughout for outputs of which fewer than FEWEST samples were measured.
+    NaN throughout for outputs of which fewer than FEWEST_SAMPLES samples were measured.
     """
 
     t: Array
@@ -70,7 +68,7 @@ def recover(
     raw, value, std, known = (np.full(shape, np.nan) for _ in range(4))
     jumps: list[tuple[int, ...]] = [()] * n_y
     for i in range(n_y):
-        if np.isfinite(segment.y[:, i]).sum() < FEWEST:
+        if np.isfinite(segment.y[:, i]).sum() < levels.FEWEST_SAMPLES:
             continue
         parts = tuple((declared or {}).get(i, ()))
         signal = _signal(segment, plant, i, forced[:, i], parts)

@@ -7,7 +7,8 @@ from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
 from trueplant.identify.matrix import identify_matrix, specs_of
 from trueplant.identify.output import OutputEstimate, identify_output, unanswered
 from trueplant.identify.row import Held, Row, Spec, pieces_of
-from trueplant.identify.strides import choose_stride, samples_per_update
+from trueplant.identify.strides import Sampling, choose_stride, samples_per_update
+from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import fit_percent, simulate_piece
 
 __all__ = [
@@ -16,7 +17,10 @@ __all__ = [
     "OutputEstimate",
     "Row",
     "RowFit",
+    "Sampling",
     "Spec",
+    "Unanswered",
+    "WhyUnanswered",
     "absence_p",
     "choose_stride",
     "equation_error",

@@ -1,8 +1,8 @@
-"""Several experiments of one plant: do they agree, and what to believe if they do not.
+"""Several experiments of one plant: do they agree, and which estimate to take if they do not.
 
 Each experiment is fitted alone from the common estimate. Where the estimates differ by more than their
 covariances justify (Cochran's Q), the variance between runs is estimated by moments (DerSimonian and Laird
-1986) and added: the result is then the mean of the runs, and its interval speaks of their spread.
+1986) and added: the result is then the mean of the runs, and its interval covers their spread.
 """
 
 from __future__ import annotations
@@ -13,13 +13,10 @@ import numpy as np
 from scipy.stats import chi2, norm, t
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.estimate import noise_signals
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.noise import fit_ar
-from trueplant.identify.search import felt_lag
-
-INFORMATIVE = 0.5
-"""A run takes part for a parameter if its standard error is below this share of the parameter's size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +43,12 @@ def single_runs(pooled: RowFit) -> list[tuple[int, RowFit]]:
         pieces = tuple(piece for piece in pooled.row.pieces if piece.experiment == experiment)
         row = replace(pooled.row, pieces=pieces)
         samples = sum(int(row.measured(k)[1].sum()) for k in range(len(pieces)))
-        if samples > 4 * (pooled.theta.size + pooled.ar.size):
+        if samples > levels.SAMPLES_PER_PARAMETER * (pooled.theta.size + pooled.ar.size):
             fits.append((experiment, fit_row(row, pooled.theta, pooled.ar, free=pooled.free, iterations=40)))
     return fits
 
 
-def compare_runs(pooled: RowFit, significance: float = 0.05) -> Runs | None:
+def compare_runs(pooled: RowFit, significance: float = levels.RUNS_DISAGREE) -> Runs | None:
     """How far single experiments agree with each other; None with fewer than two that can be fitted."""
     if len({piece.experiment for piece in pooled.row.pieces}) < 2:
         return None
@@ -62,10 +59,10 @@ def compare_runs(pooled: RowFit, significance: float = 0.05) -> Runs | None:
     covariance = np.array([fit.covariance for _, fit in fits])
     n = theta.shape[1]
     variance = np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 1e-300)
-    scale = np.abs(pooled.theta) + felt_lag(pooled)
+    scale = np.abs(pooled.theta) + pooled.row.lag_of_dead_times(pooled.theta)
     p_value, between = np.ones(n), np.zeros(n)
     for j in range(n):
-        take = np.sqrt(variance[:, j]) < INFORMATIVE * scale[j]
+        take = np.sqrt(variance[:, j]) < levels.RUN_TAKES_PART * scale[j]
         count = int(take.sum())
         if count < 2 or not pooled.free[j]:
             continue

@@ -8,19 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from trueplant.identify import levels
 from trueplant.identify.row import Piece, Row
-
-BLOCK = 65_536
-"""Samples of a block, at least."""
-LAGS_A_BLOCK = 300
-"""Each block has an operating point and an initial state of its own: so many lags long, it loses next to nothing."""
-SEARCHED = 20_000
-"""Prediction errors among which starting points, dead times and noise models are searched."""
 
 
 def block_length(longest: float, h: float) -> int:
     """Samples of a block, from the longest lag (with dead time) of the plant."""
-    return max(BLOCK, int(LAGS_A_BLOCK * longest / h))
+    return max(levels.SHORTEST_BLOCK, int(levels.LAGS_PER_BLOCK * longest / h))
 
 
 def in_blocks(pieces: Sequence[Piece], length: int, stride: int) -> tuple[Piece, ...]:
@@ -38,14 +32,14 @@ def in_blocks(pieces: Sequence[Piece], length: int, stride: int) -> tuple[Piece,
 
 
 def most_moved(row: Row) -> Row:
-    """The row on those stretches of its pieces in which all inputs move most, SEARCHED prediction errors in all.
+    """The row on those stretches of its pieces in which all inputs move most, SEARCHED_ERRORS errors in all.
 
     The row itself where it has not many more.
     """
     counts = [len(range(0, piece.y.size, row.stride)) for piece in row.pieces]
-    if sum(counts) <= 2 * SEARCHED:
+    if sum(counts) <= 2 * levels.SEARCHED_ERRORS:
         return row
-    size = SEARCHED * row.stride
+    size = levels.SEARCHED_ERRORS * row.stride
     stretches = [
         piece.from_sample(first, min(first + size, piece.y.size))
         for piece in row.pieces
@@ -57,7 +51,7 @@ def most_moved(row: Row) -> Row:
     order = np.argsort(-np.min(moves / moves.mean(axis=0), axis=1, initial=np.inf), kind="stable")
     taken, total = [], 0
     for k in order:
-        if total >= SEARCHED:
+        if total >= levels.SEARCHED_ERRORS:
             break
         taken.append(stretches[k])
         total += stretches[k].y.size // row.stride

@@ -14,6 +14,7 @@ import numpy as np
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError, Refused
+from trueplant.identify import levels
 from trueplant.loop.controller import Controller
 from trueplant.lti.sampled import rows_response, sampled_response
 from trueplant.lti.structure import Structure
@@ -23,14 +24,6 @@ from trueplant.mismatch.expressions import closed_form
 from trueplant.record.types import Segment
 
 Element = tuple[int, int]
-
-LARGEST_ORDER = 5
-FILTERS = 6
-"""Values of lambda tried."""
-POINTS = 60
-"""Frequencies at which the plant is reduced to its structures."""
-FAST = 2.0
-"""Highest of them, relative to the model's fastest pole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +135,11 @@ def paper_route(
     duration = max(len(r) for r in references) * h
     poles = np.concatenate([element.poles for row in model.elements for element in row])
     fastest = float(np.abs(poles).max()) if poles.size else 0.0
-    w = np.geomspace(2 * np.pi / duration, max(10 / duration, min(FAST * fastest, np.pi / h / 2)), POINTS)
+    w = np.geomspace(
+        2 * np.pi / duration,
+        max(10 / duration, min(levels.PAPER_FASTEST * fastest, np.pi / h / 2)),
+        levels.PAPER_POINTS,
+    )
     s = 1j * w
     X_r = np.stack([k(s) for k in models], axis=1)
     unit = np.broadcast_to(np.eye(n_y, dtype=complex), X_r.shape)
@@ -169,8 +166,8 @@ def _best(
     """The stable model with the least Bayesian information criterion of its simulation error."""
     duration = max(len(x) for x in e) * h
     fastest = np.pi / h / 4
-    lams = np.geomspace(min(30 / duration, fastest), fastest, FILTERS) if lam is None else np.array([lam])
-    candidates = [(n, n - 1) for n in range(1, LARGEST_ORDER + 1)] if orders is None else [orders]
+    lams = np.geomspace(min(30 / duration, fastest), fastest, levels.PAPER_FILTERS) if lam is None else np.array([lam])
+    candidates = [(n, n - 1) for n in range(1, levels.PAPER_LARGEST_ORDER + 1)] if orders is None else [orders]
     energy = sum(float(x @ x) for x in e)
     samples = sum(x.size for x in e)
     # the model without mismatch is a candidate too: e is then disturbance alone

@@ -1,4 +1,4 @@
-"""From a row of elements and data to the fitted row: starting point, noise model, initial state, minimum."""
+"""From a row of elements and data to the fitted row: initial guess, noise model, initial state, minimum."""
 
 from __future__ import annotations
 
@@ -7,23 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.identify import levels
 from trueplant.identify.blocks import most_moved
+from trueplant.identify.dead_times import rival_dead_times
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.noise import choose_order, fit_ar
 from trueplant.identify.row import Row
-from trueplant.identify.search import grid_start, initial_theta, rival_dead_times
+from trueplant.identify.search import grid_guess, initial_theta
 from trueplant.identify.validate import residual_tests
-
-NOT_WHITE = 0.05
-"""Significance from which prediction errors do not count as white."""
-SPARE = 2
-"""Coefficients of the noise model beyond what the Bayesian criterion asks for. It stops short of disturbances that no
-autoregression describes exactly, and in closed loop what it leaves out is enough to raise the false alarms of verdicts
-from 5 to 10 % (Wood-Berry, 1,000 samples, ARMA(2, 1))."""
-REACH = 25
-"""Samples to either side in which other dead times are tried."""
-UNDERMODELLED = 1e-3
-"""Significance from which prediction errors that follow an input are held against the structure."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +31,7 @@ def largest_order(row: Row, limit: int) -> int:
     """The largest order of a noise model that these data bear, at most `limit`."""
     samples = sum(int(row.measured(k)[1].sum()) for k in range(len(row.pieces)))
     shortest = min(row.measured(k)[0].size for k in range(len(row.pieces)))
-    return max(0, min(limit, samples // 40, shortest // 4))
+    return max(0, min(limit, samples // levels.SAMPLES_PER_ORDER, shortest // 4))
 
 
 def noise_signals(fit: RowFit) -> tuple[list[Array], list[BoolArray]]:
@@ -55,9 +46,9 @@ def fit_noise(fit: RowFit, order: int | None, limit: int) -> Array:
     signals, valid = noise_signals(fit)
     measured = [y[ok] for y, ok in map(fit.row.measured, range(len(signals)))]
     energy = sum(float(np.sum((y - y.mean()) ** 2)) for y in measured if y.size)
-    if sum(float(s @ s) for s in signals) <= 1e-18 * energy:
+    if sum(float(s @ s) for s in signals) <= levels.NOISE_FREE * energy:
         return np.zeros(0)  # free of noise: what is left is rounding
-    chosen = min(choose_order(signals, valid, limit) + SPARE, limit) if order is None else order
+    chosen = min(choose_order(signals, valid, limit) + levels.SPARE_ORDERS, limit) if order is None else order
     return fit_ar(signals, valid, chosen)[0]
 
 
@@ -79,16 +70,15 @@ def _searched(row: Row, time_scale: float, options: Options) -> RowFit:
     """The best minimum, from the grid and from the model."""
     limit = largest_order(row, options.largest_order)
     model = initial_theta(row, time_scale)
-    start = grid_start(row, model, np.zeros(0))
-    fit = fit_row(row, start, np.zeros(0))
+    fit = fit_row(row, grid_guess(row, model, np.zeros(0)), np.zeros(0))
     row = row.without_unseen(fit.theta)
     fit = fit_row(row, fit.theta, np.zeros(0))
     fit = _with_noise(fit, options.order, limit, iterations=25)
-    # The grid again, now weighted by the noise model, and the model itself as another start.
-    again = grid_start(row, fit.theta, fit.ar, rounds=1)
+    # The grid again, now weighted by the noise model, and the model itself as another initial guess.
+    again = grid_guess(row, fit.theta, fit.ar, rounds=1)
     for other in (again, model):
         rival = fit_row(row, other, fit.ar, weights=fit.weights, reweight=False, iterations=25)
-        if rival.cost < fit.cost * (1 - 1e-9):
+        if rival.cost < fit.cost * (1 - levels.BETTER):
             fit = rival
     return _best_dead_times(_with_noise(fit, options.order, limit, iterations=60))
 
@@ -96,8 +86,8 @@ def _searched(row: Row, time_scale: float, options: Options) -> RowFit:
 def _on_the_whole(row: Row, part: RowFit, options: Options) -> RowFit:
     """The fit of a long record, started from that of a part of it: only dead times within reach are tried again."""
     limit = largest_order(row, options.largest_order)
-    sigma = np.sqrt(np.diag(part.covariance)[row.dead])
-    reach = min(REACH, 1 + int(np.ceil(4 * float(np.max(sigma, initial=0.0)) / row.pieces[0].h)))
+    sigma = np.sqrt(np.diag(part.covariance)[row.is_dead_time])
+    reach = min(levels.DEAD_TIME_REACH, 1 + int(np.ceil(4 * float(np.max(sigma, initial=0.0)) / row.pieces[0].h)))
     fit = fit_row(row.without_unseen(part.theta), part.theta, part.ar)
     return _best_dead_times(_with_noise(fit, options.order, limit, iterations=60), reach)
 
@@ -110,7 +100,7 @@ def _whitened(fit: RowFit, limit: int) -> RowFit:
     """
     while fit.ar.size < limit:
         tests = residual_tests(fit)
-        if tests.whiteness_p > NOT_WHITE or np.min(tests.cross_p) < UNDERMODELLED:
+        if tests.whiteness_p > levels.NOT_WHITE or np.min(tests.cross_p) < levels.UNDERMODELLED:
             break
         order = min(fit.ar.size + max(2, fit.ar.size // 2), limit)
         ar = fit_noise(fit, order, limit)
@@ -120,16 +110,15 @@ def _whitened(fit: RowFit, limit: int) -> RowFit:
     return fit
 
 
-def _best_dead_times(fit: RowFit, reach: int = REACH, rounds: int = 4) -> RowFit:
+def _best_dead_times(fit: RowFit, reach: int = levels.DEAD_TIME_REACH, rounds: int = 4) -> RowFit:
     """The fit, or a better one whose dead times lie in other sample intervals, up to `reach` samples away."""
     row = fit.row
     low, high = row.bounds()
     for _ in range(rounds):
         best = fit
         for _, theta in rival_dead_times(row, fit.theta, fit.ar, fit.weights, reach):
-            start = np.clip(theta, low, high)
-            rival = fit_row(row, start, fit.ar, weights=fit.weights, reweight=False, iterations=25)
-            if rival.cost < best.cost * (1 - 1e-9):
+            rival = fit_row(row, np.clip(theta, low, high), fit.ar, weights=fit.weights, reweight=False, iterations=25)
+            if rival.cost < best.cost * (1 - levels.BETTER):
                 best = rival
         if best is fit:
             return fit

@@ -2,7 +2,7 @@
 
     y = sum_j G_j(p; theta) u_j + offset + free response + v,    A(q) v = e, e white
 
-Levenberg-Marquardt on theta and the AR coefficients; offsets and initial states are linear and projected
+Damped least squares (`descent`) in theta and the AR coefficients; offsets and initial states are linear and projected
 out in every step (variable projection, Golub and Pereyra 1973, with the full derivative).
 """
 
@@ -14,15 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.identify import levels
+from trueplant.identify.descent import Problem, descend
 from trueplant.identify.initial_state import Unknown
-from trueplant.identify.linear_algebra import eliminated, inverse, seen
+from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse
 from trueplant.identify.noise import lagged, whiten, whitened_valid
 from trueplant.identify.row import Row
-
-SETTLED = 1e-4
-"""Gain in -2 log likelihood, done and expected, at which the fit ends: a hundredth of a standard error."""
-NEGLIGIBLE = 1e-6
-"""Gain in -2 log likelihood for which no step is tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +43,7 @@ class RowFit:
     """(n_pieces,) 1/relative standard deviation of the prediction errors in each piece."""
     converged: bool
     free: BoolArray
-    """(size,) parameters that could move; the others are held."""
+    """(size,) parameters that were estimated; the others are fixed."""
 
     @property
     def deviance(self) -> float:
@@ -55,7 +52,7 @@ class RowFit:
 
     @property
     def covariance(self) -> Array:
-        """(size, size) of theta; a variance beyond all measure where the data say nothing."""
+        """(size, size) of theta; a very large variance where the data do not determine a parameter."""
         n = self.theta.size
         return self.variance * inverse(self.information)[:n, :n]
 
@@ -78,6 +75,12 @@ class Point:
     """Prediction errors."""
     power: Array
     """(n_pieces, 2) weighted sum of squares and number of errors of each piece."""
+    weights: Array
+    """(n_pieces,)"""
+
+    @property
+    def unit(self) -> float:
+        return self.cost / max(self.count, 1)
 
 
 def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
@@ -89,7 +92,7 @@ def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
         power[k] = e @ e, e.size
         information += jacobian @ jacobian.T
         slope += jacobian @ e
-    return Point(float(power[:, 0].sum()), information, slope, int(power[:, 1].sum()), power)
+    return Point(float(power[:, 0].sum()), information, slope, int(power[:, 1].sum()), power, weights)
 
 
 def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tuple[int, Array, Array]]:
@@ -107,7 +110,7 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tu
         response, gradient = row.response_and_gradient(theta, k)
         unknown = row.unknown(theta, k)
         v = np.where(valid, y - response, 0.0)
-        coefficients, basis = _told(unknown, v, ar, use)
+        coefficients, basis = _weights_of_unknowns(unknown, v, ar, use)
         v = np.where(valid, v - unknown.columns @ coefficients, 0.0)
         e = weights[k] * whiten(ar, v)[use]
         moved = whiten(ar, gradient + unknown.gradient(coefficients))
@@ -116,15 +119,15 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tu
         yield k, jacobian, e
 
 
-def _told(unknown: Unknown, v: Array, ar: Array, use: slice | BoolArray) -> tuple[Array, Array]:
-    """Weights (n_z,) of the unknowns in the output errors v (n,), 0 where these do not tell them, and what is spanned.
+def _weights_of_unknowns(unknown: Unknown, v: Array, ar: Array, use: slice | BoolArray) -> tuple[Array, Array]:
+    """Weights (n_z,) of the unknowns in the output errors v (n,), 0 where not identifiable, and what they span.
 
     The basis (n_used, rank) is that of the unknowns in the prediction errors that `use` picks.
     """
     columns, errors = whiten(ar, unknown.columns)[use], whiten(ar, v)[use]
-    told = seen(columns, errors, unknown.largest)
-    weights = np.zeros(told.size)
-    weights[told], basis = eliminated(columns[:, told], errors)
+    identifiable = identifiable_columns(columns, errors, unknown.largest)
+    weights = np.zeros(identifiable.size)
+    weights[identifiable], basis = eliminated(columns[:, identifiable], errors)
     return weights, basis
 
 
@@ -138,94 +141,44 @@ def fit_row(
     reweight: bool = True,
     iterations: int = 100,
 ) -> RowFit:
-    """Least prediction errors from the given start.
+    """Least prediction errors from an initial guess.
 
     `free` marks the parameters of theta that may move. With several pieces, each is weighted by its own
     prediction-error level, re-estimated as the fit proceeds unless `reweight` is False.
     """
     weights = np.ones(len(row.pieces)) if weights is None else weights
     free = np.ones(theta.size, dtype=bool) if free is None else free
-    low, high = row.bounds()
-    moving = np.concatenate([free, np.ones(ar.size, dtype=bool)])
     n = theta.size
-    dead = np.concatenate([row.dead, np.zeros(ar.size, dtype=bool)])
-    damping = 1e-3
-    point = evaluate(row, theta, ar, weights)
-    converged = False
-    for round_ in range(iterations):
-        pinned = np.concatenate(
-            [
-                ((theta <= low) & (point.slope[:n] > 0)) | ((theta >= high) & (point.slope[:n] < 0)),
-                np.zeros(ar.size, bool),
-            ]
-        )
-        active = moving & ~pinned & (np.diag(point.information) > 0)
-        if not active.any():
-            converged = True
-            break
-        # At a dead time of whole samples the cost can have a kink, downhill on neither side: then all else moves on.
-        for part in (active, active & ~dead):
-            move = _downhill(row, theta, ar, weights, point, part, damping)
-            if move is not None:
-                break
-        if move is None:
-            converged = True
-            break
-        step, trial, trial_ar, candidate, damping = move
-        gain = point.cost - candidate.cost
-        expected = float(-step @ point.slope)
-        theta, ar = trial, trial_ar
-        damping = max(damping / 10, 1e-9)
-        settled = max(gain, expected) <= SETTLED * point.cost / max(point.count, 1)
-        if reweight and len(row.pieces) > 1 and round_ in (2, 5, 9):
-            weights = _level_weights(candidate.power, weights)
-            settled = False
-            candidate = evaluate(row, theta, ar, weights)
-        point = candidate
-        if settled or point.cost <= 1e-24 * max(_energy(row), 1e-300):
-            converged = True
-            break
+    low, high = row.bounds()
+    anywhere = np.full(ar.size, np.inf)
+    moving = np.concatenate([free, np.ones(ar.size, dtype=bool)])
+
+    def at(x: Array, near: Point) -> Point:
+        return evaluate(row, x[:n], x[n:], near.weights)
+
+    def reweighted(x: Array, point: Point, step: int) -> Point | None:
+        if not reweight or len(row.pieces) == 1 or step not in levels.REWEIGHTED:
+            return None
+        return evaluate(row, x[:n], x[n:], _level_weights(point.power, point.weights))
+
+    problem = Problem(
+        at,
+        np.concatenate([low, -anywhere]),
+        np.concatenate([high, anywhere]),
+        moving,
+        np.concatenate([row.is_dead_time, np.zeros(ar.size, dtype=bool)]),
+        levels.EXACT * max(_energy(row), 1e-300),
+        reweighted,
+    )
+    found = descend(problem, np.concatenate([theta, ar]), evaluate(row, theta, ar, weights), iterations)
+    theta, ar, point = found.x[:n], found.x[n:], found.point
     left = max(point.count - int(moving.sum()) - row.nuisance_count(theta), 1)
     information = point.information.copy()
     frozen = np.flatnonzero(~moving)
     information[frozen, :] = information[:, frozen] = 0.0
     information[frozen, frozen] = 1e30
-    return RowFit(row, theta, ar, point.cost / left, information, point.cost, point.count, weights, converged, free)
-
-
-def _downhill(
-    row: Row, theta: Array, ar: Array, weights: Array, point: Point, active: BoolArray, damping: float
-) -> tuple[Array, Array, Array, Point, float] | None:
-    """A damped Gauss-Newton step of the active parameters that does not raise the cost; None if there is none.
-
-    Returns the step of theta and ar, both as they are after it, the point there, and the damping that it took.
-    """
-    if not active.any():
-        return None
-    low, high = row.bounds()
-    scale = np.sqrt(np.maximum(np.diag(point.information)[active], 1e-300))
-    normal = point.information[np.ix_(active, active)] / np.outer(scale, scale)
-    growth = 8.0
-    for _ in range(12):
-        step = np.zeros(active.size)
-        step[active] = -np.linalg.solve(normal + damping * np.eye(scale.size), point.slope[active] / scale) / scale
-        if -step @ point.slope <= NEGLIGIBLE * point.cost / max(point.count, 1):
-            return None
-        trial = np.clip(_limited(theta, step[: theta.size], low), low, high)
-        trial_ar = ar + step[theta.size :]
-        candidate = evaluate(row, trial, trial_ar, weights)
-        if np.isfinite(candidate.cost) and candidate.cost < point.cost * (1 + 1e-14):
-            return step, trial, trial_ar, candidate, damping
-        damping, growth = min(damping * growth, 1e8), growth * 4
-    return None
-
-
-def _limited(theta: Array, step: Array, low: Array) -> Array:
-    """A step that takes positive parameters at most to a third or to three times their value."""
-    positive = np.isfinite(low) & (low > 0)
-    trial = theta + step
-    trial[positive] = np.clip(trial[positive], theta[positive] / 3, theta[positive] * 3)
-    return trial
+    variance = point.cost / left
+    return RowFit(row, theta, ar, variance, information, point.cost, point.count, point.weights, found.converged, free)
 
 
 def _energy(row: Row) -> float:
@@ -253,7 +206,7 @@ def residuals(fit: RowFit) -> list[tuple[Array, Array, BoolArray]]:
         e = np.full(y.size, np.nan)
         if y.size > order + 1 and (use := whitened_valid(order, valid)).any():
             unknown = row.unknown(fit.theta, k)
-            v = v - unknown.columns @ _told(unknown, v, fit.ar, use)[0]
+            v = v - unknown.columns @ _weights_of_unknowns(unknown, v, fit.ar, use)[0]
             e[order:][use] = whiten(fit.ar, np.where(valid, v, 0.0))[use]
         out.append((np.where(valid, v, np.nan), e, np.isfinite(e)))
     return out

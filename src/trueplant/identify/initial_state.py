@@ -1,4 +1,4 @@
-"""What a record does not tell of its start: free responses of the modes of a row, with their derivatives."""
+"""The unknown initial state of a record: free responses of the modes of a row, with their derivatives."""
 
 from __future__ import annotations
 
@@ -8,11 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
-
-LARGE = 3.0
-"""Standard deviations of what an element does that the amplitude of its free response may have."""
-GONE = 40.0
-"""Time constants after which nothing is left of a free response, to rounding."""
+from trueplant.identify import levels
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +50,7 @@ def lag_mode(tau: float, index: int, clock: Array, began: BoolArray, largest: fl
     `clock` (n,) is the time since the start, 0 before it; `began` (n,) is where it has begun.
     """
     decay, derivative = np.zeros(clock.size), np.zeros(clock.size)
-    live = slice(int(np.argmax(began)), int(np.searchsorted(clock, GONE * tau, side="right")))
+    live = slice(int(np.argmax(began)), int(np.searchsorted(clock, levels.FREE_RESPONSE_GONE * tau, side="right")))
     decay[live] = np.where(began[live], np.exp(-clock[live] / tau), 0.0)
     derivative[live] = decay[live] * clock[live] / tau**2
     return Mode(decay, {index: derivative}, largest)

@@ -6,11 +6,9 @@ import numpy as np
 from scipy.stats import norm
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.row import Row
-
-FURTHEST = 12
-"""Standard errors."""
 
 
 def normal_intervals(row: Row, theta: Array, covariance: Array, confidence: float) -> Array:
@@ -24,7 +22,7 @@ def profile_interval(fit: RowFit, index: int, confidence: float, rounds: int = 6
     """Interval of theta[index] from the profile likelihood.
 
     The end points are where the deviance, minimised over everything else, has risen by the chi-square
-    quantile (Venzon and Moolgavkar 1988). An end that is not found within FURTHEST standard errors, or lies
+    quantile (Venzon and Moolgavkar 1988). An end that is not found within PROFILE_FURTHEST standard errors, or lies
     beyond the parameter's bound, is the bound.
     """
     z = float(norm.ppf(0.5 + confidence / 2))
@@ -61,17 +59,21 @@ def widened(ends: tuple[float, float], value: float, variance: float, confidence
 def _end(fit: RowFit, index: int, side: int, z: float, sigma: float, low: float, high: float, rounds: int) -> float:
     centre = float(fit.theta[index])
     bound = low if side < 0 else high
-    furthest = min(FURTHEST * sigma, abs(bound - centre)) if np.isfinite(bound) else FURTHEST * sigma
+    furthest = (
+        min(levels.PROFILE_FURTHEST * sigma, abs(bound - centre))
+        if np.isfinite(bound)
+        else levels.PROFILE_FURTHEST * sigma
+    )
     if not np.isfinite(furthest) or furthest <= 0:
         return bound
     inside, inside_root = 0.0, 0.0
     outside, outside_root = None, None
     distance = min(z * sigma, furthest)
-    start = fit
+    nearest = fit
     for _ in range(rounds):
-        start = _constrained(start, index, centre + side * distance)
-        root = float(np.sqrt(max(start.deviance - fit.deviance, 0.0)))
-        if abs(root - z) < 0.01 * z:
+        nearest = _constrained(nearest, index, centre + side * distance)
+        root = float(np.sqrt(max(nearest.deviance - fit.deviance, 0.0)))
+        if abs(root - z) < levels.PROFILE_TOLERANCE * z:
             return centre + side * distance
         if root < z:
             if distance >= furthest:

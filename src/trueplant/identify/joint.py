@@ -3,32 +3,26 @@
     y_i = sum_j G_ij(p; theta) u_j + offset + free response + v_i,    v[k] + sum_l A_l v[k - l] = e[k],   e white
 
 The prediction errors of one output then know what the others have seen of the same disturbance, so that OP is
-no longer related to them (Ljung 1999, section 8.4). Gauss-Newton on the determinant of the covariance of e;
-offsets and initial states are projected out in every step.
+no longer related to them (Ljung 1999, section 8.4). Damped least squares (`descent`) on the determinant of the
+covariance of e; offsets and initial states are projected out in every step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.stats import chi2
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.identify import levels
+from trueplant.identify.descent import Descent, Problem, descend
 from trueplant.identify.fit import RowFit, residuals
-from trueplant.identify.linear_algebra import eliminated, inverse, seen
+from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse
 from trueplant.identify.noise import lagged, whitened_valid
+from trueplant.identify.portmanteau import correlogram
 from trueplant.identify.row import Row
-
-LARGEST_ORDER = 40
-LARGEST_JACOBIAN = 60_000_000
-"""Entries: larger problems are left to the fit of each output alone."""
-ITERATIONS = 40
-NOT_WHITE = 0.05
-LAGS = 20
-SETTLED = 1e-3
-"""Of -2 log likelihood: a thirtieth of a standard error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,26 +43,63 @@ class JointFit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Point:
-    errors: tuple[Array, ...]
-    """Prediction errors (n - order, n_y) of each piece, 0 where they do not exist."""
+class _Errors:
+    """Prediction errors, and what the weighted ones depend on."""
+
+    plain: tuple[Array, ...]
+    """(n - order, n_y) of each piece, 0 where they do not exist."""
     exist: tuple[BoolArray, ...]
     information: Array
+    """(size, size) of theta and ar, one after the other."""
     slope: Array
 
-    @property
-    def count(self) -> int:
-        return int(sum(use.sum() for use in self.exist))
 
-    @property
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """All rows at one set of parameters: -2 log likelihood, and its derivatives where they are asked for."""
+
+    rows: Sequence[Row]
+    theta: Array
+    ar: Array
+    errors: _Errors
+    """Without derivatives."""
+    unit: float = 1.0
+
+    @classmethod
+    def at(cls, rows: Sequence[Row], theta: Array, ar: Array, root: Array) -> _Point:
+        """`root` weights the errors where operating points and initial states are taken out of them."""
+        return cls(rows, theta, ar, _evaluate(rows, theta, ar, root, derivatives=False))
+
+    @cached_property
+    def count(self) -> int:
+        return int(sum(use.sum() for use in self.errors.exist))
+
+    @cached_property
     def sigma(self) -> Array:
         """(n_y, n_y) covariance of the prediction errors."""
-        return np.asarray(sum(e.T @ e for e in self.errors) / max(self.count, 1))
+        return np.asarray(sum(e.T @ e for e in self.errors.plain) / max(self.count, 1))
 
-    @property
-    def criterion(self) -> float:
+    @cached_property
+    def root(self) -> Array:
+        """L with L' L the inverse of sigma."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.sigma)))
+
+    @cached_property
+    def cost(self) -> float:
         """-2 log likelihood up to a constant."""
         return float(self.count * np.linalg.slogdet(self.sigma)[1])
+
+    @cached_property
+    def _linearised(self) -> _Errors:
+        return _evaluate(self.rows, self.theta, self.ar, self.root)
+
+    @property
+    def information(self) -> Array:
+        return self._linearised.information
+
+    @property
+    def slope(self) -> Array:
+        return self._linearised.slope
 
 
 def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | None:
@@ -84,57 +115,31 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
     order = _chosen_order(v, valid, fits) if order is None else order
     theta, n = np.concatenate([fit.theta for fit in fits]), len(rows)
     size = theta.size + order * n * n
-    if sum(x.size for x in v) * size > LARGEST_JACOBIAN:
+    if sum(x.size for x in v) * size > levels.LARGEST_JACOBIAN:
         return None
     ar = _vector_ar(v, valid, order)[0]
     low, high = (np.concatenate(ends) for ends in zip(*(row.bounds() for row in rows), strict=True))
-    damping, converged = 1e-4, False
-    point = _evaluate(rows, theta, ar, np.eye(n), derivatives=False)
+    anywhere = np.full(ar.size, np.inf)
+
+    def at(x: Array, root: Array) -> _Point:
+        return _Point.at(rows, x[: theta.size], x[theta.size :].reshape(ar.shape), root)
+
+    initial = np.concatenate([theta, ar.ravel()])
+    point = at(initial, np.eye(n))
     if point.count < 2 * size:
         return None
-    for _ in range(ITERATIONS):
-        point = _evaluate(rows, theta, ar, _inverse_root(point.sigma))
-        pinned = ((theta <= low) & (point.slope[: theta.size] > 0)) | (
-            (theta >= high) & (point.slope[: theta.size] < 0)
-        )
-        active = np.concatenate([~pinned, np.ones(ar.size, dtype=bool)]) & (np.diag(point.information) > 0)
-        move = _downhill(rows, theta, ar, point, active, damping, (low, high))
-        if move is None:
-            converged = True
-            break
-        theta, ar, damping, gain = move
-        if gain < SETTLED:
-            converged = True
-            break
-    point = _evaluate(rows, theta, ar, _inverse_root(point.sigma))
-    return _finished(rows, theta, ar, point, converged)
+    problem = Problem(
+        lambda x, near: at(x, near.root),
+        np.concatenate([low, -anywhere]),
+        np.concatenate([high, anywhere]),
+        np.ones(size, dtype=bool),
+        np.concatenate([*(row.is_dead_time for row in rows), np.zeros(ar.size, dtype=bool)]),
+    )
+    found = descend(problem, initial, at(initial, point.root), levels.JOINT_ITERATIONS)
+    return _finished(rows, found)
 
 
-def _downhill(
-    rows: Sequence[Row],
-    theta: Array,
-    ar: Array,
-    point: _Point,
-    active: BoolArray,
-    damping: float,
-    bounds: tuple[Array, Array],
-) -> tuple[Array, Array, float, float] | None:
-    """A damped Gauss-Newton step that lowers the criterion, with the next damping and the gain; None if none does."""
-    scale = np.sqrt(np.diag(point.information)[active])
-    normal = point.information[np.ix_(active, active)] / np.outer(scale, scale)
-    for _ in range(10):
-        step = np.zeros(active.size)
-        step[active] = -np.linalg.solve(normal + damping * np.eye(scale.size), point.slope[active] / scale) / scale
-        trial = np.clip(theta + step[: theta.size], *bounds)
-        trial_ar = ar + step[theta.size :].reshape(ar.shape)
-        gain = point.criterion - _evaluate(rows, trial, trial_ar, _inverse_root(point.sigma), False).criterion
-        if gain > 0:
-            return trial, trial_ar, max(damping / 10, 1e-9), gain
-        damping *= 10
-    return None
-
-
-def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivatives: bool = True) -> _Point:
+def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivatives: bool = True) -> _Errors:
     """Prediction errors, and the normal equations of theta and ar under the weight root' root."""
     order, n_y = ar.shape[0], len(rows)
     ends = np.cumsum([row.size for row in rows])
@@ -159,9 +164,9 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
         filtered = [_filtered(ar, z, i) for i, z in enumerate(nuisance)]
         columns = _stacked(root, np.concatenate(filtered, axis=2), use)
         e = _stacked(root, _prediction_errors(ar, v)[:, :, None], use)[:, 0]
-        told = seen(columns, e[::n_y], np.concatenate([of_row.largest for of_row in unknown]))
-        columns, all_weights = columns[:, told], np.zeros(told.size)
-        all_weights[told], basis = eliminated(columns, e)
+        identifiable = identifiable_columns(columns, e[::n_y], np.concatenate([of_row.largest for of_row in unknown]))
+        columns, all_weights = columns[:, identifiable], np.zeros(identifiable.size)
+        all_weights[identifiable], basis = eliminated(columns, e)
         weights = np.split(all_weights, np.cumsum([z.shape[1] for z in nuisance])[:-1])
         v -= np.column_stack([z @ w for z, w in zip(nuisance, weights, strict=True)])
         v[~whole] = 0.0
@@ -183,10 +188,12 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
         J -= basis @ (basis.T @ J)
         information += J.T @ J
         slope += J.T @ _stacked(root, plain[:, :, None], use)[:, 0]
-    return _Point(tuple(errors), tuple(exist), information, slope)
+    return _Errors(tuple(errors), tuple(exist), information, slope)
 
 
-def _finished(rows: Sequence[Row], theta: Array, ar: Array, point: _Point, converged: bool) -> JointFit:
+def _finished(rows: Sequence[Row], found: Descent[_Point]) -> JointFit:
+    point = found.point
+    theta, ar = point.theta, point.ar
     ends = np.cumsum([row.size for row in rows])
     nuisance = sum(row.nuisance_count(theta[end - row.size : end]) for row, end in zip(rows, ends, strict=True))
     used = point.count - (theta.size + ar.size + nuisance) / len(rows)
@@ -196,7 +203,7 @@ def _finished(rows: Sequence[Row], theta: Array, ar: Array, point: _Point, conve
     places = [slice(int(end) - row.size, int(end)) for row, end in zip(rows, ends, strict=True)]
     order = ar.shape[0]
     errors = []
-    for e, use in zip(point.errors, point.exist, strict=True):
+    for e, use in zip(point.errors.plain, point.errors.exist, strict=True):
         whole = np.full((len(e) + order, len(rows)), np.nan)
         whole[order:][use] = e[use]
         errors.append(whole)
@@ -206,13 +213,8 @@ def _finished(rows: Sequence[Row], theta: Array, ar: Array, point: _Point, conve
         ar=ar,
         sigma=sigma,
         errors=tuple(errors),
-        converged=converged,
+        converged=found.converged,
     )
-
-
-def _inverse_root(sigma: Array) -> Array:
-    """L with L' L the inverse of sigma."""
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(sigma)))
 
 
 def _stacked(root: Array, x: Array, use: BoolArray) -> Array:
@@ -223,14 +225,18 @@ def _stacked(root: Array, x: Array, use: BoolArray) -> Array:
 def fit_until_white(fits: Sequence[RowFit]) -> JointFit | None:
     """`fit_jointly` with an order beyond the one at which the prediction errors are white; None if none is.
 
-    What one output foretells of another can be nearly exact, and then takes a long autoregression to describe: what
-    the last lengthening moved is counted in the covariance.
+    One output may predict another almost exactly, which takes a long autoregression to describe: how far the last
+    increase of the order moved the estimate is added to its covariance.
     """
     fit = fit_jointly(fits)
     while fit is not None:
         order = fit.ar.shape[0]
-        white = whiteness_p(fit) > NOT_WHITE
-        longer = fit_jointly(fits, min(order * 3 // 2 + 2, LARGEST_ORDER)) if order < LARGEST_ORDER else None
+        white = whiteness_p(fit) > levels.NOT_WHITE
+        longer = (
+            fit_jointly(fits, min(order * 3 // 2 + 2, levels.JOINT_LARGEST_ORDER))
+            if order < levels.JOINT_LARGEST_ORDER
+            else None
+        )
         if white:
             return _with_shift(fit, longer or fit)
         fit = longer
@@ -247,19 +253,9 @@ def _with_shift(fit: JointFit, longer: JointFit) -> JointFit | None:
 
 
 def whiteness_p(fit: JointFit) -> float:
-    """p-value that the prediction errors are white, over LAGS lags beyond the order (Hosking 1980)."""
+    """p-value that the prediction errors are white, over JOINT_LAGS lags beyond the order (Hosking 1980)."""
     order, n_y = fit.ar.shape[:2]
-    lags = order + LAGS
-    sums, count = np.zeros((lags + 1, n_y, n_y)), 0
-    for errors in fit.errors:
-        e = np.nan_to_num(errors)
-        count += int(np.isfinite(errors).all(axis=1).sum())
-        for lag in range(min(lags + 1, len(e))):
-            sums[lag] += e[lag:].T @ e[: len(e) - lag]
-    inverse = np.linalg.inv(sums[0] / max(count, 1))
-    c = sums[1:] / max(count, 1)
-    statistic = count * np.einsum("lij,jk,lmk,mi->", c, inverse, c, inverse)
-    return float(chi2.sf(statistic, n_y**2 * LAGS))
+    return correlogram(fit.errors, order + levels.JOINT_LAGS).p_value(n_y**2 * order)
 
 
 def _share_samples(rows: Sequence[Row]) -> bool:
@@ -297,7 +293,7 @@ def _vector_ar(v: Sequence[Array], valid: Sequence[BoolArray], order: int) -> tu
 def _chosen_order(v: Sequence[Array], valid: Sequence[BoolArray], fits: Sequence[RowFit]) -> int:
     n = len(fits)
     shortest = min(len(x) for x in v)
-    largest = min(LARGEST_ORDER, max(2 * max(fit.ar.size for fit in fits), 4), shortest // (8 * n))
+    largest = min(levels.JOINT_LARGEST_ORDER, max(2 * max(fit.ar.size for fit in fits), 4), shortest // (8 * n))
     scores = []
     for order in range(largest + 1):
         _, determinant, count = _vector_ar(v, valid, order)

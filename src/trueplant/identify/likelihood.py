@@ -15,13 +15,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, fit_row
-
-SEARCHED = 5
-"""Degrees of freedom that the search for lag and dead time adds to those of the parameters.
-
-Mean of the statistic over 120 simulated Wood-Berry records without the element: 8.0 with 3 parameters.
-"""
 
 
 def likelihood_ratio_p(fit: RowFit, index: Array, values: Array) -> float:
@@ -29,7 +24,12 @@ def likelihood_ratio_p(fit: RowFit, index: Array, values: Array) -> float:
 
     The deviance counts the degrees of freedom that are left, which keeps the level in short records.
     """
-    return float(chi2.sf(rise(fit, held_at(fit, index, values)), len(index)))
+    return ratio_p(rise(fit, held_at(fit, index, values)), len(index))
+
+
+def ratio_p(rise: float, freedom: int) -> float:
+    """p-value of a rise of -2 log likelihood by restrictions of so many degrees of freedom."""
+    return float(chi2.sf(max(rise, 0.0), freedom))
 
 
 def held_at(fit: RowFit, index: Array, values: Array) -> RowFit:
@@ -52,4 +52,4 @@ def absence_p(fit: RowFit, m: int) -> float:
     row = replace(fit.row, specs=tuple(fit.row.specs[k] for k in kept))
     parts = [fit.theta[fit.row.slices[k]] for k in kept]
     without = fit_row(row, np.concatenate([np.zeros(0), *parts]), fit.ar, weights=fit.weights, reweight=False)
-    return float(chi2.sf(rise(fit, without), SEARCHED + len(fit.row.specs[m].structure.names)))
+    return ratio_p(rise(fit, without), levels.SEARCHED_FREEDOM + len(fit.row.specs[m].structure.names))

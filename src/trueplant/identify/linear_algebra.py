@@ -5,20 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
-
-LOST = 1e-7
-"""Directions whose singular value is below this share of the largest are lost in rounding."""
-ENOUGH = 5000
-"""Errors from which their level is taken."""
-MOVES_BY = 0.95
-"""Median of |e[k] - e[k - 1]| over the standard deviation of white normal e: 0.6745 sqrt(2)."""
+from trueplant.identify import levels
 
 
 def inverse(information: Array, floor: float = 1e-14) -> Array:
     """Inverse of an information matrix (n, n), scaled to a unit diagonal first.
 
-    `floor` is the least eigenvalue of the scaled matrix: a variance is beyond all measure, but finite, where the
-    data say nothing.
+    `floor` is the least eigenvalue of the scaled matrix: a variance is very large, but finite, where the
+    data do not determine a parameter.
     """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-80))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
@@ -38,22 +32,22 @@ def eliminated(columns: Array, target: Array) -> tuple[Array, Array]:
         return np.zeros(norms.size), np.zeros((len(columns), 0))
     q, r = np.linalg.qr(columns[:, there] / norms[there])
     left, values, right = np.linalg.svd(r, full_matrices=False)
-    kept = values > LOST * values[0]
+    kept = values > levels.LOST * values[0]
     basis = q @ left[:, kept]
     weights = np.zeros(norms.size)
     weights[there] = right[kept].T @ ((basis.T @ target) / values[kept]) / norms[there]
     return weights, basis
 
 
-def seen(columns: Array, errors: Array, largest: Array) -> BoolArray:
-    """Columns (n, m) whose amplitude the errors (n,) tell to better than how large (m,) it may be at all.
+def identifiable_columns(columns: Array, errors: Array, largest: Array) -> BoolArray:
+    """Which columns (n, m) have an amplitude that the errors (n,) determine to better than its largest value (m,).
 
-    A free response that the noise model cancels is not seen at all: left in, it would take on any amplitude, and the
-    output errors with it.
+    A free response that the noise model cancels does not show in the prediction errors: left in, it would take on any
+    amplitude, and the output errors with it.
     """
     size = np.linalg.norm(columns, axis=0) * largest
     moves = np.diff(errors)
     if not moves.size:
         return np.asarray(size > 0)
-    some = moves[:: 1 + moves.size // ENOUGH]
-    return np.asarray(size > np.median(np.abs(some)) / MOVES_BY)
+    some = moves[:: 1 + moves.size // levels.LEVEL_SAMPLES]
+    return np.asarray(size > np.median(np.abs(some)) / levels.NORMAL_MOVE)

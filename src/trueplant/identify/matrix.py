@@ -8,19 +8,19 @@ from functools import partial
 
 import numpy as np
 
-from trueplant.identify.instrumental import started
+from trueplant.identify.instrumental import with_initial_guess
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
 from trueplant.identify.row import Held, Spec
-from trueplant.identify.shared_disturbance import crossed_outputs, less_sure, together
-from trueplant.identify.strides import choose_block, choose_stride, samples_per_update, typical_lag
+from trueplant.identify.shared_disturbance import predicted_outputs, together, widened_for_shared_disturbance
+from trueplant.identify.strides import Sampling, choose_block, choose_stride, samples_per_update, typical_lag
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix
 from trueplant.record.types import Segment
 
 
 def specs_of(model: TransferMatrix) -> dict[tuple[int, int], Spec]:
-    """Every element that the model has, in the model's own structure and starting from its parameters."""
+    """Every element that the model has, in the model's own structure, with its parameters for the initial guess."""
     specs = {}
     for i, row in enumerate(model.elements):
         for j, system in enumerate(row):
@@ -44,14 +44,16 @@ def identify_matrix(
 
     `model` (n_y, n_u + n_d) holds the elements that are not in `specs` at their values; those of its zeros that the
     record shows to act are estimated along (`with_missing`). `update_interval` is the time between real updates of
-    PV, `timing` the standard error of the instants (`identify_output`). `tell` is told the number of each output
+    PV, `timing` the standard error of the instants (`Sampling`). `tell` is told the number of each output
     before it is estimated.
     """
     everywhere = list(specs.values())
-    stride = choose_stride(segments, everywhere, update_interval)
-    update = samples_per_update(update_interval, segments[0].h)
-    block = choose_block(segments, everywhere)
-    time_scale = typical_lag(everywhere)
+    sampling = Sampling(
+        stride=choose_stride(segments, everywhere, update_interval),
+        update=samples_per_update(update_interval, segments[0].h),
+        block=choose_block(segments, everywhere),
+        timing=timing,
+    )
     places = np.ndindex(*model.shape)
     absent = [place for place in places if place not in specs and model[place].is_zero]
     estimates = {}
@@ -66,34 +68,31 @@ def identify_matrix(
             i,
             held=held,
             confidence=confidence,
-            stride=stride,
-            update=update,
-            block=block,
-            timing=timing,
-            time_scale=time_scale,
+            sampling=sampling,
+            time_scale=typical_lag(everywhere),
         )
-        estimate = partial(_from_both_starts, once, partial(started, segments, i, held=held))
+        estimate = partial(_from_both_guesses, once, partial(with_initial_guess, segments, i, held=held))
         found = estimate(own)
         if found is not None:
             estimates[i] = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
     if any(segment.closed for segment in segments):
-        return _with_crossed(estimates, confidence)
+        return _with_shared_disturbances(estimates, confidence)
     return estimates
 
 
-def _from_both_starts(
+def _from_both_guesses(
     estimate: Callable[[Sequence[Spec]], OutputEstimate | None],
     restarted: Callable[[Sequence[Spec]], tuple[Spec, ...]],
     specs: Sequence[Spec],
 ) -> OutputEstimate | None:
-    """The estimate from the declared starts or, where that fits better, from those of SRIVC for elements with leads."""
+    """The estimate from the declared initial guess or, where that fits better, from SRIVC's for elements with leads."""
     found, others = estimate(specs), restarted(specs)
     if found is None or others == tuple(specs):
         return found
     rival = estimate(others)
     if rival is None or _criterion(rival) >= _criterion(found):
         return found
-    # A start is also the model that the estimate is compared with: it stays the declared one.
+    # The initial guess is also the model that the estimate is compared with: it stays the declared one.
     return replace(rival, fit=replace(rival.fit, row=replace(rival.fit.row, specs=tuple(specs))))
 
 
@@ -104,15 +103,15 @@ def _criterion(found: OutputEstimate) -> float:
     return float(fit.count * np.log(cost / fit.count) + np.log(fit.count) * fit.ar.size)
 
 
-def _with_crossed(estimates: dict[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate]:
+def _with_shared_disturbances(estimates: dict[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate]:
     """The estimates, with what disturbances that reach several outputs ask for."""
-    crossed = crossed_outputs(estimates)
-    if not crossed:
+    predicted = predicted_outputs(estimates)
+    if not predicted:
         return estimates
     joint = together(estimates, confidence)
-    for i, others in crossed.items():
+    for i, others in predicted.items():
         if joint is None:
-            estimates[i] = less_sure(estimates[i], others, confidence)
+            estimates[i] = widened_for_shared_disturbance(estimates[i], others, confidence)
         else:
-            joint[i] = replace(joint[i], foretold_by=tuple(others))
+            joint[i] = replace(joint[i], predicted_by=tuple(others))
     return estimates if joint is None else joint

@@ -10,13 +10,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from trueplant.identify import levels
 from trueplant.identify.likelihood import absence_p
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.row import Spec
 from trueplant.lti.structure import Structure
 
-SIGNIFICANT = 1e-3
-"""Chance that a whole matrix without missing elements is given one."""
 STRUCTURE = Structure.parse("fopdt")
 
 
@@ -36,11 +35,11 @@ def with_missing(
     while left:
         p = [float(estimate.tests.cross_p[column]) for column in left]
         column = left.pop(int(np.argmin(p)))
-        if min(p) * tested >= SIGNIFICANT:
+        if min(p) * tested >= levels.MISSING_ELEMENT:
             break
         specs = sorted([*estimate.row.specs, Spec(column, STRUCTURE)], key=lambda spec: spec.column)
         wider = again(specs)
         place = [spec.column for spec in specs].index(column)
-        if wider is not None and absence_p(wider.fit, place) * tested < SIGNIFICANT:
+        if wider is not None and absence_p(wider.fit, place) * tested < levels.MISSING_ELEMENT:
             estimate = wider
     return estimate

@@ -13,15 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.fit import evaluate
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.row import Row
-
-ROUNDS = 8
-SETTLED = 0.01
-"""In standard errors of the common estimate."""
-FLOOR = 1e-12
-"""Of the eigenvalues of a window's information: short windows may say nothing of some directions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,20 +39,20 @@ def one_step(rows: Sequence[Row], noise: Sequence[Array], theta: Array) -> OneSt
     """
     low, high = rows[0].bounds()
     size = theta.size
-    for _ in range(ROUNDS):
+    for _ in range(levels.ONE_STEP_ROUNDS):
         information, slope = np.zeros((len(rows), size, size)), np.zeros((len(rows), size))
         for k, (row, ar) in enumerate(zip(rows, noise, strict=True)):
             information[k], slope[k] = _window(row, ar, theta)
         total = information.sum(axis=0)
         step = -_solve(total, slope.sum(axis=0))
         trial = np.clip(theta + np.clip(step, -np.abs(theta) / 3 - 1e-9, np.abs(theta) / 3 + 1e-9), low, high)
-        sigma = np.sqrt(np.maximum(np.diag(inverse(total, FLOOR)), 1e-300))
-        if np.all(np.abs(trial - theta) <= SETTLED * sigma):
+        sigma = np.sqrt(np.maximum(np.diag(inverse(total, levels.WINDOW_FLOOR)), 1e-300))
+        if np.all(np.abs(trial - theta) <= levels.ONE_STEP_SETTLED * sigma):
             break
         theta = trial
     steps = np.array([-_solve(i, s) for i, s in zip(information, slope, strict=True)])
-    covariance = np.array([inverse(i, FLOOR) for i in information])
-    return OneStep(theta, inverse(total, FLOOR), theta + steps, covariance)
+    covariance = np.array([inverse(i, levels.WINDOW_FLOOR) for i in information])
+    return OneStep(theta, inverse(total, levels.WINDOW_FLOOR), theta + steps, covariance)
 
 
 def _window(row: Row, ar: Array, theta: Array) -> tuple[Array, Array]:
@@ -76,4 +71,4 @@ def _window(row: Row, ar: Array, theta: Array) -> tuple[Array, Array]:
 
 
 def _solve(information: Array, slope: Array) -> Array:
-    return np.asarray(inverse(information, FLOOR) @ slope)
+    return np.asarray(inverse(information, levels.WINDOW_FLOOR) @ slope)

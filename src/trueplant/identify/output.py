@@ -2,44 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.stats import chi2
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.between_experiments import Runs, combine_runs, compare_runs
 from trueplant.identify.blocks import in_blocks
-from trueplant.identify.estimate import UNDERMODELLED, Options, estimate_row
+from trueplant.identify.covariance import inflation, initial_state_share, least_variance
+from trueplant.identify.dead_times import without_unseen_dead_times
+from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval, widened
+from trueplant.identify.levels import SEARCHED_FREEDOM, UNDERMODELLED
+from trueplant.identify.likelihood import absence_p, likelihood_ratio_p, ratio_p
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.noise_order import order_dependence
 from trueplant.identify.row import Held, Row, Spec, pieces_of
-from trueplant.identify.sandwich import asks_for_sandwich, sandwich
-from trueplant.identify.search import dead_time_of, lag_of
+from trueplant.identify.sandwich import needs_sandwich, sandwich_covariance
 from trueplant.identify.slow_tail import slow_errors, slow_p
-from trueplant.identify.small import inflation, widening_by_starts, without_unseen_dead_times
+from trueplant.identify.strides import Sampling
+from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.record.types import Segment
-
-FEWEST_SAMPLES = 2.5
-"""Lag and dead time together must span this many samples to be told from each other and from none."""
-ROUNDING = 1e-6
-"""Relative standard error below which no estimate from recorded numbers is believed."""
-UNKNOWN = 1e30
-"""A standard error beyond this says that there was no information at all."""
-NOTHING = 0.05
-"""Significance to which the gains of an element, taken together, have to differ from zero to have dynamics."""
-WEAKLY_KNOWN = "its standard error is more than half of its size: the data say too little about it"
-WEAK = 0.2
-"""Relative standard error from which an interval is taken from the profile likelihood."""
 
 
 @dataclass(frozen=True, eq=False)
 class OutputEstimate:
-    """One output: parameters, covariance, intervals, and the reasons why some of them are not to be had."""
+    """One output: parameters, covariance and intervals, and what limits them."""
 
     output: int
     fit: RowFit
@@ -50,23 +43,27 @@ class OutputEstimate:
     intervals: Array
     """(size, 2); infinite where nothing is known."""
     runs: Runs | None
-    order_dependence: dict[int, str]
+    order_dependence: Mapping[int, Unanswered]
     """Parameters whose estimate moves beyond its interval with the order of the noise model."""
     tests: ResidualTests
     validation: Validation | None
-    foretold_by: tuple[int, ...] = ()
-    """Other outputs whose past prediction errors foretell this one's (`crossed`); the covariance counts that."""
+    predicted_by: tuple[int, ...] = ()
+    """Other outputs whose past prediction errors predict this one's (`shared_disturbance`); the covariance knows."""
     unprofiled: Array | None = None
-    """The covariance before slow noise and profiles widened it: those make up for what intervals alone do not know, and
-    profiles stretch strong correlations. A test that stands beside the likelihood ratio takes this one; None: as
-    `covariance`."""
-    sandwiched: bool = False
-    """Did the residuals ask for a covariance that does not rest on noise of one size and colour (`sandwich`)?"""
+    """The covariance before it was widened for slow noise and to the profile intervals: wider single parameters would
+    misstate strong correlations between them. Joint tests use this one beside the likelihood ratio; None: `covariance`
+    itself."""
+    robust_covariance: bool = False
+    """Are the prediction errors heteroscedastic or coloured, so that the covariance is that of `sandwich`?"""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
-
+    rise: Callable[[Array, Array], float] | None = None
+    """The likelihood that belongs to theta: by how much -2 log likelihood rises when theta[index] is held at values and
+    the others are free. None: that of `fit`."""
+    withheld: Mapping[int, Unanswered] = field(default_factory=dict)
+    """Parameters that are not given for reasons that are not in the fit."""
     slow_p: Array = field(default_factory=lambda: np.ones(0))
-    """(n_columns,) that no element goes on moving slowly after what its structure describes; empty: not tested."""
+    """(n_columns,) p-value that no element responds more slowly than its structure describes; empty: not tested."""
 
     @property
     def undermodelled(self) -> bool:
@@ -76,6 +73,20 @@ class OutputEstimate:
     @property
     def row(self) -> Row:
         return self.fit.row
+
+    def likelihood_ratio_p(self, index: Array, values: Array) -> float:
+        """p-value that the parameters theta[index] have these values, by the likelihood that belongs to theta."""
+        if self.rise is None:
+            return likelihood_ratio_p(self.fit, index, values)
+        return ratio_p(self.rise(index, values), len(index))
+
+    def absence_p(self, m: int) -> float:
+        """p-value that element m of the row is absent, by the likelihood that belongs to theta."""
+        if self.rise is None:
+            return absence_p(self.fit, m)
+        part = self.row.slices[m]
+        without = np.where(self.row.is_gain, 0.0, self.theta)[part]
+        return ratio_p(self.rise(np.arange(part.start, part.stop), without), SEARCHED_FREEDOM + without.size)
 
     @property
     def disputed(self) -> bool:
@@ -90,37 +101,31 @@ def identify_output(
     held: Sequence[Held] = (),
     *,
     confidence: float = 0.95,
-    stride: int = 1,
-    update: int = 1,
-    block: int | None = None,
-    timing: float = 0.0,
+    sampling: Sampling | None = None,
     time_scale: float | None = None,
     options: Options | None = None,
 ) -> OutputEstimate | None:
     """Estimate the elements `specs` of one output; None where this output has no usable data.
 
-    Time unit and shapes are those of the segments. `held` elements keep their declared value. `update` is the
-    number of samples for which PV is held, `stride` the number from one prediction error to the next
-    (`choose_stride`), `block` the length to which long records are cut (`choose_block`), `time_scale` where the
-    search for elements that the model lacks begins. `timing` is the standard error of the instants at which OP acts
-    or PV is read, which no fit can see: it is added to that of every dead time.
+    Time unit and shapes are those of the segments. `held` elements are fixed at their declared value. `time_scale` is
+    the initial guess of the lags of elements that the model lacks.
     """
-    pieces = pieces_of(segments, output, held, update)
+    sampling = sampling or Sampling()
+    pieces = pieces_of(segments, output, held, sampling.update)
     if not pieces or not specs:
         return None
-    if block is not None:
-        pieces = in_blocks(pieces, block, stride)
-    row = Row(tuple(specs), pieces, stride)
+    if sampling.block is not None:
+        pieces = in_blocks(pieces, sampling.block, sampling.stride)
+    row = Row(tuple(specs), pieces, sampling.stride)
     full = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
     fit = without_unseen_dead_times(full)
-    tests = residual_tests(fit, confidence)
-    runs = compare_runs(fit)
+    tests, runs = residual_tests(fit, confidence), compare_runs(fit)
     apart = runs is not None and not runs.agree
-    sandwiched = not apart and asks_for_sandwich(tests)
-    # What the curvature of the likelihood does not know, and profiles of it neither.
-    more = fit.covariance * (widening_by_starts(fit) if any(segment.closed for segment in segments) else 0.0)
-    if sandwiched:
-        more = more + sandwich(fit) - fit.covariance
+    robust = not apart and needs_sandwich(tests)
+    # Neither the curvature of the likelihood nor its profiles count these.
+    more = fit.covariance * (initial_state_share(fit) if any(segment.closed for segment in segments) else 0.0)
+    if robust:
+        more = more + sandwich_covariance(fit) - fit.covariance
     if runs is not None and apart:
         factor = 1.0
         theta, covariance = combine_runs(fit, runs, confidence)
@@ -128,91 +133,81 @@ def identify_output(
         factor = inflation(fit, confidence)
         theta, covariance = fit.theta, fit.covariance * factor + more
     moved, shifts = order_dependence(fit, covariance, tests)
-    # What the choice of the noise model moves is not known better than that, unless the runs have shown their spread.
-    shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
-    covariance = covariance + np.diag(np.where(shown, 0.0, shifts**2))
-    # Neither is what a dead time that was left at 0 would have moved.
-    covariance = covariance + np.diag(np.where(fit.free, (full.theta - fit.theta) ** 2, 0.0))
-    # Slow moves that the structure lacks are the same in every run.
     slow = slow_p(fit)
     lacking = slow_errors(fit, slow, confidence)
-    covariance = covariance + np.diag(lacking**2)
-    least = least_variance(row, theta, timing)
-    covariance = covariance + np.diag(least)
-    intervals = normal_intervals(row, theta, covariance, confidence)
+    least = least_variance(row, theta, sampling.timing)
+    # How far another noise model moves a parameter counts as its error, unless the runs have shown their spread; slow
+    # responses that the structure lacks are the same in every run. A dead time that was left out may be there, too
+    # small to be seen: then the other parameters are as the fit with it has them.
+    shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
+    left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
+    covariance = covariance + np.diag(np.where(shown, 0.0, shifts**2) + left_out**2 + lacking**2 + least)
     unprofiled = covariance - (factor - 1) * fit.covariance
+    intervals = normal_intervals(row, theta, covariance, confidence)
     if not np.any(shifts) and not np.any(lacking) and not apart:
         for index in _profiled(fit):
-            # A dead time that is held at 0 may still be as large as the data allow.
-            profiled = fit if fit.free[index] else full
-            ends = profile_interval(profiled, index, confidence)
+            # A dead time that is fixed at 0 may still be as large as the data allow.
+            ends = profile_interval(fit if fit.free[index] else full, index, confidence)
             ends = widened(ends, float(theta[index]), least[index] + more[index, index], confidence)
             covariance = as_wide_as(covariance, index, float(theta[index]), ends, confidence)
             intervals[index] = ends
     return OutputEstimate(
-        output,
-        fit,
-        theta,
-        covariance,
-        intervals,
-        runs,
-        moved,
-        tests,
-        validate(fit),
+        output=output,
+        fit=fit,
+        theta=theta,
+        covariance=covariance,
+        intervals=intervals,
+        runs=runs,
+        order_dependence=moved,
+        tests=tests,
+        validation=validate(fit),
         unprofiled=unprofiled,
-        sandwiched=sandwiched,
+        robust_covariance=robust,
         slow_p=slow,
     )
-
-
-def least_variance(row: Row, theta: Array, timing: float) -> Array:
-    """(size,) variance below which no parameter is known: numbers are rounded, and so are instants (`timing`)."""
-    return np.asarray((ROUNDING * np.abs(theta)) ** 2 + np.where(row.dead, timing**2, 0.0))
 
 
 def _profiled(fit: RowFit) -> list[int]:
     """Dead times, and parameters that are known poorly but not hopelessly."""
     chosen = []
     sigma = np.sqrt(np.diag(fit.covariance))
-    for index, name in enumerate(fit.row.names):
-        relative = sigma[index] / max(abs(fit.theta[index]), 1e-300) if fit.free[index] else WEAK
-        if (name.startswith("dead") or relative > WEAK) and relative < 1e3 and not name.startswith(("gain", "slope")):
-            chosen.append(index)
+    for index in np.flatnonzero(~fit.row.is_gain):
+        relative = sigma[index] / max(abs(fit.theta[index]), 1e-300) if fit.free[index] else levels.PROFILED
+        if (fit.row.is_dead_time[index] or relative > levels.PROFILED) and relative < levels.HOPELESS_ERROR:
+            chosen.append(int(index))
     return chosen
 
 
-def unanswered(estimate: OutputEstimate) -> dict[int, str]:
-    """Parameters that the data do not determine, each with the reason in plain words."""
+def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
+    """The parameters that the data do not determine, by their place in theta."""
     fit, theta = estimate.fit, estimate.theta
     sigma = np.sqrt(np.diag(estimate.covariance))
     h = fit.row.pieces[0].h
-    reasons: dict[int, str] = {}
+    found: dict[int, Unanswered] = {}
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        names = spec.structure.names
-        p, s = theta[part], sigma[part]
-        lag = lag_of(names, p)
-        dead = dead_time_of(names, p)
-        gains = [k for k, name in enumerate(names) if name.startswith(("gain", "slope"))]
+        structure, p, s = spec.structure, theta[part], sigma[part]
+        lag, dead = structure.lag(p), structure.longest_dead_time(p)
+        gains = np.flatnonzero(structure.is_gain)
         silent = all(not np.any(piece.inputs[spec.column]) for piece in fit.row.pieces)
         within = estimate.covariance[part, part][np.ix_(gains, gains)]
-        no_gain = chi2.sf(p[gains] @ inverse(within) @ p[gains], len(gains)) > NOTHING
-        fast = not spec.structure.integrators and lag + dead < FEWEST_SAMPLES * h
-        for k, name in enumerate(names):
+        no_gain = chi2.sf(p[gains] @ inverse(within) @ p[gains], len(gains)) > levels.NO_GAIN
+        fast = not structure.integrators and lag + dead < levels.FEWEST_SAMPLES * h
+        for k, gain in enumerate(structure.is_gain):
             index = part.start + k
-            moved = estimate.order_dependence.get(index)
-            model = abs(spec.start[k]) if spec.start is not None and k in gains else 0.0
-            size = max(abs(p[k]), model, lag if name.startswith("dead") else 0.0)
+            known = estimate.order_dependence.get(index) or estimate.withheld.get(index)
+            model = abs(spec.initial[k]) if spec.initial is not None and gain else 0.0
+            size = max(abs(p[k]), model, lag if structure.is_dead_time[k] else 0.0)
             if silent:
-                reasons[index] = "its input does not move in these data"
-            elif fast and k not in gains and not name.startswith("lead"):
-                reasons[index] = (
-                    f"the loop answers within about {max(lag + dead, h) / h:.0f} sample(s) of {h:g}: what happens "
-                    "between samples is not in the record, and time constant and dead time cannot be told apart"
-                )
-            elif moved:
-                reasons[index] = moved
-            elif k not in gains and no_gain:
-                reasons[index] = "the gain of this element cannot be told from zero, so it has no dynamics to measure"
-            elif s[k] > 0.5 * size and (k not in gains or model > 0 or s[k] > UNKNOWN):
-                reasons[index] = WEAKLY_KNOWN
-    return reasons
+                found[index] = Unanswered.because(WhyUnanswered.INPUT_STANDS_STILL)
+            elif fast and not gain and not structure.is_lead[k]:
+                why = WhyUnanswered.FASTER_THAN_RECORD
+                samples = max(lag + dead, h) / h
+                text = f"the loop answers within about {samples:.0f} sample(s) of {h:g}: {why.value}"
+                found[index] = Unanswered(why, text)
+            elif known is not None:
+                found[index] = known
+            elif not gain and no_gain:
+                found[index] = Unanswered.because(WhyUnanswered.GAIN_NOT_TOLD_FROM_ZERO)
+            elif s[k] > levels.TOO_UNCERTAIN * size and (not gain or model > 0 or s[k] > levels.NO_INFORMATION):
+                found[index] = Unanswered.because(WhyUnanswered.TOO_UNCERTAIN)
+    return found

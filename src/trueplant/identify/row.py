@@ -7,7 +7,7 @@ free response of every lag.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,18 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
-from trueplant.identify.initial_state import LARGE, Mode, Unknown, lag_mode, pair_modes
+from trueplant.identify import levels
+from trueplant.identify.initial_state import Mode, Unknown, lag_mode, pair_modes
+from trueplant.identify.levels import LARGEST_FREE_RESPONSE
 from trueplant.lti.sampled import rows_response, sampled_response
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import TransferFunction
 from trueplant.record.types import Segment
-
-FASTEST_LAG = 0.05
-"""In samples."""
-MOST_JOINED = 60
-"""Segments in one piece: each costs a free response."""
-QUIET_SAMPLES = 20
-"""A start is at rest only if the inputs stood still for this many samples."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +32,9 @@ class Spec:
     column: int
     """Index into the inputs followed by the measured disturbances."""
     structure: Structure
-    start: tuple[float, ...] | None = None
-    """Parameters to start from (the model's); None where the model has no such element."""
+    initial: tuple[float, ...] | None = None
+    """Initial guess of the parameters, which is the model that the estimate is compared with; None where the model has
+    no such element."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +52,7 @@ class Piece:
     experiment: int
     h: float
     y: Array
-    """(N,) minus the response of the held elements; 0 where not valid."""
+    """(N,) minus the response of the fixed elements; 0 where not valid."""
     valid: BoolArray
     inputs: Array
     """(n_columns, N)."""
@@ -100,7 +96,7 @@ class Piece:
         moved = np.flatnonzero(np.any(self.inputs != 0, axis=0))
         lead = int(moved[0]) if moved.size else self.y.size
         y = self.y[:lead][self.valid[:lead]]
-        if lead < QUIET_SAMPLES or y.size < QUIET_SAMPLES:
+        if lead < levels.QUIET_SAMPLES or y.size < levels.QUIET_SAMPLES:
             return False
         early, late = np.array_split(y, 2)
         spread = np.median(np.abs(np.diff(y))) + np.std(late)
@@ -139,7 +135,7 @@ def _groups(segments: Sequence[Segment]) -> list[list[Segment]]:
     groups: list[list[Segment]] = []
     for segment in segments:
         before = groups[-1][-1] if groups else None
-        if before is not None and before.experiment == segment.experiment and len(groups[-1]) < MOST_JOINED:
+        if before is not None and before.experiment == segment.experiment and len(groups[-1]) < levels.MOST_JOINED:
             missing = (segment.t[0] - before.t[-1]) / before.h
             if 0.5 < missing < max(len(segment), len(before)) and abs(missing - round(missing)) < 0.05:
                 groups[-1].append(segment)
@@ -221,17 +217,48 @@ class Row:
         return len(self.names)
 
     @property
-    def dead(self) -> BoolArray:
-        """(size,) which parameters are dead times."""
-        return np.array([name.startswith("dead") for name in self.names], dtype=bool)
+    def is_gain(self) -> BoolArray:
+        """(size,) masks over theta: gains and slopes."""
+        return self._joined(spec.structure.is_gain for spec in self.specs)
+
+    @property
+    def is_lag(self) -> BoolArray:
+        """(size,) time constants of real poles."""
+        return self._joined(spec.structure.is_lag for spec in self.specs)
+
+    @property
+    def is_frequency(self) -> BoolArray:
+        """(size,) natural frequencies of complex pairs."""
+        return self._joined(spec.structure.is_frequency for spec in self.specs)
+
+    @property
+    def is_lead(self) -> BoolArray:
+        """(size,) time constants of zeros."""
+        return self._joined(spec.structure.is_lead for spec in self.specs)
+
+    @property
+    def is_dead_time(self) -> BoolArray:
+        """(size,)"""
+        return self._joined(spec.structure.is_dead_time for spec in self.specs)
+
+    @staticmethod
+    def _joined(masks: Iterable[BoolArray]) -> BoolArray:
+        return np.concatenate([np.zeros(0, dtype=bool), *masks])
+
+    def lag_of_dead_times(self, theta: Array) -> Array:
+        """(size,) for each dead time the lag of its element, against which an error in it shows; 0 for the rest."""
+        lags = np.zeros(self.size)
+        for spec, part in zip(self.specs, self.slices, strict=True):
+            lags[part] = np.where(spec.structure.is_dead_time, spec.structure.lag(theta[part]), 0.0)
+        return lags
 
     def bounds(self) -> tuple[Array, Array]:
-        """Bounds of theta; lags far shorter than a sample cannot be told from none and end at a twentieth of one."""
+        """Bounds of theta; lags far shorter than a sample are not identifiable and end at a twentieth of one."""
         pairs = [(np.zeros(0), np.zeros(0)), *(s.structure.bounds() for s in self.specs)]
         low, high = np.concatenate([low for low, _ in pairs]), np.concatenate([high for _, high in pairs])
         h = self.pieces[0].h
-        low[[name.startswith("tau") for name in self.names]] = FASTEST_LAG * h
-        high[[name.startswith("omega0") for name in self.names]] = 1 / (FASTEST_LAG * h)
+        low[self.is_lag] = levels.FASTEST_LAG * h
+        high[self.is_frequency] = 1 / (levels.FASTEST_LAG * h)
         return low, high
 
     def measured(self, k: int) -> tuple[Array, BoolArray]:
@@ -243,7 +270,7 @@ class Row:
 
         What OP did in the last dead time before the record is not in it, and no free response makes up for it.
         """
-        dead = float(np.max(theta[self.dead], initial=0.0))
+        dead = float(np.max(theta[self.is_dead_time], initial=0.0))
         pieces = []
         for piece in self.pieces:
             unseen = int(np.ceil(dead / piece.h)) + 1  # the dead time may turn out a little longer
@@ -308,14 +335,14 @@ class Row:
         found: list[Mode] = []
         for spec, part in zip(self.specs, self.slices, strict=True):
             driven = float(np.sum(np.abs(theta[part][: spec.structure.delayed]))) * piece.input_spread[spec.column]
-            for m, name in enumerate(spec.structure.names):
-                index = part.start + m
-                does = driven * theta[index] if spec.structure.integrators and name.startswith("tau") else driven
-                largest = max(LARGE * does, piece.spread)
-                if name.startswith("tau"):
-                    found.append(lag_mode(theta[index], index, clock, began, largest))
-                elif name.startswith("omega0"):
-                    found += pair_modes(theta[index], theta[index + 1], index, clock, began, largest)
+            for index in (int(k) for k in part.start + np.flatnonzero(spec.structure.is_lag)):
+                does = driven * theta[index] if spec.structure.integrators else driven
+                found.append(
+                    lag_mode(theta[index], index, clock, began, max(LARGEST_FREE_RESPONSE * does, piece.spread))
+                )
+            for index in (int(k) for k in part.start + np.flatnonzero(spec.structure.is_frequency)):
+                largest = max(LARGEST_FREE_RESPONSE * driven, piece.spread)
+                found += pair_modes(theta[index], theta[index + 1], index, clock, began, largest)
             if spec.structure.integrators:
                 # At the start OP's operating point is not known; after a gap the level.
                 after_gap = not began.all()

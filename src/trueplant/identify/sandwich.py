@@ -10,48 +10,41 @@ Where their size changes, or something is left of their colour, the curvature of
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, linearised
+from trueplant.identify.levels import RESIDUAL_LAGS
 from trueplant.identify.linear_algebra import inverse
-from trueplant.identify.validate import LAGS, ResidualTests
-
-SIGNIFICANT = 0.01
-"""Of the residual tests that choose this covariance."""
+from trueplant.identify.portmanteau import correlogram
+from trueplant.identify.validate import ResidualTests
 
 
-def evenness_p(e: Array, lags: int = LAGS) -> float:
+def homoscedastic_p(e: Array, lags: int = RESIDUAL_LAGS) -> float:
     """p-value that prediction errors e (n,), NaN where there are none, keep their size (McLeod and Li 1983).
 
     Squares of errors whose size changes are correlated over time.
     """
     there = np.isfinite(e)
-    squares = np.where(there, e, 0.0) ** 2
-    count = int(there.sum())
-    if count <= 2 * lags:
+    if int(there.sum()) <= 2 * lags:
         return 1.0
-    squares = np.where(there, squares - squares.sum() / count, 0.0)
-    power = float(squares @ squares)
-    if power <= 0:
-        return 1.0
-    acf = np.array([squares[k:] @ squares[:-k] for k in range(1, lags + 1)]) / power
-    return float(chi2.sf(count * float(np.sum(acf**2)), lags))
+    squares = e**2 - np.mean(e[there] ** 2)
+    return correlogram([squares], lags).p_value()
 
 
-def asks_for_sandwich(tests: ResidualTests) -> bool:
+def needs_sandwich(tests: ResidualTests) -> bool:
     """Do the prediction errors change their size, or is colour left in them?"""
-    return min(evenness_p(tests.e), tests.whiteness_p) < SIGNIFICANT
+    return min(homoscedastic_p(tests.e), tests.whiteness_p) < levels.ROBUST_COVARIANCE
 
 
-def sandwich(fit: RowFit) -> Array:
+def sandwich_covariance(fit: RowFit) -> Array:
     """Covariance (size, size) of theta, no standard error below that of the likelihood (Newey and West's weights)."""
     size = fit.theta.size + fit.ar.size
     meat = np.zeros((size, size))
     for _, jacobian, e in linearised(fit.row, fit.theta, fit.ar, fit.weights):
         scores = jacobian * e
         meat += scores @ scores.T
-        lags = min(LAGS, e.size // 10)
+        lags = min(RESIDUAL_LAGS, e.size // 10)
         for lag in range(1, lags + 1):
             product = scores[:, lag:] @ scores[:, :-lag].T
             meat += (1 - lag / (lags + 1)) * (product + product.T)

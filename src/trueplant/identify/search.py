@@ -1,4 +1,4 @@
-"""Where the fit starts: the time scale and the dead time of each element on a grid, gains by least squares.
+"""Initial guesses of the fit: the time scale and the dead time of each element on a grid, gains by least squares.
 
 The cost of a dead time has several minima; the grid covers them all, one element at a time with the
 gains of all others and the nuisance terms projected out, and several times over.
@@ -9,60 +9,25 @@ from __future__ import annotations
 import numpy as np
 
 from trueplant.arrays import Array
-from trueplant.identify.fit import RowFit
+from trueplant.identify import levels
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.row import Row
-
-NEAR = 10.0
-"""Difference in -2 log likelihood within which another dead time is worth a fit."""
-STRETCH = 2.0 ** np.linspace(-3, 3, 13)
 
 
 def initial_theta(row: Row, time_scale: float) -> Array:
     """The models' parameters; elements without one get the time scale, unit gain and no dead time."""
     parts = []
     for spec in row.specs:
-        if spec.start is not None:
-            parts.append(np.array(spec.start, dtype=float))
+        if spec.initial is not None:
+            parts.append(np.array(spec.initial, dtype=float))
             continue
-        values = {"gain": 1.0, "slope": 1.0, "tau": time_scale, "omega": 2.0 / time_scale, "zeta": 0.7}
-        values |= {"lead": time_scale / 10, "dead": 0.0}
-        names = spec.structure.names
-        start = np.array([next(v for key, v in values.items() if name.startswith(key)) for name in names])
-        for k, name in enumerate(names):
-            if name.startswith("tau"):
-                start[k] /= int(name[3:])
-        parts.append(start)
+        lags = time_scale / np.arange(1, spec.structure.lags + 1)
+        parts.append(spec.structure.parameters(1.0, lags, 2.0 / time_scale, 0.7, time_scale / 10, 0.0))
     return np.concatenate(parts)
 
 
-def lag_of(names: tuple[str, ...], p: Array) -> float:
-    """Sum of the lags of an element: how long it takes to answer, without its dead time."""
-    total = 0.0
-    for name, value in zip(names, p, strict=True):
-        if name.startswith("tau"):
-            total += value
-        elif name.startswith("omega0"):
-            total += 1 / value
-    return total
-
-
-def dead_time_of(names: tuple[str, ...], p: Array) -> float:
-    """Longest dead time of an element; 0 without one."""
-    return max((float(value) for name, value in zip(names, p, strict=True) if name.startswith("dead")), default=0.0)
-
-
-def felt_lag(fit: RowFit) -> Array:
-    """(n,) for each dead time the lag of its element, against which an error in it is felt; 0 for the rest."""
-    out = np.zeros(fit.theta.size)
-    for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        lag = lag_of(spec.structure.names, fit.theta[part])
-        out[part] = [lag if name.startswith("dead") else 0.0 for name in spec.structure.names]
-    return out
-
-
-def grid_start(row: Row, theta: Array, ar: Array, rounds: int = 2, largest: int = 20_000) -> Array:
+def grid_guess(row: Row, theta: Array, ar: Array, rounds: int = 2, largest: int = 20_000) -> Array:
     """theta with time scales, dead times and gains that the data prefer (given the noise model)."""
     samples = sum(len(range(0, p.y.size, row.stride)) for p in row.pieces)
     if samples > largest and ar.size == 0:
@@ -103,8 +68,9 @@ def _columns(row: Row, theta: Array, skip: int | None = None) -> list[Array]:
 
 def dead_time_grid(row: Row, m: int, p: Array, h: float, finest: int = 48) -> Array:
     """Dead times to try for element m, in whole samples of the record."""
-    names = row.specs[m].structure.names
-    longest = min(max(3 * dead_time_of(names, p), lag_of(names, p), 10 * h), max(q.span for q in row.pieces) / 4)
+    structure = row.specs[m].structure
+    longest = max(3 * structure.longest_dead_time(p), structure.lag(p), 10 * h)
+    longest = min(longest, max(q.span for q in row.pieces) / 4)
     count = max(int(longest / h), 1)
     return np.unique(np.round(np.linspace(0, count, min(count + 1, finest))).astype(int))
 
@@ -113,11 +79,11 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
     structure, part = row.specs[m].structure, row.slices[m]
     unit = _unit(row, theta, m)
     exponents = structure.time_scales
-    dead = np.array([name.startswith("dead") for name in structure.names])
+    dead = structure.is_dead_time
     h = row.pieces[0].h
     shifts = dead_time_grid(row, m, unit, h) if dead.any() else np.zeros(1, dtype=int)
     others = _columns(row, theta, skip=m)
-    top = np.zeros((STRETCH.size, shifts.size))
+    top = np.zeros((levels.STRETCH.size, shifts.size))
     gain = np.zeros_like(top)
     power = np.zeros_like(top)
     moment = np.zeros_like(top)
@@ -133,7 +99,7 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
         target = whiten(ar, y)[use]
         target = target - basis @ (basis.T @ target)
         spec = row.specs[m]
-        for a, stretch in enumerate(STRETCH):
+        for a, stretch in enumerate(levels.STRETCH):
             p = unit * stretch**exponents
             p[dead] = unit[dead] - (unit[dead].min() if dead.any() else 0.0)
             full = structure.response(p, piece.inputs[spec.column], piece.h, piece.hold[spec.column])
@@ -149,7 +115,7 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
     a, b = divmod(int(np.argmax(top)), shifts.size)
     if top[a, b] <= 0:
         return theta
-    p = unit * STRETCH[a] ** exponents
+    p = unit * levels.STRETCH[a] ** exponents
     if dead.any():
         p[dead] = unit[dead] - unit[dead].min() + shifts[b] * h
     p[: structure.delayed] *= gain[a, b]
@@ -180,61 +146,3 @@ def _least_squares_gains(row: Row, theta: Array, ar: Array) -> Array:
         p[: spec.structure.delayed] *= gains[m] if gains[m] != 0 else 1e-6
         theta[part] = p
     return theta
-
-
-def rival_dead_times(row: Row, theta: Array, ar: Array, weights: Array, reach: int) -> list[tuple[float, Array]]:
-    """Other dead times that may fit as well: pairs of cost and theta, best first.
-
-    Inputs that carry measurement noise give the cost of a dead time a minimum of its own in every sample
-    interval. For the middle of each interval nearby, the cost is minimised over all other parameters to
-    first order; what comes within a few units of the likelihood of the best is worth a fit of its own.
-    """
-    rivals = []
-    for spec, part in zip(row.specs, row.slices, strict=True):
-        for k, name in enumerate(spec.structure.names):
-            if name.startswith("dead"):
-                rivals += _rivals(row, theta, ar, weights, part.start + k, reach)
-    return sorted(rivals, key=lambda rival: rival[0])
-
-
-def _rivals(row: Row, theta: Array, ar: Array, weights: Array, index: int, reach: int) -> list[tuple[float, Array]]:
-    m = next(m for m, part in enumerate(row.slices) if part.start <= index < part.stop)
-    spec, part = row.specs[m], row.slices[m]
-    h = row.pieces[0].h
-    here = int(theta[index] / h)
-    middles = (np.arange(max(here - reach, 0), here + reach + 1) + 0.5) * h
-    tried = np.concatenate([[theta[index]], middles[np.abs(middles - theta[index]) > 0.5 * h]])
-    others = np.delete(np.arange(theta.size), index)
-    gram, moment, power, count = 0.0, 0.0, 0.0, 0
-    for k, piece in enumerate(row.pieces):
-        y, valid = row.measured(k)
-        if y.size <= ar.size + 1:
-            continue
-        use = whitened_valid(ar.size, valid)
-        response, gradient = row.response_and_gradient(theta, k)
-        candidates = np.empty((tried.size, y.size))
-        for c, value in enumerate(tried):
-            p = theta[part].copy()
-            p[index - part.start] = value
-            u, hold = piece.inputs[spec.column], piece.hold[spec.column]
-            candidates[c] = spec.structure.response(p, u, piece.h, hold, row.stride)
-        errors = np.where(valid, y - response, 0.0)[:, None] + (candidates[0] - candidates).T
-        errors[~valid] = 0.0
-        basis = orthonormal(whiten(ar, row.nuisance(theta, k))[use])
-        e = weights[k] * whiten(ar, errors)[use]
-        j = weights[k] * whiten(ar, gradient[:, others])[use]
-        e, j = e - basis @ (basis.T @ e), j - basis @ (basis.T @ j)
-        gram, moment, power = gram + j.T @ j, moment + j.T @ e, power + np.sum(e**2, axis=0)
-        count += int(use.sum())
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    steps = np.linalg.lstsq(gram / np.outer(scale, scale), moment / scale[:, None], rcond=1e-12)[0]
-    cost = power - np.sum(moment / scale[:, None] * steps, axis=0)
-    close = cost[1:] < cost[0] * (1 + NEAR / max(count, 1))
-    lowest = np.r_[True, cost[2:] <= cost[1:-1]] & np.r_[cost[1:-1] <= cost[2:], True]
-    found = []
-    for c in np.flatnonzero(close & lowest)[:6] + 1:
-        rival = theta.copy()
-        rival[index] = tried[c]
-        rival[others] += np.clip(steps[:, c] / scale, -np.abs(theta[others]) / 3, np.abs(theta[others]) / 3)
-        found.append((float(cost[c]), rival))
-    return sorted(found, key=lambda pair: pair[0])[:3]

@@ -1,8 +1,8 @@
 """Disturbances that reach several outputs, and what they do to estimates with a noise model for each output.
 
 If a disturbance shows in one output before it reaches another, the controller acts on it in time, and OP is
-then related to the prediction errors of the other output: the direct fit is biased, and its covariance does
-not know.
+then correlated with the prediction errors of the other output: the direct fit is biased, and its covariance does
+not show it.
 """
 
 from __future__ import annotations
@@ -11,43 +11,32 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.intervals import normal_intervals, widened
 from trueplant.identify.joint import fit_until_white
 from trueplant.identify.output import OutputEstimate
-
-LAGS = 8
-"""Past prediction errors, at the stride of the estimate, that are looked at."""
-SIGNIFICANT = 1e-2
-"""Of the relation, over all pairs of outputs."""
-TIMES = 3.0
-"""Where no joint noise model is found: factor on the standard errors of an output whose prediction errors another
-output foretells: in simulated cases of this kind (Wood-Berry under its own feed disturbance) the bias was up to four
-of them."""
+from trueplant.identify.portmanteau import correlogram
 
 
-def crossed_outputs(estimates: Mapping[int, OutputEstimate]) -> dict[int, list[int]]:
-    """For each output the others whose past prediction errors foretell its own."""
+def predicted_outputs(estimates: Mapping[int, OutputEstimate]) -> dict[int, list[int]]:
+    """For each output the others whose past prediction errors predict its own."""
     pairs = [(i, j) for i in estimates for j in estimates if i != j]
     found: dict[int, list[int]] = {}
     for i, j in pairs:
         here, there = estimates[i].tests, estimates[j].tests
-        if _foretells(here.t, here.e, there.t, there.e) * len(pairs) < SIGNIFICANT:
+        if _relation_p(here.t, here.e, there.t, there.e) * len(pairs) < levels.SHARED_DISTURBANCE:
             found.setdefault(i, []).append(j)
     return found
 
 
-def _foretells(t: Array, e: Array, s: Array, x: Array) -> float:
-    """p-value that e is unrelated to the last LAGS values of x, taken at the same instants."""
+def _relation_p(t: Array, e: Array, s: Array, x: Array) -> float:
+    """p-value that e is unrelated to the last SHARED_LAGS values of x, taken at the same instants."""
     common, at, of = np.intersect1d(np.round(t, 9), np.round(s, 9), return_indices=True)
-    if common.size < 10 * LAGS:
+    if common.size < 10 * levels.SHARED_LAGS:
         return 1.0
-    a, b = np.nan_to_num(e[at]), np.nan_to_num(x[of])
-    a, b = a / max(float(np.std(a)), 1e-300), b / max(float(np.std(b)), 1e-300)
-    correlation = np.array([a[k:] @ b[: a.size - k] for k in range(1, LAGS + 1)]) / a.size
-    return float(chi2.sf(a.size * float(np.sum(correlation**2)), LAGS))
+    return correlogram([e[at]], levels.SHARED_LAGS, [x[of]]).p_value()
 
 
 def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate] | None:
@@ -71,17 +60,19 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
     return better
 
 
-def less_sure(estimate: OutputEstimate, others: Sequence[int], confidence: float) -> OutputEstimate:
+def widened_for_shared_disturbance(
+    estimate: OutputEstimate, others: Sequence[int], confidence: float
+) -> OutputEstimate:
     """The estimate with its standard errors and intervals as wide as such disturbances ask for."""
-    extra = (TIMES**2 - 1) * np.diag(estimate.covariance)
+    extra = (levels.SHARED_FACTOR**2 - 1) * np.diag(estimate.covariance)
     intervals = np.array(
         [
             widened((float(low), float(high)), float(value), float(more), confidence)
             for (low, high), value, more in zip(estimate.intervals, estimate.theta, extra, strict=True)
         ]
     )
-    covariance = estimate.covariance * TIMES**2
-    unprofiled = None if estimate.unprofiled is None else estimate.unprofiled * TIMES**2
+    covariance = estimate.covariance * levels.SHARED_FACTOR**2
+    unprofiled = None if estimate.unprofiled is None else estimate.unprofiled * levels.SHARED_FACTOR**2
     return replace(
-        estimate, covariance=covariance, intervals=intervals, unprofiled=unprofiled, foretold_by=tuple(others)
+        estimate, covariance=covariance, intervals=intervals, unprofiled=unprofiled, predicted_by=tuple(others)
     )

@@ -1,6 +1,6 @@
-"""Slow moves of the plant that its structure lacks: what the prediction errors say of them, and what they cost.
+"""Slow responses of the plant that its structure lacks: a test of the prediction errors, and the error they cause.
 
-Correlation with the last samples of an input (`residual_tests`) sees little of a response that goes on for hundreds of
+Correlation with the last samples of an input (`residual_tests`) hardly shows a response that lasts for hundreds of
 them: its share of each is small. G (lead s + 1)/(lag s + 1) with a slow lag is G at lead = lag, and the score test by
 the lead (Rao 1948) needs no fit of it.
 """
@@ -14,22 +14,17 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from trueplant.arrays import Array
-from trueplant.identify.estimate import UNDERMODELLED
+from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, evaluate, fit_row
+from trueplant.identify.levels import UNDERMODELLED
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.row import Row
-from trueplant.identify.search import dead_time_of, lag_of
 
 Indices = NDArray[np.intp]
 
-SLOWER = (3.0, 10.0)
-"""Slow lags that are tried, in those of the element with its dead time."""
-SPANS = 3.0
-"""The record is at least this many times as long as a lag that is tried."""
-
 
 def slow_p(fit: RowFit) -> Array:
-    """(n_columns,) p-value that no element goes on moving slowly after what its structure describes.
+    """(n_columns,) p-value that no element responds more slowly than its structure describes.
 
     1 for inputs whose element is not estimated, integrates, or is so slow that the record does not show more.
     """
@@ -43,11 +38,11 @@ def slow_p(fit: RowFit) -> Array:
 def slow_lags(fit: RowFit, m: int) -> list[float]:
     """The slow lags to try beside element m."""
     spec, p = fit.row.specs[m], fit.theta[fit.row.slices[m]]
-    own = lag_of(spec.structure.names, p) + dead_time_of(spec.structure.names, p)
-    longest = max(piece.span for piece in fit.row.pieces) / SPANS
-    if spec.structure.integrators or own <= 0 or SLOWER[0] * own > longest:
+    own = spec.structure.lag(p) + spec.structure.longest_dead_time(p)
+    longest = max(piece.span for piece in fit.row.pieces) / levels.SLOW_SPANS
+    if spec.structure.integrators or own <= 0 or levels.SLOW_LAGS[0] * own > longest:
         return []
-    return list(dict.fromkeys(min(times * own, longest) for times in SLOWER))
+    return list(dict.fromkeys(min(times * own, longest) for times in levels.SLOW_LAGS))
 
 
 def _score_p(fit: RowFit, m: int, lags: list[float]) -> float:
@@ -56,7 +51,7 @@ def _score_p(fit: RowFit, m: int, lags: list[float]) -> float:
     point = evaluate(row, theta, fit.ar, fit.weights)
     noise = np.arange(theta.size, theta.size + fit.ar.size)
     known = np.concatenate([own[fit.free], noise])
-    leads = np.setdiff1d(np.flatnonzero([name.startswith("lead") for name in row.names]), own)
+    leads = np.setdiff1d(np.flatnonzero(row.is_lead), own)
     explained = [
         point.slope[of] @ inverse(point.information[np.ix_(of, of)]) @ point.slope[of]
         for of in (known, np.concatenate([known, leads]))
@@ -69,7 +64,7 @@ def _with_slow(fit: RowFit, m: int, lags: list[float], leads: list[float]) -> tu
     spec = fit.row.specs[m]
     old = spec.structure
     wider = replace(old, lags=old.lags + len(lags), leads=old.leads + len(leads))
-    slow = replace(spec, structure=wider, start=None)
+    slow = replace(spec, structure=wider, initial=None)
     row = replace(fit.row, specs=(*fit.row.specs[:m], slow, *fit.row.specs[m + 1 :]))
     first = fit.row.slices[m].start
     places = np.arange(fit.theta.size)
@@ -103,9 +98,7 @@ def slow_errors(fit: RowFit, p: Array, confidence: float) -> Array:
 
 def _slowest(fit: RowFit, m: int) -> float:
     """The largest lag of element m."""
-    part = fit.row.slices[m]
-    named = zip(fit.row.names[part], fit.theta[part], strict=True)
-    return max(float(value) for name, value in named if name.startswith("tau"))
+    return float(np.max(fit.theta[fit.row.slices[m]][fit.row.specs[m].structure.is_lag]))
 
 
 def _refitted(fit: RowFit, m: int) -> tuple[RowFit, Indices]:

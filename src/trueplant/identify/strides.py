@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from trueplant.identify import levels
 from trueplant.identify.blocks import block_length
 from trueplant.identify.row import Spec
-from trueplant.identify.search import dead_time_of, lag_of
 from trueplant.record.types import Segment
 
-SAMPLES_PER_LAG = 80
-"""More samples than this per lag of the fastest element are left out of long records."""
-ENOUGH_SAMPLES = 1000
+
+@dataclass(frozen=True)
+class Sampling:
+    """Which samples of the records an estimate takes, and how well their instants are known."""
+
+    stride: int = 1
+    """Samples from one prediction error to the next (`choose_stride`)."""
+    update: int = 1
+    """Samples for which PV is held by its instrument or historian (`samples_per_update`)."""
+    block: int | None = None
+    """Samples of the blocks into which long records are cut (`choose_block`); None: they are not cut."""
+    timing: float = 0.0
+    """Standard error, in time units, of the instants at which OP acts or PV is read. No fit can see it: it is added to
+    that of every dead time."""
 
 
 def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_interval: float) -> int:
@@ -24,8 +36,8 @@ def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_int
     h = segments[0].h
     held = samples_per_update(update_interval, h)
     samples = sum(len(segment) for segment in segments)
-    wanted = int(min((a for a in _answers(specs) if a > 0), default=0.0) / SAMPLES_PER_LAG / h)
-    return held * max(1, min(wanted, samples // ENOUGH_SAMPLES) // held)
+    wanted = int(min((a for a in _answers(specs) if a > 0), default=0.0) / levels.SAMPLES_PER_LAG / h)
+    return held * max(1, min(wanted, samples // levels.ENOUGH_SAMPLES) // held)
 
 
 def choose_block(segments: Sequence[Segment], specs: Sequence[Spec]) -> int:
@@ -35,7 +47,7 @@ def choose_block(segments: Sequence[Segment], specs: Sequence[Spec]) -> int:
 
 def typical_lag(specs: Sequence[Spec]) -> float | None:
     """Median lag of the elements that the model has; None where it has none with a lag."""
-    lags = [lag_of(s.structure.names, np.array(s.start)) for s in specs if s.start is not None]
+    lags = [s.structure.lag(np.array(s.initial)) for s in specs if s.initial is not None]
     return float(np.median([lag for lag in lags if lag > 0])) if any(lag > 0 for lag in lags) else None
 
 
@@ -46,5 +58,5 @@ def samples_per_update(update_interval: float, h: float) -> int:
 
 def _answers(specs: Sequence[Spec]) -> list[float]:
     """How long each element of the model takes to answer, dead time included."""
-    known = [(spec.structure.names, np.array(spec.start)) for spec in specs if spec.start is not None]
-    return [lag_of(names, p) + dead_time_of(names, p) for names, p in known]
+    known = [(spec.structure, np.array(spec.initial)) for spec in specs if spec.initial is not None]
+    return [structure.lag(p) + structure.longest_dead_time(p) for structure, p in known]

@@ -17,14 +17,9 @@ import numpy as np
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import Refused, UsageError
+from trueplant.identify import levels
 from trueplant.identify.varx import Regression, Varx, arrays_of, regression, varx
 from trueplant.record.types import Segment
-
-LARGEST = 40
-"""Order."""
-WELL_INSIDE = 0.4
-"""Least p-value over the elements from which a reduced response counts as the one that it reduces: at the edge of its
-error (0.05) the reduction would double that error at low frequencies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +87,7 @@ def subspace(segments: Sequence[Segment], order: int | None = None, lags: int | 
     root = np.linalg.cholesky(first.noise + 1e-12 * np.trace(first.noise) * np.eye(n_y))
     observed = np.kron(np.eye(p), np.linalg.inv(root)) @ observed
     left, values, _ = np.linalg.svd(observed @ np.asarray(np.linalg.qr(rows.past, mode="r")).T, full_matrices=False)
-    largest = int(min(LARGEST, np.sum(values > 1e-9 * values[0]), len(rows.y) // (5 * width)))
+    largest = int(min(levels.SUBSPACE_LARGEST_ORDER, np.sum(values > 1e-9 * values[0]), len(rows.y) // (5 * width)))
     if largest < 1:
         raise Refused("the past of these records says nothing about their future: no state can be found")
     states = rows.past @ (observed.T @ left[:, :largest]) / np.sqrt(values[:largest])
@@ -102,7 +97,7 @@ def subspace(segments: Sequence[Segment], order: int | None = None, lags: int | 
         A, B, C, K = _realised(states[:, :n], rows)
         model = SubspaceModel(A, B, C, K, first.h, values / np.sqrt(len(rows.y)), first, "")
         p_values, _ = first.distance(model.response(first.tested)[0], first.tested)
-        if order is None and p_values.min() > WELL_INSIDE:
+        if order is None and p_values.min() > levels.SUBSPACE_INSIDE:
             return replace(
                 model, reason=f"order {n}: the least whose response is that of the ARX model within its error"
             )

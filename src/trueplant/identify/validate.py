@@ -7,18 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
+from scipy.stats import norm
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.linear_algebra import eliminated
 from trueplant.identify.noise import fit_ar, whiten
+from trueplant.identify.portmanteau import correlogram
 from trueplant.identify.row import Piece, Row
-from trueplant.identify.search import lag_of
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction
-
-LAGS = 25
 
 
 def fit_percent(y: Array, simulated: Array) -> float:
@@ -73,7 +72,10 @@ def validate(fit: RowFit) -> Validation | None:
         test = (longest.from_sample(cut),)
     row = replace(fit.row, pieces=train)
     samples = sum(int(row.measured(k)[1].sum()) for k in range(len(train)))
-    if samples < 4 * (fit.theta.size + fit.ar.size) or min(t.y.size for t in test) < 3 * fit.theta.size:
+    if (
+        samples < levels.SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.size)
+        or min(t.y.size for t in test) < 3 * fit.theta.size
+    ):
         return None
     trained = fit_row(row, fit.theta, fit.ar, iterations=30)
     # Data that say little about some parameter would condemn the plant for that: it keeps its value there.
@@ -84,7 +86,7 @@ def validate(fit: RowFit) -> Validation | None:
 def _score(fit: RowFit, theta: Array, pieces: tuple[Piece, ...]) -> float:
     row = fit.row
     systems = row_systems(row, theta)
-    lags = [lag_of(s.structure.names, theta[part]) for s, part in zip(row.specs, row.slices, strict=True)]
+    lags = [s.structure.lag(theta[part]) for s, part in zip(row.specs, row.slices, strict=True)]
     measured = np.concatenate([np.where(p.valid, p.y, np.nan) for p in pieces])
     return fit_percent(measured, np.concatenate([simulate_piece(p, systems, lags) for p in pieces]))
 
@@ -113,49 +115,31 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
     The inputs are whitened by an autoregression first, so that the correlations at different lags are
     nearly independent under the hypothesis.
     """
-    errors = residuals(fit)
     stride = fit.row.stride
-    lags = np.arange(1, LAGS + 1)
-    columns = fit.row.pieces[0].inputs.shape[0]
-    sums = np.zeros(LAGS)
-    pairs = np.zeros(LAGS)
-    power, count = 0.0, 0
-    cross = np.zeros((columns, LAGS))
-    cross_pairs = np.zeros((columns, LAGS))
-    cross_power = np.zeros(columns)
-    cross_count = np.zeros(columns)
-    times, values = [], []
-    clock = 0.0
-    for piece, (_, e, ok), weight in zip(fit.row.pieces, errors, fit.weights, strict=True):
-        x = np.where(ok, e, 0.0) * weight
-        m = ok.astype(float)
-        power += float(x @ x)
-        count += int(ok.sum())
-        for k in lags[lags < x.size]:
-            sums[k - 1] += x[k:] @ x[:-k]
-            pairs[k - 1] += m[k:] @ m[:-k]
-        for c in range(columns):
-            w = _prewhitened(piece.inputs[c, ::stride][: x.size])
-            cross_power[c] += float(w @ w)
-            cross_count[c] += w.size
-            for k in lags[lags < x.size]:
-                cross[c, k - 1] += x[k:] @ w[:-k]
-                cross_pairs[c, k - 1] += m[k:].sum()
-        times.append(clock + piece.h * stride * np.arange(x.size))
-        values.append(e)
-        clock += piece.h * piece.y.size
-    variance = power / max(count, 1)
-    acf = np.divide(sums, pairs * variance, out=np.zeros(LAGS), where=pairs * variance > 0)
-    used = pairs > 0
-    statistic = float(np.sum(pairs[used] * acf[used] ** 2))
-    whiteness = float(chi2.sf(statistic, max(int(used.sum()) - fit.ar.size, 1)))
-    spread = np.sqrt(variance * cross_power / np.maximum(cross_count, 1))[:, None]
-    size = cross_pairs * spread
-    ccf = np.divide(cross, size, out=np.zeros_like(cross), where=size > 0)
-    cross_p = chi2.sf(np.sum(cross_pairs * ccf**2, axis=1), LAGS)
-    cross_p[cross_power == 0] = 1.0
-    bound = float(norm.ppf(0.5 + confidence / 2) / np.sqrt(max(count, 1)))
-    return ResidualTests(np.concatenate(times), np.concatenate(values), lags, acf, bound, whiteness, ccf, cross_p)
+    errors = [e for _, e, _ in residuals(fit)]
+    weighted = [e * weight for e, weight in zip(errors, fit.weights, strict=True)]
+    own = correlogram(weighted, levels.RESIDUAL_LAGS)
+    columns = range(fit.row.pieces[0].inputs.shape[0])
+    inputs = [
+        [_prewhitened(piece.inputs[c, ::stride][: e.size]) for piece, e in zip(fit.row.pieces, errors, strict=True)]
+        for c in columns
+    ]
+    crossed = [correlogram(weighted, levels.RESIDUAL_LAGS, past) for past in inputs]
+    begins = np.cumsum([0.0, *(piece.h * piece.y.size for piece in fit.row.pieces)])
+    times = [
+        begin + piece.h * stride * np.arange(e.size)
+        for begin, piece, e in zip(begins[:-1], fit.row.pieces, errors, strict=True)
+    ]
+    return ResidualTests(
+        t=np.concatenate(times),
+        e=np.concatenate(errors),
+        lags=np.arange(1, levels.RESIDUAL_LAGS + 1),
+        acf=own.value[:, 0, 0],
+        bound=float(norm.ppf(0.5 + confidence / 2) / np.sqrt(max(own.count, 1))),
+        whiteness_p=own.p_value(fit.ar.size),
+        ccf=np.array([cross.value[:, 0, 0] for cross in crossed]),
+        cross_p=np.array([cross.p_value() for cross in crossed]),
+    )
 
 
 def _prewhitened(u: Array, order: int = 8) -> Array:

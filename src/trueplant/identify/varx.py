@@ -16,19 +16,10 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import Refused, UsageError
+from trueplant.identify import levels
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.mismatch.sampling import sampled_frequency_response
 from trueplant.record.types import Segment
-
-LAGS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
-"""The longest that the record affords is used."""
-SPANNED = 2.0
-"""The lags have to span so many times the slowest lag of a plant, and its dead time, for the plant to be tested."""
-SAMPLES_PER_COEFFICIENT = 8
-TESTED = 12
-"""Frequencies at which a model is held against the response."""
-RESOLVED = 1e-8
-"""Share of the largest variance below which a direction of the response is not a measurement of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +58,7 @@ class Varx:
         that the data resolve; without w at `tested`. A plant estimated from the same data fits a little better than
         chance.
 
-        Raises Refused where the lags are too short for a plant this slow: it would be held against a bias.
+        Raises Refused where the lags are too short for a plant this slow: the test would find its own bias.
         """
         needed = max((_settling(element) for row in plant.elements for element in row), default=0.0)
         if self.lags * self.h < needed:
@@ -80,8 +71,8 @@ class Varx:
 
     @property
     def tested(self) -> Array:
-        """TESTED frequencies, from half a period in the lags to a quarter of the sampling rate."""
-        return np.geomspace(np.pi / (self.lags * self.h), np.pi / self.h / 2, TESTED)
+        """VARX_TESTED frequencies, from half a period in the lags to a quarter of the sampling rate."""
+        return np.geomspace(np.pi / (self.lags * self.h), np.pi / self.h / 2, levels.VARX_TESTED)
 
     def distance(self, response: ComplexArray, w: Array) -> tuple[Array, Array]:
         """The test for any response between samples (n_w, n_y, n_u) at w."""
@@ -101,7 +92,7 @@ class Varx:
                 gap = np.concatenate([apart[:, i, j].real, apart[:, i, j].imag])
                 scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
                 values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-                kept = values > RESOLVED * values[-1]
+                kept = values > levels.VARX_RESOLVED * values[-1]
                 distance = np.sum((vectors[:, kept].T @ (gap / scale)) ** 2 / values[kept])
                 dof[i, j] = kept.sum()
                 p[i, j] = chi2.sf(distance, dof[i, j])
@@ -143,7 +134,7 @@ def varx(segments: Sequence[Segment], lags: int | None = None) -> Varx:
     if np.any(moved == 0):
         raise Refused(f"input {int(np.argmin(moved)) + 1} does not move in these records: nothing can be said of it")
     if lags is None:
-        lags = max((p for p in LAGS if _enough(data, p)), default=0)
+        lags = max((p for p in levels.VARX_LAGS if _enough(data, p)), default=0)
     rows = regression(data, lags, lags) if lags > 0 else None
     if rows is None or len(rows.y) < 2 * rows.past.shape[1]:
         raise Refused("the records are too short for a vector ARX model: more samples without gaps are needed")
@@ -193,14 +184,14 @@ def regression(data: Sequence[tuple[Array, Array]], lags: int, first: int) -> Re
 def _enough(data: Sequence[tuple[Array, Array]], lags: int) -> bool:
     """Are there SAMPLES_PER_COEFFICIENT rows for each coefficient of an output?"""
     samples = sum(max(len(y) - lags, 0) for y, _ in data)
-    return bool(samples >= SAMPLES_PER_COEFFICIENT * lags * (data[0][0].shape[1] + data[0][1].shape[1]))
+    return bool(samples >= levels.SAMPLES_PER_COEFFICIENT * lags * (data[0][0].shape[1] + data[0][1].shape[1]))
 
 
 def _settling(element: TransferFunction) -> float:
     poles = element.poles
     decaying = poles[poles.real < 0]
     slowest = float(np.max(-1 / decaying.real)) if decaying.size else 0.0
-    return SPANNED * slowest + max((term.dead_time for term in element.terms), default=0.0)
+    return levels.VARX_SPAN * slowest + max((term.dead_time for term in element.terms), default=0.0)
 
 
 def arrays_of(segment: Segment) -> tuple[Array, Array]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import LoopError
+from trueplant.loop import levels
 from trueplant.loop.controller import Controller
 from trueplant.loop.pid import PID, Entry
 from trueplant.lti.sampled import expm, realise, sampled_response
@@ -86,7 +87,7 @@ def _scan_steps(entry: Entry, h: float) -> int:
     if entry.sample_time is None:
         return 1
     steps = round(entry.sample_time / h)
-    if steps < 1 or abs(steps * h - entry.sample_time) > 1e-6 * h:
+    if steps < 1 or abs(steps * h - entry.sample_time) > levels.WHOLE_SCAN * h:
         raise LoopError(
             f"the scan of a controller ({entry.sample_time:g}) must be a whole multiple of the step ({h:g}): "
             f"choose a step that divides it"

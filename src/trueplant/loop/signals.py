@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from trueplant.arrays import Array
 from trueplant.errors import LoopError
+from trueplant.loop import levels
 
 
 def random_steps(steps: int, h: float, mean_interval: float, amplitudes: ArrayLike, seed: int) -> Array:
@@ -60,7 +61,7 @@ def arma(steps: int, c: ArrayLike, a: ArrayLike, std: ArrayLike, seed: int) -> A
         raise LoopError(
             "a must begin with 1 and have its roots inside the unit circle: the disturbance must be stationary"
         )
-    before = int(np.ceil(np.log(1e-6) / np.log(slowest))) if slowest > 0 else 0
+    before = int(np.ceil(np.log(levels.DECAYED) / np.log(slowest))) if slowest > 0 else 0
     before += num.size + den.size
     e = np.random.default_rng(seed).standard_normal((before + steps, size.size))
     impulse = lfilter(num, den, np.eye(1, 2 * before + 1)[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,6 +62,26 @@ def _measurement(
         hit = streams[1].random(shape) < probability
         outliers = np.where(hit, size * streams[1].standard_normal(shape), 0.0)
     return noisy, outliers
+
+
+@dataclass(frozen=True, eq=False)
+class _Surroundings:
+    """All that acts on a loop besides its controller: first axis time, but for quantum, limits and operating point."""
+
+    added: Array
+    """(N, n_y) disturbances and noise on PV."""
+    spikes: Array
+    """(N, n_y)"""
+    quantum: Array
+    """(n_y,) of each PV, 0 for none."""
+    behind: Array
+    """(N, n_u) added to OP behind the controller."""
+    limits: Array
+    """(n_u, 2) of OP."""
+    u0: Array
+    """(n_u,) operating point."""
+    y0: Array
+    """(n_y,)"""
 
 
 def _wide(limits: ArrayLike | None, controller: Controller | None, n_u: int) -> Array:
@@ -139,9 +159,8 @@ def simulate(
     else:
         if u is not None:
             raise LoopError("give either a controller or the inputs u, not both")
-        op, measured, plant_y = _closed(
-            plant, controller, setpoints, h, added + noisy, outliers, quantum, behind, bounds, start_u, start_y
-        )
+        around = _Surroundings(added + noisy, outliers, quantum, behind, bounds, start_u, start_y)
+        op, measured, plant_y = _closed(plant, controller, setpoints, h, around)
     if not (np.all(np.isfinite(measured)) and np.all(np.isfinite(op))):
         raise UnstableLoop("the simulated loop runs away to infinity: check gains, signs and action with check_loop")
     keep = slice(None, None, record_every)
@@ -156,18 +175,9 @@ def simulate(
 
 
 def _closed(
-    plant: TransferMatrix,
-    controller: Controller,
-    r: Array,
-    h: float,
-    added: Array,
-    spikes: Array,
-    quantum: Array,
-    behind: Array,
-    bounds: Array,
-    u0: Array,
-    y0: Array,
+    plant: TransferMatrix, controller: Controller, r: Array, h: float, around: _Surroundings
 ) -> tuple[Array, Array, Array]:
+    """OP, measured PV and the plant's own output from its operating point on."""
     if (controller.n_u, controller.n_y) != (plant.shape[1], plant.shape[0]):
         raise LoopError(
             f"the controller has {controller.n_u} inputs and {controller.n_y} outputs, the plant {plant.shape[1]} and "
@@ -178,7 +188,7 @@ def _closed(
     law = law_of(controller, h)
     r_mean, r_end = np.empty((2, law.i.size, r.shape[0]))
     for e, entry in enumerate(controller.entries.values()):
-        own = np.concatenate([[y0[law.j[e]]], r[:, law.j[e]]])
+        own = np.concatenate([[around.y0[law.j[e]]], r[:, law.j[e]]])
         if isinstance(entry, PID) and entry.setpoint_filter is not None:
             if entry.sample_time is None:
                 halves = filtered_setpoint(entry, np.repeat(own, 2), h / 2, own[0])
@@ -190,10 +200,10 @@ def _closed(
         else:
             r_end[e] = own[1:]
         r_mean[e] = r_end[e] if entry.sample_time is not None else (own[:-1] + own[1:]) / 2
-    x, integral = rest(law, y0[law.j], y0[law.j], u0, bounds)
-    op, measured, plant_y = run_loop(
-        terms_of(plant, h), law, r_mean, r_end, added, spikes, quantum, behind, bounds, u0, y0, x, integral
-    )
+    at_rest = around.y0[law.j]
+    x, integral = rest(law, at_rest, at_rest, around.u0, around.limits)
+    given = (getattr(around, f.name) for f in fields(around))
+    op, measured, plant_y = run_loop(terms_of(plant, h), law, r_mean, r_end, *given, x, integral)
     return op, measured, plant_y
 
 

@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import IllPosedLoop, LoopError, UnstableLoop
+from trueplant.loop import levels
 from trueplant.loop.controller import Controller
 from trueplant.loop.kernel import Terms, terms_of
 from trueplant.loop.pid import PID, Entry, hold
 from trueplant.lti.transfer import TransferMatrix
 
 Function = Callable[[ComplexArray], ComplexArray]
-
-_MOST_POINTS = 400_000
 
 
 @dataclass(frozen=True)
@@ -47,9 +46,9 @@ def unstable_poles(plant: TransferMatrix, controller: Controller) -> int:
     h = controller.scan
     law = _continuous_part(controller) if h else controller
     rates = _rates(plant, law, h)
-    sigma = 1.0137e-7 * rates.slowest
+    sigma = levels.LEFT_OF_AXIS * rates.slowest
     if h:
-        sigma = max(sigma, 1e-10 / h)
+        sigma = max(sigma, levels.LEFT_WHEN_SAMPLED / h)
     open_loop = _multiplicity(plant, _plant_poles(plant), rates, lambda p: p.real > -sigma)
     if h:
         outside = np.exp(-sigma * h)
@@ -65,7 +64,7 @@ def unstable_poles(plant: TransferMatrix, controller: Controller) -> int:
         open_loop += _multiplicity(controller, _law_poles(law), rates, lambda p: p.real > -sigma)
         phase = _continuous_phase(plant, controller, sigma, rates)
     count = open_loop - phase / np.pi
-    if abs(count - round(count)) > 0.05:
+    if abs(count - round(count)) > levels.UNDECIDED:
         raise LoopError("whether the closed loop is stable cannot be decided: it is too close to its limit")
     return round(count)
 
@@ -121,21 +120,22 @@ def _multiplicity(
     scale = max(rates.slowest, 1e-12)
     left = list(poles[unstable(poles)])
     while left:
-        near = [p for p in left if abs(p - left[0]) < 1e-4 * max(abs(left[0]), scale)]
+        near = [p for p in left if abs(p - left[0]) < levels.SAME_POLE * max(abs(left[0]), scale)]
         left = [p for p in left if p not in near]
         centre = np.mean(near)
         distance = np.abs(rates.poles - centre)
-        others = distance[distance > 1e-3 * max(abs(centre), scale)]
-        radius = 0.4 * float(np.min(others, initial=max(abs(centre), rates.slowest)))
+        others = distance[distance > levels.OTHER_POLE * max(abs(centre), scale)]
+        radius = levels.CIRCLE * float(np.min(others, initial=max(abs(centre), rates.slowest)))
         if rates.dead_time > 0:
             radius = min(radius, 1 / rates.dead_time)
-        turn = np.exp(2j * np.pi * np.arange(64) / 64)
+        points = levels.CIRCLE_POINTS
+        turn = np.exp(2j * np.pi * np.arange(points) / points)
         around = system(np.asarray(centre + radius * turn, dtype=np.complex128))
-        order = min(len(near), 8)
-        laurent = [np.tensordot(turn**m, around, (0, 0)) / 64 for m in range(1, 2 * order)]
+        order = min(len(near), levels.MOST_MULTIPLE)
+        laurent = [np.tensordot(turn**m, around, (0, 0)) / points for m in range(1, 2 * order)]
         hankel = np.block([[laurent[a + b] for b in range(order)] for a in range(order)])
         singular = np.linalg.svd(hankel, compute_uv=False)
-        total += int(np.sum(singular > 1e-6 * np.max(np.abs(around))))
+        total += int(np.sum(singular > levels.NO_POLE * np.max(np.abs(around))))
     return total
 
 
@@ -159,12 +159,13 @@ def _continuous_phase(plant: TransferMatrix, controller: Controller, sigma: floa
     def loop(s: ComplexArray) -> ComplexArray:
         return plant(s) @ controller(s)
 
-    far = loop(np.asarray(rates.fastest * np.array([1e8, 1e9]), dtype=np.complex128))
-    if not np.all(np.isfinite(far)) or np.max(np.abs(far[1])) > 2 * np.max(np.abs(far[0])) + 1e-3:
+    far = loop(np.asarray(rates.fastest * np.array(levels.FAR), dtype=np.complex128))
+    low, high = (np.max(np.abs(response)) for response in far)
+    if not np.all(np.isfinite(far)) or high > levels.GROWING * low + levels.GROWING_FROM:
         raise LoopError("the loop's gain grows without limit at high frequency: add a filter to the derivative")
     direct = far[1].real
     eye = np.eye(plant.shape[0])
-    if abs(np.linalg.det(eye + direct)) < 1e-6 * max(1.0, float(np.linalg.norm(direct))):
+    if abs(np.linalg.det(eye + direct)) < levels.ILL_POSED * max(1.0, float(np.linalg.norm(direct))):
         raise IllPosedLoop(
             "I + G Q is singular at infinite frequency: the model passes its input on without lag, and the controller "
             "exactly undoes that. Add the lag or dead time that the plant must have"
@@ -179,8 +180,8 @@ def _continuous_phase(plant: TransferMatrix, controller: Controller, sigma: floa
     while True:
         tail = reduced(_on_line(sigma, np.geomspace(top, 1e3 * top, 2000)))
         largest = float(np.max(np.abs(np.linalg.eigvals(tail))))
-        levels_out = largest > 0.5 * before
-        if largest < 0.5 or (levels_out and largest < 0.99):
+        levels_out = largest > levels.LEVELS_OUT * before
+        if largest < levels.SMALL_LOOP or (levels_out and largest < levels.BELOW_ONE):
             break
         if levels_out:
             raise UnstableLoop(
@@ -209,7 +210,9 @@ def _phase_along(loop: Function, sigma: float, top: float, rates: _Rates) -> flo
     undecided = LoopError("whether the closed loop is stable cannot be decided: it is too close to its limit")
     resonances = rates.poles[np.abs(rates.poles.imag) > 0]
     near = np.abs(resonances.imag)[:, None] + np.abs(resonances.real + sigma)[:, None] * np.geomspace(1e-2, 1e2, 20)
-    w = np.concatenate([[0.0], np.geomspace(1e-2 * sigma, top, 600), near.ravel(), (2 * near[:, :1] - near).ravel()])
+    w = np.concatenate(
+        [[0.0], np.geomspace(1e-2 * sigma, top, levels.FIRST_POINTS), near.ravel(), (2 * near[:, :1] - near).ravel()]
+    )
     w = np.unique(w[(w >= 0) & (w <= top)])
     value = difference(w)
     while True:
@@ -218,13 +221,14 @@ def _phase_along(loop: Function, sigma: float, top: float, rates: _Rates) -> flo
         except np.linalg.LinAlgError as error:
             raise undecided from error
         size = np.max(np.abs(value - np.eye(value.shape[-1])), axis=(1, 2))
-        turning = np.diff(w) * rates.dead_time > 1.0
-        coarse = ~np.all(np.abs(change - 1) < 0.6, axis=1) | (turning & (size[1:] + size[:-1] > 0.5))
+        turning = np.diff(w) * rates.dead_time > levels.DEAD_TIME_TURN
+        near_one = np.all(np.abs(change - 1) < levels.LARGEST_CHANGE, axis=1)
+        coarse = ~near_one | (turning & (size[1:] + size[:-1] > levels.QUIET_LOOP))
         if not np.any(coarse):
             return float(np.sum(np.angle(change)))
         left, right = w[:-1][coarse], w[1:][coarse]
         middle = np.where((left > 0) & (right > 2 * left), np.sqrt(left * right), (left + right) / 2)
-        if w.size + middle.size > _MOST_POINTS or np.any((middle <= left) | (middle >= right)):
+        if w.size + middle.size > levels.MOST_POINTS or np.any((middle <= left) | (middle >= right)):
             raise undecided
         order = np.argsort(np.concatenate([w, middle]))
         value = np.concatenate([value, difference(middle)])[order]

@@ -16,16 +16,13 @@ from functools import reduce
 import numpy as np
 
 from trueplant.errors import FormulaError
+from trueplant.lti import levels
 from trueplant.lti.grammar import Call, Name, Node, Number, Operation, fail, parse
 from trueplant.lti.printing import to_formula
 from trueplant.lti.transfer import Term, TransferFunction
 from trueplant.lti.transform import Transform, parse_pv
 
 __all__ = ["Transform", "parse_pv", "require_proper", "tf", "to_formula"]
-
-HIGHEST_POWER = 20
-HIGHEST_ORDER = 60
-MOST_TERMS = 100
 
 Polynomial = tuple[float, ...]
 _ONE: Polynomial = (1.0,)
@@ -134,8 +131,8 @@ class _Reader:
         if exponent is None or len(exponent) != 1 or not exponent[0].is_integer():
             fail(self.text, node.at, "a power must be a whole number; fractional orders are not transfer functions")
         power = exponent[0]
-        if abs(power) > HIGHEST_POWER:
-            fail(self.text, node.at, f"power {power:g} is too high; at most {HIGHEST_POWER} is read")
+        if abs(power) > levels.HIGHEST_POWER:
+            fail(self.text, node.at, f"power {power:g} is too high; at most {levels.HIGHEST_POWER} is read")
         if power < 0:
             base = self._inverse(base, node)
         result: _Value = {0.0: [_Fraction((1.0,))]}
@@ -172,8 +169,8 @@ class _Reader:
 
     def _multiplied(self, left: _Value, right: _Value, at: int) -> _Value:
         size = sum(map(len, left.values())) * sum(map(len, right.values()))
-        if size > MOST_TERMS:
-            fail(self.text, at, f"multiplying out gives {size} terms; at most {MOST_TERMS} are handled")
+        if size > levels.MOST_TERMS:
+            fail(self.text, at, f"multiplying out gives {size} terms; at most {levels.MOST_TERMS} are handled")
         # Sums of dead times keep the 15 digits that decimal input has: 0.2 + 0.47 is 0.67.
         return self._collected(
             [
@@ -204,8 +201,8 @@ class _Reader:
             part = self._checked(part, at)
             if part.num:
                 kept.append(part)
-        if sum(map(len, value.values())) > MOST_TERMS:
-            fail(self.text, at, f"more than {MOST_TERMS} different terms; at most that many are handled")
+        if sum(map(len, value.values())) > levels.MOST_TERMS:
+            fail(self.text, at, f"more than {levels.MOST_TERMS} different terms; at most that many are handled")
         return {dead_time: fractions for dead_time, fractions in value.items() if fractions}
 
     def _checked(self, part: _Fraction, at: int) -> _Fraction:
@@ -216,8 +213,8 @@ class _Reader:
             num = num[:-1]
             den.remove((1.0, 0.0))
         order = max(len(num) - 1, sum(len(p) - 1 for p in den))
-        if order > HIGHEST_ORDER:
-            fail(self.text, at, f"order {order} is too high; at most {HIGHEST_ORDER} is handled")
+        if order > levels.HIGHEST_ORDER:
+            fail(self.text, at, f"order {order} is too high; at most {levels.HIGHEST_ORDER} is handled")
         if not all(map(math.isfinite, num + sum(den, ()))):
             fail(self.text, at, "the coefficients overflow here; use smaller numbers")
         return _Fraction(num, tuple(den))

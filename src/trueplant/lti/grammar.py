@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from trueplant.errors import FormulaError
+from trueplant.lti import levels
 
-LONGEST = 2000
-DEEPEST = 40
 _WINDOW = 40
+"""Characters shown on each side of an error."""
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[^\W\d]\w*)|(?P<sign>\*\*|[-+*/^()]))"
@@ -76,8 +76,8 @@ def parse(text: str, variable: str, functions: Iterable[str]) -> Node:
         raise FormulaError(f"a formula is text or a number, not {type(text).__name__}")
     if not text.strip():
         raise FormulaError(f"the formula is empty; write one in {variable}, or 0 for none")
-    if len(text) > LONGEST:
-        raise FormulaError(f"the formula has {len(text)} characters; {LONGEST} is the most that is read")
+    if len(text) > levels.LONGEST_FORMULA:
+        raise FormulaError(f"the formula has {len(text)} characters; {levels.LONGEST_FORMULA} is the most that is read")
     return _Parser(text, variable, tuple(functions)).whole()
 
 
@@ -117,8 +117,8 @@ class _Parser:
 
     def _deeper(self, at: int) -> None:
         self.depth += 1
-        if self.depth > DEEPEST:
-            fail(self.text, at, f"nested deeper than {DEEPEST} levels; write the formula flatter")
+        if self.depth > levels.DEEPEST_NESTING:
+            fail(self.text, at, f"nested deeper than {levels.DEEPEST_NESTING} levels; write the formula flatter")
 
     def whole(self) -> Node:
         tree = self._sum()

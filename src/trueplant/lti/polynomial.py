@@ -8,11 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trueplant.arrays import ComplexArray
-
-# A root of multiplicity m comes back scattered by about eps^(1/m); these are the circles tried, widest first:
-# all roots the same one, and so on down to all different.
-_SCATTER = (np.inf, 1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 0.0)
-_ROUNDING = 1e-13
+from trueplant.lti import levels
 
 
 def natural_scale(coefficients: ArrayLike) -> NDArray[np.float64]:
@@ -34,13 +30,13 @@ def distinct_roots(coefficients: Sequence[float]) -> list[tuple[complex, int]] |
     at_zero = len(coefficients) - len(trimmed)
     found = np.roots(trimmed).astype(complex)
     scale = natural_scale(trimmed)
-    for circle in _SCATTER:
+    for circle in levels.SCATTER:
         clusters = _clustered(found, circle)
         pairs = [(p, m) for p, m in clusters if p.imag >= 0]
         if sum(m * (1 if p.imag == 0 else 2) for p, m in pairs) != len(found):
             continue
         product = np.abs(multiplied_out(trimmed[0], pairs) - trimmed)
-        if np.all(product <= _ROUNDING * scale):
+        if np.all(product <= levels.MULTIPLIED_OUT * scale):
             return ([(0j, at_zero)] if at_zero else []) + pairs
     return None
 

@@ -13,15 +13,11 @@ from functools import reduce
 import numpy as np
 
 from trueplant.arrays import Array
+from trueplant.lti import levels
 from trueplant.lti.polynomial import distinct_roots, natural_scale
 from trueplant.lti.transfer import Term, TransferFunction, TransferMatrix
 
 Factor = tuple[float, ...]
-
-_ROUNDING = 1e-12
-# Two factors whose roots agree to this are one factor; also how far dead times may differ and be equal.
-_SAME = 1e-9
-_SAME_DEAD_TIME = 1e-12
 
 
 def simplified(g: TransferFunction) -> TransferFunction:
@@ -32,7 +28,7 @@ def simplified(g: TransferFunction) -> TransferFunction:
     groups: list[list[Term]] = []
     for term in sorted(g.terms, key=lambda t: t.dead_time):
         last = groups[-1][0].dead_time if groups else -1.0
-        if groups and term.dead_time - last <= _SAME_DEAD_TIME * last:
+        if groups and term.dead_time - last <= levels.SAME_DEAD_TIME * last:
             groups[-1].append(term)
         else:
             groups.append([term])
@@ -57,7 +53,7 @@ def _lowest(terms: Sequence[Term]) -> Term:
         scale = np.asarray(
             np.polyadd(scale, np.convolve(natural_scale(term.num), natural_scale(cofactor))), dtype=float
         )
-    num = np.trim_zeros(np.where(np.abs(num) <= _ROUNDING * scale, 0.0, num), "f")
+    num = np.trim_zeros(np.where(np.abs(num) <= levels.ROUNDING * scale, 0.0, num), "f")
     if not num.size:
         return Term((0.0,))
     den = np.convolve(terms[0].den, _multiplied(common - owned[0]))
@@ -67,7 +63,7 @@ def _lowest(terms: Sequence[Term]) -> Term:
         reduced, times = _divided(reduced, factor, multiplicity, num, scale)
         left[factor] -= times
     if left != common:
-        num = np.where(np.abs(reduced) <= _ROUNDING * natural_scale(reduced), 0.0, reduced)
+        num = np.where(np.abs(reduced) <= levels.ROUNDING * natural_scale(reduced), 0.0, reduced)
         den = _multiplied(left)
     return Term(tuple(num), tuple(den), terms[0].dead_time)
 
@@ -95,7 +91,7 @@ def _equal(a: Factor, b: Factor) -> bool:
     if len(a) != len(b):
         return False
     radius = abs(a[-1]) ** (1 / (len(a) - 1))
-    return bool(np.all(np.abs(np.subtract(a, b)) <= _SAME * radius ** np.arange(len(a))))
+    return bool(np.all(np.abs(np.subtract(a, b)) <= levels.SAME_FACTOR * radius ** np.arange(len(a))))
 
 
 def _multiplied(factors: Counter[Factor]) -> Array:
@@ -111,7 +107,9 @@ def _divided(num: Array, factor: Factor, at_most: int, whole: Array, scale: Arra
     roots = np.roots(factor)
     radius = np.abs(roots)
     with np.errstate(divide="ignore", invalid="ignore"):
-        rounding = _ROUNDING * np.nan_to_num(np.polyval(scale, radius) / np.polyval(np.abs(whole), radius), nan=1.0)
+        rounding = levels.ROUNDING * np.nan_to_num(
+            np.polyval(scale, radius) / np.polyval(np.abs(whole), radius), nan=1.0
+        )
     times = 0
     while times < at_most and len(num) >= len(factor):
         if np.any(np.abs(np.polyval(num, roots)) > rounding * np.polyval(np.abs(num), radius)):

@@ -13,10 +13,8 @@ from numpy.typing import ArrayLike
 
 from trueplant.arrays import Array
 from trueplant.errors import FormulaError
+from trueplant.lti import levels
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
-
-WHOLE_SAMPLE = 1e-9
-"""A dead time this close to whole samples (relative to one) is taken as whole samples."""
 
 
 @njit(cache=True)
@@ -135,9 +133,9 @@ def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear:
 def split_dead_time(dead_time: float, h: float) -> tuple[int, float]:
     """Whole samples q and remainder phi in [0, 1), so that dead_time = (q + phi) h."""
     samples = dead_time / h
-    q = int(np.floor(samples + WHOLE_SAMPLE))
+    q = int(np.floor(samples + levels.WHOLE_SAMPLE))
     phi = samples - q
-    return q, (phi if phi > WHOLE_SAMPLE else 0.0)
+    return q, (phi if phi > levels.WHOLE_SAMPLE else 0.0)
 
 
 def rows_response(

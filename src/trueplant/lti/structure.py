@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from trueplant.arrays import Array, ComplexArray
+from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.errors import FormulaError
 from trueplant.lti.sampled import rows_response
 from trueplant.lti.transfer import Term, TransferFunction
@@ -36,7 +36,8 @@ class Block:
 
 @dataclass(frozen=True)
 class Structure:
-    """How many of each factor an element has. Parameters are ordered as `names`."""
+    """How many of each factor an element has. Parameters are ordered as `names`; `is_gain` and the masks beside it tell
+    of which kind each is."""
 
     lags: int = 1
     leads: int = 0
@@ -106,12 +107,76 @@ class Structure:
         z = p + self.leads
         return slice(0, g), slice(g, t), slice(t, p), slice(p, z), slice(z, len(self.names))
 
+    def _mask(self, part: slice) -> BoolArray:
+        mask = np.zeros(len(self.names), dtype=bool)
+        mask[part] = True
+        mask.flags.writeable = False
+        return mask
+
+    @cached_property
+    def is_gain(self) -> BoolArray:
+        """(n_p,) the gains; slopes where the element integrates."""
+        return self._mask(self._slices()[0])
+
+    @cached_property
+    def is_lag(self) -> BoolArray:
+        """(n_p,) the time constants of real poles."""
+        return self._mask(self._slices()[1])
+
+    @cached_property
+    def is_frequency(self) -> BoolArray:
+        """(n_p,) the natural frequencies of complex pairs; the damping follows each."""
+        pairs = self._slices()[2]
+        return self._mask(slice(pairs.start, pairs.stop, 2))
+
+    @cached_property
+    def is_damping(self) -> BoolArray:
+        """(n_p,) the damping ratios of complex pairs."""
+        pairs = self._slices()[2]
+        return self._mask(slice(pairs.start + 1, pairs.stop, 2))
+
+    @cached_property
+    def is_lead(self) -> BoolArray:
+        """(n_p,) the time constants of zeros."""
+        return self._mask(self._slices()[3])
+
+    @cached_property
+    def is_dead_time(self) -> BoolArray:
+        """(n_p,)"""
+        return self._mask(self._slices()[4])
+
+    def parameters(
+        self,
+        gain: ArrayLike,
+        lag: ArrayLike,
+        frequency: ArrayLike,
+        damping: ArrayLike,
+        lead: ArrayLike,
+        dead_time: ArrayLike,
+    ) -> Array:
+        """Parameters (n_p,) put together by kind: each argument is one number for all of a kind, or one each."""
+        p = np.empty(len(self.names))
+        kinds = (self.is_gain, self.is_lag, self.is_frequency, self.is_damping, self.is_lead, self.is_dead_time)
+        for kind, value in zip(kinds, (gain, lag, frequency, damping, lead, dead_time), strict=True):
+            p[kind] = value
+        return p
+
+    def lag(self, p: Array) -> float:
+        """Sum of the lags: how long the element takes to answer, without its dead time."""
+        return float(np.sum(p[self.is_lag]) + np.sum(1 / p[self.is_frequency]))
+
+    def longest_dead_time(self, p: Array) -> float:
+        """The longest dead time; 0 without one."""
+        return float(np.max(p[self.is_dead_time], initial=0.0))
+
     def units(self, output_unit: str, input_unit: str, time_unit: str) -> tuple[str, ...]:
         """The unit of each parameter, in the order of `names`."""
         gain = gain_unit(output_unit, input_unit)
-        table = {"gain": gain, "slop": gain_unit(gain, time_unit), "zeta": ""}
-        table["omeg"] = f"rad/{time_unit}" if time_unit else ""
-        return tuple(table.get(name[:4], time_unit) for name in self.names)
+        units = np.full(len(self.names), time_unit, dtype=object)
+        units[self.is_gain] = gain_unit(gain, time_unit) if self.integrators else gain
+        units[self.is_frequency] = f"rad/{time_unit}" if time_unit else ""
+        units[self.is_damping] = ""
+        return tuple(units)
 
     def polynomials(self, p: Array) -> tuple[Array, Array]:
         """Numerator and denominator without gains and dead times, descending powers."""
@@ -208,10 +273,9 @@ class Structure:
     @property
     def time_scales(self) -> Array:
         """Exponent (n_p,) with which each parameter scales when time is stretched by a factor; dead time 0."""
-        return np.array(
-            [0 if re.match("gain|zeta|dead", n) else -1 if re.match("omega|slope", n) else 1 for n in self.names],
-            dtype=float,
-        )
+        exponents = np.where(self.is_lag | self.is_lead, 1.0, 0.0)
+        exponents[self.is_frequency | (self.is_gain if self.integrators else False)] = -1.0
+        return exponents
 
 
 def gain_unit(output_unit: str, input_unit: str) -> str:

@@ -14,11 +14,9 @@ from scipy.stats import f as fisher
 
 from trueplant.arrays import Array
 from trueplant.lti.transfer import TransferMatrix
+from trueplant.mismatch import levels
 from trueplant.mismatch.local import FrequencyResponse
 from trueplant.mismatch.sampling import sampled_frequency_response
-
-NEGLIGIBLE = 0.01
-"""Of an element's response: what local polynomials get wrong themselves, and never held against a plant."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +48,7 @@ def within_band(response: FrequencyResponse, plant: TransferMatrix) -> BandTest:
     for i in range(n_y):
         for j in range(n_u):
             covariance = response.covariance[trusted][..., i, j]
-            allowed = (NEGLIGIBLE * size[..., i, j]) ** 2
+            allowed = (levels.BAND_NEGLIGIBLE * size[..., i, j]) ** 2
             covariance = covariance + np.eye(n_p) * allowed[:, :, None]
             d = apart[..., i, j]
             distance = np.einsum("wp,wp->w", d.conj(), np.linalg.solve(covariance, d[..., None])[..., 0]).real

@@ -16,19 +16,10 @@ from scipy.stats import beta
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import Refused, UsageError
+from trueplant.mismatch import levels
 from trueplant.mismatch.local import gathered, moved
+from trueplant.record.spectra import window_spectra
 from trueplant.record.types import Segment
-
-AVERAGES = 4
-"""Windows without overlap for each set-point, and as many more."""
-SHORTEST = 16
-"""Samples of a window."""
-BATCH = 2**16
-"""Samples that are transformed at once."""
-OVERLAP = 1 / 36
-"""Squared correlation of Hann windows that overlap by half."""
-ABSENT = 1e-14
-"""Of the set-points' greatest power: directions with less are rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +44,7 @@ def coherence(
     segments: Sequence[Segment],
     which: Literal["r", "u"] = "r",
     window: int | None = None,
-    significance: float = 0.05,
+    significance: float = levels.UNRELATED,
 ) -> Coherence:
     """Coherence of the outputs and inputs with the set-points (which="r"), or of the outputs with the inputs ("u").
 
@@ -69,10 +60,10 @@ def coherence(
     references = moved(segments, "joint" if which == "r" else "direct")
     signals = [np.hstack(z) for z in zip(outputs, inputs, strict=True)] if which == "r" else outputs
     n_r, lengths = references[0].shape[1], [len(r) for r in references]
-    length = min(sum(lengths) // (AVERAGES * (n_r + 1)), max(lengths)) if window is None else window
+    length = min(sum(lengths) // (levels.AVERAGES * (n_r + 1)), max(lengths)) if window is None else window
     powers = [_powers(np.hstack(x), length) for x in zip(references, signals, strict=True)]
     count = sum(windows for _, windows in powers)
-    independent = count / (1 + 2 * OVERLAP * (count - 1) / max(count, 1))
+    independent = count / (1 + 2 * levels.HANN_OVERLAP * (count - 1) / max(count, 1))
     if independent < n_r + 2:
         raise Refused(
             f"{sum(lengths)} samples hold too few windows to tell what {n_r} "
@@ -98,17 +89,14 @@ def coherence(
 def _powers(x: Array, length: int) -> tuple[ComplexArray, int]:
     """(length // 2 + 1, n, n) spectral matrix summed over Hann windows of half overlap without their means, and how
     many they are."""
-    total = np.zeros((length // 2 + 1, x.shape[1], x.shape[1]), dtype=complex)
-    if not SHORTEST <= length <= len(x):
-        return total, 0
-    cut = np.lib.stride_tricks.sliding_window_view(x, length, axis=0)[:: length - length // 2].transpose(0, 2, 1)
-    hann = (0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length))[:, None]
-    batch = max(1, BATCH // length)
-    for k in range(0, len(cut), batch):
-        some = cut[k : k + batch]
-        spectra = np.fft.rfft((some - some.mean(axis=1, keepdims=True)) * hann, axis=1)
+    total, windows = np.zeros((length // 2 + 1, x.shape[1], x.shape[1]), dtype=complex), 0
+    if length < levels.SHORTEST_WINDOW:
+        return total, windows
+    hann = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)
+    for spectra in window_spectra(x, hann, length - length // 2):
         total += np.einsum("kfi,kfj->fij", spectra.conj(), spectra)
-    return total, len(cut)
+        windows += len(spectra)
+    return total, windows
 
 
 def _explained(S: ComplexArray, chosen: Sequence[int], n_r: int) -> Array:
@@ -121,7 +109,7 @@ def _explained(S: ComplexArray, chosen: Sequence[int], n_r: int) -> Array:
     between = S[:, pick][:, :, pick] / np.outer(power, power)
     across = S[:, pick, n_r:] / power[:, None]
     values, vectors = np.linalg.eigh(between)
-    inverse = np.where(values > ABSENT, 1 / np.where(values > ABSENT, values, 1.0), 0.0)
+    inverse = np.where(values > levels.ABSENT_POWER, 1 / np.where(values > levels.ABSENT_POWER, values, 1.0), 0.0)
     along = vectors.conj().transpose(0, 2, 1) @ across
     explained = np.sum(np.abs(along) ** 2 * inverse[:, :, None], axis=1)
     total = np.einsum("fii->fi", S[:, n_r:, n_r:]).real

@@ -12,21 +12,13 @@ from trueplant.errors import Refused
 from trueplant.loop.controller import Controller
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import TransferMatrix
+from trueplant.mismatch import levels
 from trueplant.mismatch.local import FrequencyResponse, local_response
 from trueplant.mismatch.periodic import periodic_response
 from trueplant.mismatch.reduction import fit_structure
 from trueplant.record.types import Segment
 
 Element = tuple[int, int]
-
-ROUNDS = 6
-BEYOND_CORNER = 3.0
-"""Times the corner frequency of the model's slowest element: where noise hides all below, gains read from the rest were
-wrong by many standard errors (joint form, simulated Wood-Berry, AR(2) disturbance)."""
-LEAST_DOF = 4
-"""Complex degrees of freedom of the noise at a line from which its size is known well enough to weight with."""
-SETTLED = 0.05
-"""Largest change of a parameter between rounds, in standard errors, at which they end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,16 +57,17 @@ def fit_locally(
     plant, converged = model, False
     respond = periodic_response if periodic else local_response
     corner = min((abs(p) for place in structures for p in model[place].poles if p), default=np.inf)
-    for round_ in range(ROUNDS):
+    for round_ in range(levels.FIT_ROUNDS):
         response = respond(segments, method, plant, controller, near=round_ > 0)
-        if periodic and response.dof < LEAST_DOF:
+        if periodic and response.dof < levels.LEAST_DOF:
             raise Refused(
                 f"{response.periods} periods after the transient leave the noise {response.dof} degree"
-                f"{'s'[: response.dof > 1]} of freedom at a line, and parameters need {LEAST_DOF}: record more periods"
+                f"{'s'[: response.dof > 1]} of freedom at a line, and parameters need {levels.LEAST_DOF}: "
+                "record more periods"
             )
         clear = response.reliable.reshape(-1, response.points).all(axis=1) | (method == "closed-form")
         lowest = response.w.reshape(-1, response.points)[clear].min(initial=np.inf)
-        if clear.any() and lowest > BEYOND_CORNER * corner:
+        if clear.any() and lowest > levels.BEYOND_CORNER * corner:
             raise Refused(
                 f"noise hides how the loop answers below {lowest:.2g} rad per time unit, and the gains with it: use a "
                 "longer record or larger set-point changes"
@@ -102,7 +95,7 @@ def fit_locally(
 
 
 def _settled(before: Array, now: Array, covariance: Array) -> bool:
-    limit = SETTLED * np.sqrt(np.diag(covariance)) + 1e-9 * np.abs(before)
+    limit = levels.SETTLED * np.sqrt(np.diag(covariance)) + 1e-9 * np.abs(before)
     return bool(np.all(np.abs(now - before) <= limit))
 
 

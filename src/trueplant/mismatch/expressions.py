@@ -13,9 +13,7 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.errors import LoopError, Refused, UsageError
-
-WORST_CONDITION = 1e8
-"""Above this condition number of the excitation matrix its inverse is rounding, not data."""
+from trueplant.mismatch import levels
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +103,7 @@ def joint(
     condition, usable = _excitation(R)
     X = _ratio(Y - model @ U, R, usable, weights)
     U_r = _ratio(U, R, usable, weights)
-    spans = usable & (_condition(U_r) < WORST_CONDITION)
+    spans = usable & (_condition(U_r) < levels.WORST_CONDITION)
     if not spans.any():
         raise Refused(
             "the inputs move in proportion in all experiments, so that their effects cannot be told apart: "
@@ -190,7 +188,7 @@ def _excitation(R: ComplexArray) -> tuple[Array, BoolArray]:
             "or leave its loop out of the matrix"
         )
     condition = _condition(R)
-    usable = condition < WORST_CONDITION
+    usable = condition < levels.WORST_CONDITION
     if not usable.any():
         raise Refused(
             "the set-points move in proportion in all experiments, so that R(s) has no inverse and their effects "

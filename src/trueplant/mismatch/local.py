@@ -18,20 +18,13 @@ from trueplant.errors import LoopError, Refused, UsageError
 from trueplant.loop.controller import Controller
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferMatrix
+from trueplant.mismatch import levels
 from trueplant.mismatch.expressions import over_controller
 from trueplant.mismatch.polynomial import Windows, fit_windows
 from trueplant.mismatch.sampling import hold_response, sampled_frequency_response
 from trueplant.record.types import Segment
 
 METHODS = ("joint", "closed-form", "direct")
-MOST_MISSING = 0.1
-"""Share of missing PV samples that is still bridged by straight lines."""
-LINEAR = 0.15
-"""Relative noise of the loop's response up to which errors are carried to first order."""
-NEIGHBOURS = 4
-"""Lines to each side that tell how far noise hides the loop's response at a line."""
-SPEAKS = 0.5
-"""Relative standard error below which a frequency says something."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +37,7 @@ class FrequencyResponse:
 
     w: Array
     value: ComplexArray
-    """(n_w, n_y, n_u) continuous response G(jw), as well as samples tell it."""
+    """(n_w, n_y, n_u) continuous response G(jw), as far as samples determine it."""
     sampled: ComplexArray
     """(n_w, n_y, n_u) response between the samples of u and of y."""
     std: Array
@@ -66,6 +59,40 @@ class FrequencyResponse:
     def points(self) -> int:
         """Frequencies in one window."""
         return int(self.covariance.shape[1])
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """How u and y were sampled: the sample time, and the hold ("zoh", "linear") of each input."""
+
+    h: float
+    hold: tuple[str, ...]
+
+    def hold_response(self, w: Array) -> ComplexArray:
+        """(n_w, n_u)"""
+        return np.stack([hold_response(w, self.h, one) for one in self.hold], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """Which expression turns responses from set-points into the plant, and what it takes (as in `local_response`)."""
+
+    method: str
+    model: TransferMatrix | None
+    controller: Controller | None
+    near: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Expressed:
+    """The mismatch at the points of each window, and its error left dZ right, dZ being that of the windows."""
+
+    delta: ComplexArray
+    """(n_win, points, n_y, n_u)"""
+    left: ComplexArray
+    right: ComplexArray
+    spread: Array
+    """(n_win, points) relative standard error of the loop's own response: where large, first order is not enough."""
 
 
 def local_response(
@@ -101,7 +128,8 @@ def local_response(
     joined = method == "joint"
     signals = [np.hstack(z) for z in zip(errors, inputs, strict=True)] if joined else errors
     windows = fit_windows(references, signals, h, poles=poles)
-    return plant_response(windows, (n_y, n_u), method, model, controller, near, h, hold, tuple(notes))
+    form = Form(method, model, controller, near)
+    return plant_response(windows, (n_y, n_u), form, Sampled(h, hold), tuple(notes))
 
 
 def gathered(segments: Sequence[Segment]) -> tuple[float, tuple[str, ...], list[Array], list[Array], list[str]]:
@@ -128,35 +156,51 @@ def moved(segments: Sequence[Segment], method: str) -> list[Array]:
 def plant_response(
     windows: Windows,
     shape: tuple[int, int],
-    method: str,
-    model: TransferMatrix | None,
-    controller: Controller | None,
-    near: bool,
-    h: float,
-    hold: tuple[str, ...],
+    form: Form,
+    sampled: Sampled,
     notes: tuple[str, ...] = (),
     periods: int = 0,
 ) -> FrequencyResponse:
     """The plant (shape n_y, n_u) from responses to set-points, with the covariance on top of theirs.
 
-    `windows` hold the responses of (e, u) for the joint form, of e otherwise; the rest is as in `local_response`.
+    `windows` hold the responses of (e, u) for the joint form, of e otherwise.
     """
     n_y, n_u = shape
-    base = TransferMatrix.of([[0.0] * n_u] * n_y) if model is None else model
-    if method == "direct":
+    found = _expressed(windows, shape, form, sampled)
+    spread = _steadied(found.spread, windows.gram) if periods else found.spread
+    base = TransferMatrix.of([[0.0] * n_u] * n_y) if form.model is None else form.model
+    covariance = _variance(windows, found.left, found.right)
+    variance = np.einsum("wppik->wpik", covariance).real
+    w = windows.w.ravel()
+    delta = found.delta.reshape(w.size, n_y, n_u)
+    return FrequencyResponse(
+        w=w,
+        value=base(1j * w) + delta / sampled.hold_response(w)[:, None, :],
+        sampled=sampled_frequency_response(base, w, sampled.h, sampled.hold) + delta,
+        std=np.sqrt(np.maximum(variance, 0.0)).reshape(delta.shape),
+        covariance=covariance,
+        reliable=(spread < levels.FIRST_ORDER).ravel(),
+        h=sampled.h,
+        hold=sampled.hold,
+        method=form.method,
+        dof=windows.dof,
+        notes=notes,
+        periods=periods,
+    )
+
+
+def _expressed(windows: Windows, shape: tuple[int, int], form: Form, sampled: Sampled) -> _Expressed:
+    n_y, n_u = shape
+    if form.method == "direct":
         delta = windows.value
         left = np.broadcast_to(np.eye(n_y, dtype=complex), (*delta.shape[:2], n_y, n_y))
         right = np.broadcast_to(np.eye(n_u, dtype=complex), (*delta.shape[:2], n_u, n_u))
-        spread = np.zeros(delta.shape[:2])
-    elif method == "joint":
-        delta, left, right, spread = _joint(windows, n_y)
-    elif model is None or controller is None:
+        return _Expressed(delta, left, right, np.zeros(delta.shape[:2]))
+    if form.method == "joint":
+        return _joint(windows, n_y)
+    if form.model is None or form.controller is None:
         raise LoopError("the closed form needs a model and a declared controller: use the joint form without")
-    else:
-        delta, left, right, spread = _closed(windows, model, controller, h, hold, near)
-    if periods:
-        spread = _steadied(spread, windows.gram)
-    return _assembled(windows, delta, left, right, spread < LINEAR, base, h, hold, method, notes, periods)
+    return _closed(windows, form.model, form.controller, sampled, form.near)
 
 
 def speaking_band(response: FrequencyResponse) -> tuple[tuple[tuple[float, float] | None, ...], ...]:
@@ -170,7 +214,7 @@ def speaking_band(response: FrequencyResponse) -> tuple[tuple[tuple[float, float
     known = np.where(response.reliable[:, None, None], np.nan_to_num(known, posinf=1e300), 0.0)
     if response.periods:
         known[1:-1] = known[:-2] + known[1:-1] + known[2:]
-    speaks = known > 1 / SPEAKS**2
+    speaks = known > 1 / levels.SPEAKS**2
     _, n_y, n_u = speaks.shape
     return tuple(tuple(_longest_run(response.w, speaks[:, i, j]) for j in range(n_u)) for i in range(n_y))
 
@@ -200,10 +244,11 @@ def _bridged(segment: Segment, notes: list[str]) -> Array:
     y = segment.y.copy()
     for i in range(y.shape[1]):
         missing = ~np.isfinite(y[:, i])
-        if missing.mean() > MOST_MISSING:
+        if missing.mean() > levels.MOST_MISSING:
             raise Refused(
                 f"{100 * missing.mean():.0f} % of output {i + 1} is missing in experiment {segment.experiment + 1}: "
-                f"local models need at least {100 * (1 - MOST_MISSING):.0f} % of the samples; use a parametric fit"
+                f"local models need at least {100 * (1 - levels.MOST_MISSING):.0f} % of the samples; "
+                "use a parametric fit"
             )
         if missing.any():
             at = np.arange(len(y))
@@ -216,7 +261,7 @@ def _bridged(segment: Segment, notes: list[str]) -> Array:
     return relative
 
 
-def _joint(windows: Windows, n_y: int) -> tuple[ComplexArray, ComplexArray, ComplexArray, Array]:
+def _joint(windows: Windows, n_y: int) -> _Expressed:
     """Delta = E_r U_r^-1, the factors of its error [I, -Delta] dZ_r U_r^-1, and the size of dU_r U_r^-1."""
     E_r, U_r = windows.value[:, :, :n_y], windows.value[:, :, n_y:]
     n_u, n_r = U_r.shape[2:]
@@ -226,12 +271,13 @@ def _joint(windows: Windows, n_y: int) -> tuple[ComplexArray, ComplexArray, Comp
     delta = E_r @ inverse
     identity = np.broadcast_to(np.eye(n_y, dtype=complex), (*delta.shape[:3], n_y))
     select = np.broadcast_to(np.eye(n_y + n_u, dtype=complex)[n_y:], (*delta.shape[:2], n_u, n_y + n_u))
-    return delta, np.concatenate([identity, -delta], axis=3), inverse, _spread(windows, select, inverse)
+    left = np.concatenate([identity, -delta], axis=3)
+    return _Expressed(delta, left, inverse, _spread(windows, select, inverse))
 
 
 def _closed(
-    windows: Windows, model: TransferMatrix, controller: Controller, h: float, hold: tuple[str, ...], near: bool
-) -> tuple[ComplexArray, ComplexArray, ComplexArray, Array]:
+    windows: Windows, model: TransferMatrix, controller: Controller, sampled: Sampled, near: bool
+) -> _Expressed:
     """(17) with X = E_r F^-1, the factors of its error (I - X)^-1 dE_r F^-1 (G + Q^-1), and the size of (I - X)^-1 dX.
 
     Between samples: u(jw) = h H u_d, r(jw) = h H_zoh r_d and y(jw) = h y_d turn Q into Q/H and F into F H_zoh.
@@ -240,10 +286,9 @@ def _closed(
     if n_y != n_u:
         raise LoopError(f"(17)-(20) need as many inputs as outputs, not {n_u} and {n_y}: use the joint form")
     w = windows.w.ravel()
-    held = np.stack([hold_response(w, h, one) for one in hold], axis=1)
-    Q = controller(1j * w) / held[:, :, None]
-    F = controller.setpoint(1j * w) * hold_response(w, h)[:, None, None]
-    Ghat = sampled_frequency_response(model, w, h, hold)
+    Q = controller(1j * w) / sampled.hold_response(w)[:, :, None]
+    F = controller.setpoint(1j * w) * hold_response(w, sampled.h)[:, None, None]
+    Ghat = sampled_frequency_response(model, w, sampled.h, sampled.hold)
     X = over_controller(windows.value.reshape(w.size, n_y, n_y), F)
     identity = np.broadcast_to(np.eye(n_y, dtype=complex), X.shape)
     left = identity if near else np.linalg.inv(identity - X)
@@ -254,7 +299,7 @@ def _closed(
     square = (*windows.w.shape, n_y, n_y)
     left = left.reshape(square)
     spread = np.zeros(windows.w.shape) if near else _spread(windows, left, over_F.reshape(square))
-    return delta.reshape(square), left, right.reshape(square), spread
+    return _Expressed(delta.reshape(square), left, right.reshape(square), spread)
 
 
 def _variance(windows: Windows, left: ComplexArray, right: ComplexArray) -> ComplexArray:
@@ -280,47 +325,12 @@ def _spread(windows: Windows, left: ComplexArray, right: ComplexArray) -> Array:
 def _steadied(spread: Array, gram: ComplexArray) -> Array:
     """The spread (n_lines, 1) as neighbouring lines have it, on the whole, but for how strong each line is.
 
-    A line that is taken because its own spread came out small, or its response large, would be believed too much.
+    A line that is taken because its own spread came out small, or its response large, would get too small an error.
     """
     strength = np.linalg.slogdet(gram)[1] / (2 * gram.shape[1])
     size = np.log(np.maximum(spread[:, 0], 1e-300)) - strength
     place = np.arange(size.size)
-    low, high = np.maximum(place - NEIGHBOURS, 0), np.minimum(place + NEIGHBOURS + 1, size.size)
+    low, high = np.maximum(place - levels.NEIGHBOURS, 0), np.minimum(place + levels.NEIGHBOURS + 1, size.size)
     total = np.concatenate([[0.0], np.cumsum(size)])
     steady: Array = np.exp((total[high] - total[low]) / (high - low) + strength)[:, None]
     return steady
-
-
-def _assembled(
-    windows: Windows,
-    delta: ComplexArray,
-    left: ComplexArray,
-    right: ComplexArray,
-    reliable: BoolArray,
-    base: TransferMatrix,
-    h: float,
-    hold: tuple[str, ...],
-    method: str,
-    notes: tuple[str, ...],
-    periods: int,
-) -> FrequencyResponse:
-    n_y, n_u = delta.shape[2:]
-    covariance = _variance(windows, left, right)
-    variance = np.einsum("wppik->wpik", covariance).real
-    w = windows.w.ravel()
-    flat = (w.size, n_y, n_u)
-    held = np.stack([hold_response(w, h, one) for one in hold], axis=1)[:, None, :]
-    return FrequencyResponse(
-        w=w,
-        value=base(1j * w) + delta.reshape(flat) / held,
-        sampled=sampled_frequency_response(base, w, h, hold) + delta.reshape(flat),
-        std=np.sqrt(np.maximum(variance, 0.0)).reshape(flat),
-        covariance=covariance,
-        reliable=reliable.ravel(),
-        h=h,
-        hold=hold,
-        method=method,
-        dof=windows.dof,
-        notes=notes,
-        periods=periods,
-    )

@@ -19,27 +19,11 @@ from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError, Refused, UsageError
 from trueplant.loop.controller import Controller
 from trueplant.lti.transfer import TransferMatrix
-from trueplant.mismatch.local import FrequencyResponse, gathered, moved, plant_response
+from trueplant.mismatch import levels
+from trueplant.mismatch.local import Form, FrequencyResponse, Sampled, gathered, moved, plant_response
 from trueplant.mismatch.polynomial import Windows
 from trueplant.mismatch.sampling import sampled_frequency_response
 from trueplant.record.types import Segment
-
-FEWEST = 3
-"""Periods of a stretch: one for the transient, two to tell their spread."""
-SHORTEST = 3
-"""Samples of a period: one line below half the sampling rate."""
-SAME = 1e-6
-"""Of a signal's range: within it two samples count as equal."""
-COVERED = 0.5
-"""Share of the time in which set-points move that has to belong to repetitions."""
-MINIMA = 60
-"""Lags that are looked into as periods."""
-DIFFERS = 0.01
-"""Level at which a period is told from those after it, for all signals together."""
-NEGLIGIBLE = 1e-3
-"""Of the response's size: a period that is off by less is not a transient."""
-EXCITED = 1e-6
-"""Of the strongest line: weaker ones, and directions within a line, are rounding."""
 
 Stretch = tuple[int, int]
 """(first sample, whole periods)."""
@@ -93,14 +77,17 @@ def periodic_response(
         for a, count in _stretches(r, length)
     ]
     if not averaged:
-        raise Refused(f"the {what} do not repeat with a period of {length * h:g} at least {FEWEST} times")
+        raise Refused(
+            f"the {what} do not repeat with a period of {length * h:g} at least {levels.FEWEST_PERIODS} times"
+        )
     windows = _against(_combined(averaged, length, h, what), model, (n_y, n_u), method, h, hold)
     used, left_out = sum(a.used for a in averaged), sum(a.left_out for a in averaged)
     notes.append(
         f"{used} periods of {length * h:g} were averaged, in {len(averaged)} experiment{'s'[: len(averaged) > 1]}; "
         f"{left_out} before them were left out as transient"
     )
-    return plant_response(windows, (n_y, n_u), method, model, controller, near, h, hold, tuple(notes), used)
+    form = Form(method, model, controller, near)
+    return plant_response(windows, (n_y, n_u), form, Sampled(h, hold), tuple(notes), used)
 
 
 def period_of(r: Array, h: float) -> float:
@@ -115,10 +102,10 @@ def period_of(r: Array, h: float) -> float:
 
 def _samples(period: float, h: float) -> int:
     length = round(period / h)
-    if length < SHORTEST or abs(length * h - period) > 1e-6 * period:
+    if length < levels.SHORTEST_PERIOD or abs(length * h - period) > 1e-6 * period:
         raise UsageError(
             f"a period of {period:g} is {period / h:.6g} samples of {h:g}: it has to be a whole number of samples, at "
-            f"least {SHORTEST}; resample the record, or use the local polynomial method"
+            f"least {levels.SHORTEST_PERIOD}; resample the record, or use the local polynomial method"
         )
     return length
 
@@ -131,10 +118,10 @@ def _period(references: Sequence[Array], what: str) -> int:
         samples = sum(count * lag for r in references for _, count in _stretches(r, lag))
         if samples > covered + lag:
             best, covered = lag, samples
-    if covered < COVERED * max(moving, 1):
+    if covered < levels.COVERED * max(moving, 1):
         raise Refused(
-            f"the {what} do not repeat, sample by sample, at least {FEWEST} times: averages over periods need a period "
-            "that is a whole number of samples; use the local polynomial method"
+            f"the {what} do not repeat, sample by sample, at least {levels.FEWEST_PERIODS} times: averages over "
+            "periods need a period that is a whole number of samples; use the local polynomial method"
         )
     return best
 
@@ -151,36 +138,36 @@ def _range(r: Array) -> Array:
 
 
 def _moves(r: Array) -> NDArray[np.bool_]:
-    moves: NDArray[np.bool_] = np.any(np.abs(np.diff(r, axis=0)) > SAME * _range(r), axis=1)
+    moves: NDArray[np.bool_] = np.any(np.abs(np.diff(r, axis=0)) > levels.SAME * _range(r), axis=1)
     return moves
 
 
 def _candidates(r: Array) -> NDArray[np.int64]:
     """Lags at which the mean square of r(t + lag) - r(t) has its lowest minima, by way of the autocorrelation."""
     n = len(r)
-    if n < FEWEST * SHORTEST:
+    if n < levels.FEWEST_PERIODS * levels.SHORTEST_PERIOD:
         return np.zeros(0, dtype=np.int64)
     scaled = (r - r.mean(axis=0)) / np.where(_range(r) > 0, _range(r), 1.0)
     size = 2 ** int(np.ceil(np.log2(2 * n)))
     power = np.sum(np.abs(np.fft.rfft(scaled, size, axis=0)) ** 2, axis=1)
     product = np.fft.irfft(power, size)[:n]
     energy = np.concatenate([[0.0], np.cumsum(np.sum(scaled**2, axis=1))])
-    lags = np.arange(n // FEWEST + 2)
+    lags = np.arange(n // levels.FEWEST_PERIODS + 2)
     apart = (energy[n - lags] + energy[n] - energy[lags] - 2 * product[lags]) / (n - lags)
     lowest = np.flatnonzero((apart[1:-1] <= apart[:-2]) & (apart[1:-1] <= apart[2:])) + 1
-    lowest = lowest[(lowest >= SHORTEST) & (FEWEST * lowest <= n)]
-    return lowest[np.argsort(apart[lowest], kind="stable")[:MINIMA]]
+    lowest = lowest[(lowest >= levels.SHORTEST_PERIOD) & (levels.FEWEST_PERIODS * lowest <= n)]
+    return lowest[np.argsort(apart[lowest], kind="stable")[: levels.MINIMA]]
 
 
 def _stretches(r: Array, lag: int) -> list[Stretch]:
-    """Where r moves and repeats with this lag for at least `FEWEST` periods: whole periods, up to the last sample."""
-    equal = np.all(np.abs(r[lag:] - r[:-lag]) <= SAME * _range(r), axis=1)
+    """Where r moves and repeats with this lag for FEWEST_PERIODS at least: whole periods, up to the last sample."""
+    equal = np.all(np.abs(r[lag:] - r[:-lag]) <= levels.SAME * _range(r), axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]]).astype(int)))
     moves = np.concatenate([[0], np.cumsum(_moves(r))])
     found = []
     for first, end in zip(edges[::2], edges[1::2] + lag, strict=True):
         count = int(end - first) // lag
-        if count >= FEWEST and moves[end - 1] > moves[end - lag]:
+        if count >= levels.FEWEST_PERIODS and moves[end - 1] > moves[end - lag]:
             found.append((int(end) - count * lag, count))
     return found
 
@@ -217,7 +204,7 @@ def _settled_from(spectra: ComplexArray, rounding: float) -> int:
     not white, the lines count for (sum s^2)^2 / sum s^4 (Satterthwaite).
     """
     count, _, n_z = spectra.shape
-    if count == FEWEST:
+    if count == levels.FEWEST_PERIODS:
         return 1
     for first in range(1, count - 2):
         later = spectra[first + 1 :]
@@ -229,7 +216,7 @@ def _settled_from(spectra: ComplexArray, rounding: float) -> int:
         total = np.maximum(spread.sum(axis=0), 1e-300)
         effective = np.maximum(total**2 / np.maximum(np.sum(spread**2, axis=0), 1e-300), 1.0)
         p = fisher.sf(differs / (total * (1 + 1 / m)), 2 * effective, 2 * effective * (m - 1))
-        if np.all((p > DIFFERS / n_z) | (differs <= NEGLIGIBLE**2 * size + rounding**2)):
+        if np.all((p > levels.DIFFERS / n_z) | (differs <= levels.TRANSIENT_NEGLIGIBLE**2 * size + rounding**2)):
             return first
     raise Refused(
         "the response still changes from period to period when the record ends: leave more periods after the transient"
@@ -249,7 +236,7 @@ def _combined(averaged: Sequence[_Averaged], length: int, h: float, what: str) -
     Z = np.stack([a.signal for a in averaged], axis=2) * weight
     scale = np.abs(R).max(axis=(0, 2))[:, None]
     u, singular, vh = np.linalg.svd(R / np.where(scale > 0, scale, 1.0), full_matrices=False)
-    usable = singular[:, -1] > EXCITED * singular.max()
+    usable = singular[:, -1] > levels.EXCITED * singular.max()
     if not usable.any():
         raise Refused(
             f"no line tells the {what} apart: the experiments move them alike; move them in turn or with opposite signs"

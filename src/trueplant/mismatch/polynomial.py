@@ -19,17 +19,12 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import Refused
+from trueplant.mismatch import levels
 
 TERMS = 3
 """Of a polynomial of second degree."""
-DOF = 8
-"""Degrees of freedom that a window leaves for the noise, at least."""
 NODES = np.sqrt(0.75) * np.array([-1.0, 0.0, 1.0])
 """Where in a window (-1 to 1) its polynomial is read: three points hold all that it says."""
-LARGEST_CONDITION = 1e7
-"""Of the regressors of a window, scaled: above it the reference signals cannot be told apart."""
-ROUNDING = 1e-10
-"""Of a reference signal's strongest window: in a window with less it is not there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +68,8 @@ def fit_windows(
     """Local models from references (N_k, n_r) to signals (N_k, n_z) of several records k, all sampled at h.
 
     Records enter with equal noise; each has its own transient. Lengths may differ. Windows are as
-    narrow as `DOF` allows. `poles` are modes (per time unit) that may ring out from before a record; those that are
-    slow against a window count.
+    narrow as `WINDOW_DOF` allows. `poles` are modes (per time unit) that may ring out from before a record; those that
+    are slow against a window count.
 
     Raises Refused for records that are too short, and where no window tells the references apart.
     """
@@ -124,11 +119,11 @@ def fit_windows(
 
 
 def _bins(n_r: int, lengths: Sequence[int], spacing: float, poles: Sequence[complex]) -> int:
-    """Fewest bins of the longest record that leave `DOF`; a shorter one has fewer, and counts if any are left over."""
+    """Fewest bins of the longest record that leave `WINDOW_DOF`; a shorter one counts if any of its are left."""
     relative = np.array(lengths) / max(lengths)
     for m in range(TERMS + 2, max(lengths)):
         left = np.floor(m * relative) - TERMS - _slow(poles, m * spacing).size
-        if np.sum(left[left > 1]) - TERMS * n_r >= DOF:
+        if np.sum(left[left > 1]) - TERMS * n_r >= levels.WINDOW_DOF:
             return m
     raise Refused(f"records of {max(lengths)} samples are too short for a local model of {n_r} reference signals")
 
@@ -137,7 +132,7 @@ def _slow(poles: Sequence[complex], width: float) -> ComplexArray:
     """Distinct modes other than integrators that decay too slowly to be smooth over a window of that width."""
     distinct: list[complex] = []
     for p in poles:
-        if 0 < abs(p) < width and all(abs(p - q) > 0.05 * abs(q) for q in distinct):
+        if 0 < abs(p) < width and all(abs(p - q) > levels.SAME_MODE * abs(q) for q in distinct):
             distinct.append(complex(p))
     return np.array(distinct, dtype=complex)
 
@@ -184,8 +179,8 @@ def _solve(
     left = target - free @ (free.conj().transpose(0, 2, 1) @ target)
     scaled = own / np.where(before > 0, before, 1.0)
     u, singular, vh = np.linalg.svd(scaled, full_matrices=False)
-    present = np.all(before > ROUNDING * before.max(axis=0), axis=(1, 2))
-    usable = present & (singular[:, -1] * LARGEST_CONDITION > np.maximum(singular[:, 0], 1e-12))
+    present = np.all(before > levels.ABSENT_REFERENCE * before.max(axis=0), axis=(1, 2))
+    usable = present & (singular[:, -1] * levels.LARGEST_CONDITION > np.maximum(singular[:, 0], 1e-12))
     inverse = np.where(usable[:, None], 1 / np.where(singular > 0, singular, 1.0), 0.0)
     projected = u.conj().transpose(0, 2, 1) @ left
     back = vh.conj().transpose(0, 2, 1) * inverse[:, None, :] / np.where(before > 0, before, 1.0).transpose(0, 2, 1)
@@ -205,7 +200,7 @@ def _scaled(columns: ComplexArray) -> tuple[ComplexArray, Array]:
 
 
 def _smoothed(noise: ComplexArray) -> ComplexArray:
-    """Mean over each window and its neighbours: the noise spectrum is smoother than one window tells it."""
+    """Mean over each window and its neighbours: the noise spectrum is smoother than its estimate in one window."""
     if len(noise) < 3:
         return noise
     middle = (noise[:-2] + noise[1:-1] + noise[2:]) / 3

@@ -9,13 +9,8 @@ import numpy as np
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import Refused
 from trueplant.lti.structure import Structure
+from trueplant.mismatch import levels
 from trueplant.mismatch.sampling import hold_response, rows_frequency_response
-
-STARTS = 3
-"""Minima of the grid from which the fit is refined."""
-SCALES = 14
-DEAD_TIMES = (30, 150)
-"""Fewest and most on the grid, which reaches to 1/w of the lowest frequency where it can."""
 
 
 def fit_structure(
@@ -26,7 +21,7 @@ def fit_structure(
     h: float | None = None,
     hold: str = "zoh",
     covariance: ComplexArray | None = None,
-    start: Array | None = None,
+    initial: Array | None = None,
 ) -> tuple[Array, Array]:
     """Parameters of a structure and their covariance, by weighted least squares on one element's response.
 
@@ -34,7 +29,7 @@ def fit_structure(
     `hold`, and is fitted by the sampled response of the structure; without h it is the continuous response.
     covariance (n_windows, points, points) replaces std where neighbours are correlated (see FrequencyResponse).
     Points that are not finite are left out. The search starts from a grid of time scales and dead times, whose
-    best minima are refined, or from `start` where given.
+    best minima are refined, or from `initial` where given.
 
     The covariance is that of the weights given, (J* W J)^-1. Raises Refused with fewer points than parameters.
     """
@@ -55,9 +50,11 @@ def fit_structure(
     def jacobian(p: Array) -> Array:
         return _split(whiten(_response(structure, p, w, h, hold)[:, 1:]))
 
-    starts = _grid(structure, w, value, std[keep], h, hold) if start is None else [np.clip(start, low + 1e-9, high)]
+    guesses = (
+        _grid(structure, w, value, std[keep], h, hold) if initial is None else [np.clip(initial, low + 1e-9, high)]
+    )
     best = None
-    for p in starts:
+    for p in guesses:
         found = least_squares(
             residual, p, jacobian, bounds=(low, high), x_scale="jac", max_nfev=100, xtol=1e-12, ftol=1e-12
         )
@@ -115,21 +112,21 @@ def _response(structure: Structure, p: Array, w: Array, h: float | None, hold: s
 
 
 def _grid(structure: Structure, w: Array, value: ComplexArray, std: Array, h: float | None, hold: str) -> list[Array]:
-    """The best starting points on a grid of time scale and dead time, gains by least squares.
+    """The best initial guesses on a grid of time scale and dead time, gains by least squares.
 
     The hold is taken as a factor here: good enough to begin with, and quick. That error and the grid's own are
     allowed for in the weights.
     """
     s = 1j * w
     held = np.ones(w.size) if h is None else hold_response(w, h, hold)
-    clear = np.abs(value) > 3 * std
+    clear = np.abs(value) > levels.CLEAR_RESPONSE * std
     largest = np.max(np.abs(value[clear] if clear.any() else value))
     weight = 1 / np.sqrt(std**2 + (0.02 * largest) ** 2)
     power = np.abs(value) * weight
-    loud = w[power >= 0.1 * power.max()]
+    loud = w[power >= levels.LOUD * power.max()]
     goal = _split(value * weight)
     step = 0.7 / loud.max()
-    count = int(np.clip(1 / (w.min() * step), *DEAD_TIMES)) if structure.has_dead_time else 1
+    count = int(np.clip(1 / (w.min() * step), *levels.DEAD_TIMES)) if structure.has_dead_time else 1
     dead_times = step * np.arange(count)
     # with one dead time the zeros are linear too, as coefficients of the numerator
     powers = structure.leads if structure.delayed == 1 else 0
@@ -137,7 +134,7 @@ def _grid(structure: Structure, w: Array, value: ComplexArray, std: Array, h: fl
     delays = dead_times[:, None] + step * np.arange(structure.delayed)
     late = np.exp(-s[:, None] * delays[:, None, :])
     candidates: list[tuple[float, Array]] = []
-    for scale in np.geomspace(0.3 / loud.max(), 5 / w.min(), SCALES):
+    for scale in np.geomspace(0.3 / loud.max(), 5 / w.min(), levels.SCALES):
         p = _guess(structure, float(scale))
         num, den = structure.polynomials(p)
         shape = weight * held / np.polyval(den, s) * (1.0 if powers else np.polyval(num, s))
@@ -159,12 +156,11 @@ def _grid(structure: Structure, w: Array, value: ComplexArray, std: Array, h: fl
     for _, p in candidates:
         if not chosen or all(structure.has_dead_time and abs(p[-1] - q[-1]) > 1.5 * step for q in chosen):
             chosen.append(p)
-        if len(chosen) == STARTS:
+        if len(chosen) == levels.GUESSES:
             break
     return chosen
 
 
 def _guess(structure: Structure, scale: float) -> Array:
-    values = {"gain": 1.0, "slope": 1.0, "omega": 1 / scale, "zeta": 0.7, "lead": scale / 3, "dead": 0.0}
-    values |= {f"tau{k + 1}": scale * 0.5**k for k in range(structure.lags)}
-    return np.array([next(v for key, v in values.items() if name.startswith(key)) for name in structure.names])
+    lags = scale * 0.5 ** np.arange(structure.lags)
+    return structure.parameters(1.0, lags, 1 / scale, 0.7, scale / 3, 0.0)

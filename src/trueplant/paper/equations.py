@@ -11,10 +11,11 @@ from numpy.linalg import inv, solve
 from trueplant.arrays import ComplexArray
 from trueplant.errors import Refused
 from trueplant.mismatch import closed_form
+from trueplant.paper import levels
 from trueplant.paper.entry import Entry
 from trueplant.plants import mill
 
-SEED, POINTS, TOLERANCE = 0, 9, 1e-10
+SEED, POINTS = 0, 9
 
 
 def equations() -> list[Entry]:
@@ -22,10 +23,17 @@ def equations() -> list[Entry]:
     found = []
     for number, what, left, right in _sides():
         residual = _residual(left, right)
-        note = f"largest difference of the two sides relative to the larger; tolerance: {TOLERANCE:g}"
+        note = f"largest difference of the two sides relative to the larger; tolerance: {levels.EQUATIONS:g}"
         extra = _REMARKS.get(number, "")
         found.append(
-            Entry(f"eq{number}", what, "an identity", residual, residual < TOLERANCE, f"{note}. {extra}".rstrip(". "))
+            Entry(
+                f"eq{number}",
+                what,
+                "an identity",
+                residual,
+                residual < levels.EQUATIONS,
+                f"{note}. {extra}".rstrip(". "),
+            )
         )
     return [*found, *_appendix()]
 
@@ -131,8 +139,8 @@ def _appendix() -> Iterator[Entry]:
         "G = Y U^-1, one column an experiment in which one input moves",
         "an identity",
         residual,
-        residual < TOLERANCE,
-        f"largest relative difference at {POINTS} frequencies; tolerance: {TOLERANCE:g}",
+        residual < levels.EQUATIONS,
+        f"largest relative difference at {POINTS} frequencies; tolerance: {levels.EQUATIONS:g}",
     )
     together = np.stack([1 / s, 0.5 / s], axis=1)[:, :, None]
     R = np.concatenate([together, 2 * together], axis=2)

@@ -10,6 +10,7 @@ import numpy as np
 from trueplant.loop import Controller, Simulation, simulate
 from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
 from trueplant.mismatch import closed_form
+from trueplant.paper import levels
 from trueplant.paper.entry import Entry, shown
 from trueplant.paper.mismatch37 import FACTOR, mismatch
 from trueplant.plants import Case, mill
@@ -112,7 +113,7 @@ def _weights() -> Iterator[Entry]:
 
 def _close(a: TransferFunction, b: TransferFunction) -> bool:
     s = 1j * np.geomspace(1e-3, 1e3, 7)
-    return bool(np.allclose(a(s), b(s), rtol=1e-12, atol=0))
+    return bool(np.allclose(a(s), b(s), rtol=levels.WEIGHTS, atol=0))
 
 
 def _responses(case: Case, plant: TransferMatrix) -> tuple[Simulation, Simulation]:
@@ -144,9 +145,10 @@ def _from_data(case: Case, runs: tuple[Simulation, Simulation], plant: TransferM
         "largest relative error of any element of the mismatch found by (18) from the simulated step responses",
         '"exactly the same"',
         error,
-        error < 1e-3,
+        error < levels.TRANSFORMS,
         f"with {FACTOR[variant]}; two simulated records of {DURATION:g} min, h = {H:g} min, one set-point step each, "
-        f"transformed on the line Re s = {SIGMA:g} per min, imaginary parts from 0.01 to 6 rad/min; tolerance: 1e-3",
+        f"transformed on the line Re s = {SIGMA:g} per min, imaginary parts from 0.01 to 6 rad/min; "
+        f"tolerance: {levels.TRANSFORMS:g}",
     )
 
 
@@ -245,7 +247,7 @@ def _severity(model: TransferMatrix, plants: dict[str, TransferMatrix]) -> Itera
             f"largest relative change of a gain, with {FACTOR[name]}",
             "more than the weight allows, 0.1",
             float(np.max(np.abs(change))),
-            bool(np.max(np.abs(change)) > 0.1),
+            bool(np.max(np.abs(change)) > levels.CHANGED),
             f"relative to the model: {', '.join(each)}. The gain of g12 is 4 (1 - 0.9938) = 0.0248 in the model: a "
             f"small "
             "change of the factor changes its sign",

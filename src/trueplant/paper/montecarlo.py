@@ -17,14 +17,11 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.identify import Row, Spec, identify_output, paper_route, pieces_of
 from trueplant.lti import sampled_response
 from trueplant.lti.structure import structure_of
+from trueplant.paper import levels
 from trueplant.paper.records import ELEMENTS, FOPDT, POLE, case, noise_std, parameters, record, segment_of
 from trueplant.record import Segment
 
 NAMES = tuple(f"{name}{i + 1}{j + 1}" for i, j in ELEMENTS for name in ("gain", "tau", "delay"))
-SETTLING = 25
-"""Samples until the inverse of the coloured noise model has forgotten its start: 0.818^25 is 0.7 %."""
-OFF_GRID = 1e-4
-"""Min. At a dead time of whole samples the response has one derivative on either side: this is the later one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +90,7 @@ def bound(segment: Segment, output: int, columns: tuple[int, ...], kind: str) ->
 
     loop = case()
     truth = np.concatenate([structure_of(loop.plant[output, j])[1] for j in columns])
-    truth = truth + OFF_GRID * np.tile([0.0, 0.0, 1.0], len(columns))
+    truth = truth + levels.OFF_GRID * np.tile([0.0, 0.0, 1.0], len(columns))
     row = Row(tuple(Spec(j, FOPDT) for j in columns), pieces_of([segment], output), 1)
     y, _ = row.measured(0)
     response, gradient = row.response_and_gradient(truth, 0)
@@ -109,7 +106,7 @@ def bound(segment: Segment, output: int, columns: tuple[int, ...], kind: str) ->
     if kind != "white":
         v = y - whole
         psi += [np.concatenate([[0.0], lfilter([1.0], c, x)[:-1]])[:, None] for x in (v, lfilter(a, c, v))]
-    gradients = np.hstack(psi)[0 if kind == "white" else SETTLING :]
+    gradients = np.hstack(psi)[0 if kind == "white" else levels.SETTLED :]
     scale = np.linalg.norm(gradients, axis=0)
     inverse = np.linalg.pinv((gradients / scale).T @ (gradients / scale))
     innovation = variance * noise_std(kind)[output] ** 2

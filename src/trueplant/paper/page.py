@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
 
-from trueplant.paper import figures
+from trueplant.paper import figures, levels
 from trueplant.paper.compute import Paper
 from trueplant.paper.entry import Entry, Value
 from trueplant.paper.records import KINDS, STEP_TIMES
@@ -23,10 +23,6 @@ MU: Legend = (
     ("setpoint", "plant, 1.0137 as (37) implies"),
 )
 
-OFTEN = 3
-"""Notes of a table in which a clause stands, from which on it is said once above the table."""
-LONG = 15
-"""Characters from which on that is worth a letter."""
 COLUMNS = ("median_error", "rms_error", "bound", "rms_over_bound", "coverage", "median_error_of_route")
 HEADINGS = (
     "Parameter",
@@ -85,7 +81,7 @@ def noted(entries: Sequence[Entry], apart: bool) -> tuple[list[tuple[str, str]],
             holders.setdefault(clause, []).append(e.id)
     together: dict[tuple[str, ...], list[str]] = {}
     for clause, ids in holders.items():
-        if len(ids) >= OFTEN and len(clause) >= LONG:
+        if len(ids) >= levels.OFTEN and len(clause) >= levels.LONG_CLAUSE:
             together.setdefault(tuple(ids), []).append(clause)
     remarks = [(letter, "; ".join(said)) for letter, said in zip(ascii_lowercase, together.values(), strict=False)]
     letters = {clause: letter for (letter, _), said in zip(remarks, together.values(), strict=False) for clause in said}

@@ -13,6 +13,7 @@ from trueplant.identify import equation_error
 from trueplant.loop import PID, Controller, check_loop, simulate, unstable_poles
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.lti.structure import structure_of
+from trueplant.paper import levels
 from trueplant.paper.entry import Entry, rounded, shown
 from trueplant.paper.records import ELEMENTS
 from trueplant.plants import splitter
@@ -166,7 +167,7 @@ def _error_model(model: TransferMatrix, plant: TransferMatrix) -> Iterator[Entry
         "e_Mr of loop 1 by the equation error (43)-(47) from a record without noise",
         "B0/A0 supplies e r^-1",
         off,
-        off < 0.01,
+        off < levels.TRANSFER_ERROR,
         f"largest error from 0.01 to 2 rad/min relative to the peak of |e_Mr|; simulated, h = {FINE:g} min, "
         f"{LONG * FINE:g} min, lambda = 0.3 per min; tolerance: 1 %. With noise it is biased: see the paper's "
         f"route below",

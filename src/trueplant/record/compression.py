@@ -5,17 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.record import levels
 from trueplant.record.runs import spread, true_runs
-
-_LINE = 2.5
-"""Resolutions by which rounding alone takes a sample off its line, at most."""
-_CORNER = 7.5
-"""Resolutions from which on lines meet in a corner. A smooth signal bends less, a noisy one seldom as little as a
-line."""
-_FLAT = 3.0
-"""Resolutions a sample that do not count as a rise: nothing can be said of what stands still."""
-_SLOPES = 20
-"""Different slopes that there have to be: ramps of an operator, rate limits and integrators at rest have a few."""
 
 
 def resolution(y: Array) -> float:
@@ -33,38 +24,41 @@ def filled_in(t: Array, y: Array, step: float = 0.0, steered: BoolArray | None =
     """Share of the samples of y (N,) at t (N,), where it rises or falls, that lie on straight lines between corners.
 
     0 if chance may have done it. `step` is the quantisation of y. For the OP of a controller, `steered` (N - 1,) says
-    from which sample to the next every PV moved: only there has the controller to bend OP. While PV is held, an
-    integrating one draws straight lines of its own, which do not count.
+    from which sample to the next every PV moved: only there must the slope of OP change. While PV is held, an
+    integrating controller draws straight lines itself, which do not count.
     """
-    if y.size < _SLOPES:
+    if y.size < levels.SLOPES:
         return 0.0
     unit = max(resolution(y), step)
     steps, rises = np.diff(t), np.diff(y)
     slope = rises / steps
     # on an even grid the second difference: twice the distance from the chord between the neighbours
     bend = np.abs(np.diff(slope)) * 2 * steps[1:] * steps[:-1] / (steps[1:] + steps[:-1])
-    rising = np.minimum(np.abs(rises[1:]), np.abs(rises[:-1])) > _FLAT * unit
-    line = (bend <= _LINE * unit) & rising
+    rising = np.minimum(np.abs(rises[1:]), np.abs(rises[:-1])) > levels.FLAT * unit
+    line = (bend <= levels.ON_LINE * unit) & rising
     begin, length = true_runs(line)
-    corner = np.concatenate([[True], bend > _CORNER * unit, [True]])
+    corner = np.concatenate([[True], bend > levels.CORNER * unit, [True]])
     sharp = corner[begin] & corner[begin + length + 1]
     begin, length = begin[sharp], length[sharp]
-    if begin.size == 0 or np.unique(np.round(slope[begin] / np.max(np.abs(slope)), 4)).size < _SLOPES:
+    if begin.size == 0 or np.unique(np.round(slope[begin] / np.max(np.abs(slope)), 4)).size < levels.SLOPES:
         return 0.0
-    found, near = spread(begin, length, line.size), (bend > _LINE * unit) & (bend <= _CORNER * unit) & rising
+    found, near = (
+        spread(begin, length, line.size),
+        (bend > levels.ON_LINE * unit) & (bend <= levels.CORNER * unit) & rising,
+    )
     if steered is not None:
         near &= steered[1:] & steered[:-1]
         found, rising = found & _unexplained(line, steered), rising & (steered[1:] | steered[:-1])
-    # As many bends as `expected` would fall below _LINE by chance, if bends were spread evenly.
-    expected = np.sum(near) * _LINE / (_CORNER - _LINE)
-    return float(np.sum(found) / np.sum(rising)) if np.sum(found) > 2 * expected else 0.0
+    # so many bends would be below ON_LINE by chance if bends were spread evenly up to CORNER
+    expected = np.sum(near) * levels.ON_LINE / (levels.CORNER - levels.ON_LINE)
+    return float(np.sum(found) / np.sum(rising)) if np.sum(found) > levels.ABOVE_CHANCE * expected else 0.0
 
 
 def _unexplained(line: BoolArray, steered: BoolArray) -> BoolArray:
-    """(N - 2,) inner samples at which OP should have bent.
+    """(N - 2,) inner samples at which the slope of OP should have changed.
 
-    A move of PV bends it there or, where the controller answers one sample late, at the next: a straight line has no
-    reason where PV moves all the time, or where both are straight.
+    A move of PV changes the slope there or, where the controller answers one sample late, at the next. So a straight
+    line is unexplained where PV moves at both steps, or where it moves between two samples that both lie on lines.
     """
     out = steered[1:] & steered[:-1]
     both = line[1:] & line[:-1] & steered[1:-1]

@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import DataError
+from trueplant.record import levels
 from trueplant.record.runs import true_runs
 from trueplant.record.sensor import quantum
+from trueplant.record.spectra import window_spectra
 from trueplant.record.types import Segment
-
-_SAME_PROPORTION = 0.02
-"""Singular value of the scaled moves, relative to the largest, below which a direction counts as missing."""
-_WINDOWS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +69,7 @@ def excitation(segments: Sequence[Segment], which: Literal["r", "u"] = "r", name
     moves = [np.nan_to_num(np.diff(x, axis=0)) for x in signals]
     joined = np.concatenate(moves)
     scale = np.max([np.max(np.abs(np.nan_to_num(x)), axis=0) for x in signals], axis=0)
-    still = np.abs(joined) <= 1e-9 * scale
+    still = np.abs(joined) <= levels.SETTLED_MOVE * scale
     joined = np.where(still, 0.0, joined)
     changes = np.sum(joined != 0, axis=0)
     pooled = np.concatenate([x - np.nanmean(x, axis=0) if np.isfinite(x).any() else x for x in signals])
@@ -79,7 +77,7 @@ def excitation(segments: Sequence[Segment], which: Literal["r", "u"] = "r", name
     q = np.array([_quantum(signals, k) for k in range(n)])
     with np.errstate(divide="ignore", invalid="ignore"):
         quanta = np.where(q > 0, std / q, np.where(std > 0, np.inf, 0.0))
-    w, spectrum = _spectral_matrix([np.where(np.abs(m) <= 1e-9 * scale, 0.0, m) for m in moves], h)
+    w, spectrum = _spectral_matrix([np.where(np.abs(m) <= levels.SETTLED_MOVE * scale, 0.0, m) for m in moves], h)
     noise = _pv_noise(segments, n) if which == "r" else q**2 / 12
     bands, share = _bands(w, spectrum, noise, h, changes)
     sentences, rank = _directions(joined, changes, shown, which)
@@ -109,16 +107,15 @@ def _spectral_matrix(moves: list[Array], h: float) -> tuple[Array, ComplexArray]
     total = sum(m.shape[0] for m in moves)
     longest = max(m.shape[0] for m in moves)
     n = moves[0].shape[1]
-    size = min(longest, max(8, 2 * total // (max(_WINDOWS, 2 * n) + 1)))
+    size = min(longest, max(8, 2 * total // (max(levels.WELCH_WINDOWS, 2 * n) + 1)))
     taper = np.hanning(size + 2)[1:-1]
     sums, count = np.zeros((size // 2 + 1, n, n), dtype=complex), 0
     for m in moves:
         if m.shape[0] < size:
             m = np.concatenate([m, np.zeros((size - m.shape[0], n))])
-        windows = np.lib.stride_tricks.sliding_window_view(m, size, axis=0)[:: max(1, size // 2)]
-        f = np.fft.rfft(windows * taper, axis=-1)
-        sums += np.einsum("lif,ljf->fij", f, f.conj())
-        count += windows.shape[0]
+        for f in window_spectra(m, taper, max(1, size // 2), centred=False):
+            sums += np.einsum("lfi,lfj->fij", f, f.conj())
+            count += f.shape[0]
     w = 2 * np.pi * np.fft.rfftfreq(size, h)
     spectrum = np.asarray(sums[1:] / (count * np.sum(taper**2)), dtype=complex)
     return np.asarray(w[1:], dtype=float), spectrum
@@ -142,7 +139,7 @@ def _pv_noise(segments: Sequence[Segment], n: int) -> Array:
     out = np.zeros(n)
     for k in range(min(n, second.shape[1])):
         d = second[np.isfinite(second[:, k]), k]
-        out[k] = (1.4826 * float(np.median(np.abs(d)))) ** 2 / 6 if d.size else 0.0
+        out[k] = (levels.NORMAL_MAD * float(np.median(np.abs(d)))) ** 2 / 6 if d.size else 0.0
     return out
 
 
@@ -182,11 +179,11 @@ def _directions(
         return tuple(sentences), 0
     scaled = moves[:, moving] / np.sqrt(np.sum(moves[:, moving] ** 2, axis=0))
     singular = np.linalg.svd(scaled.T @ scaled, compute_uv=False, hermitian=True)
-    rank = int(np.sum(np.sqrt(singular / singular[0]) > _SAME_PROPORTION))
+    rank = int(np.sum(np.sqrt(singular / singular[0]) > levels.SAME_PROPORTION))
     if rank == moving.size:
         return tuple(sentences), rank
     gram = scaled.T @ scaled
-    pairs = [(a, b) for a, b in combinations(range(moving.size), 2) if abs(gram[a, b]) > 1 - _SAME_PROPORTION**2]
+    pairs = [(a, b) for a, b in combinations(range(moving.size), 2) if abs(gram[a, b]) > 1 - levels.SAME_PROPORTION**2]
     for a, b in pairs:
         sentences.append(
             f"{names[moving[a]]} and {names[moving[b]]} always move together in the same proportion: their effects "

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import DataError
+from trueplant.record import levels
 
-_SERIES_BELOW = 1.0
 _CHUNK = 1 << 21
 """Complex numbers held at once."""
 
@@ -62,7 +62,7 @@ def _pieces(t: Array, x: Array, hold: str) -> list[Array]:
 
 def _moments(z: ComplexArray, count: int) -> list[ComplexArray]:
     """``integral of x^j exp(-z x) dx`` from 0 to 1 for j = 0 .. count-1: recursion, or its series at small z."""
-    small = np.abs(z) < _SERIES_BELOW
+    small = np.abs(z) < levels.SERIES_BELOW
     safe = np.where(small, 1.0, z)
     decay = np.exp(-safe)
     out: list[ComplexArray] = []

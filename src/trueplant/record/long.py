@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
+from trueplant.record import levels
+from trueplant.record.layout import Layout
 from trueplant.record.numbers import counted
 from trueplant.record.table import Table, did_you_mean
 from trueplant.record.times import find_time, parse_times
-from trueplant.record.types import Finding
+from trueplant.record.types import Finding, Kind
 
 _SYNONYMS = {
     "tag": ("tag", "tagname", "point", "pointname", "name", "signal", "variable", "item", "itemid", "messstelle"),
@@ -34,12 +36,12 @@ def _find(table: Table, named: str, role: str) -> str | None:
     return next((bare[w] for w in wanted if w in bare), None)
 
 
-def is_long(table: Table, columns: Sequence[str], tag: str = "tag", value: str = "value") -> bool:
-    """True if the table lists tags and none of the wanted columns stands in its header."""
+def is_long(table: Table, layout: Layout) -> bool:
+    """True if the table lists tags and none of the layout's columns stands in its header."""
     return (
-        not set(columns) & set(table.names)
-        and _find(table, tag, "tag") is not None
-        and _find(table, value, "value") is not None
+        not {*layout.continuous, *layout.held} & set(table.names)
+        and _find(table, layout.tag, "tag") is not None
+        and _find(table, layout.value, "value") is not None
     )
 
 
@@ -49,105 +51,112 @@ def bad_quality(table: Table, name: str) -> BoolArray:
     import polars as pl
 
     codes, words = table.numbers(name)
-    if np.mean(words) > 0.5:
+    if np.mean(words) > levels.MOSTLY:
         text = table.frame[name].cast(pl.String).str.strip_chars().str.to_lowercase()
         good = text.str.contains(rf"^({'|'.join(_GOOD)})\b").fill_null(True)
         return ~np.asarray(good.to_numpy(), dtype=bool)
     known = codes[np.isfinite(codes)]
-    if np.any(known >= 192) and np.all(known <= 255):
-        good_codes = codes >= 192
-    elif known.size and np.mean(known == 100) > 0.5:
+    if np.any(known >= levels.GOOD_OPC) and np.all(known <= levels.LARGEST_OPC):
+        good_codes = codes >= levels.GOOD_OPC
+    elif known.size and np.mean(known == 100) > levels.MOSTLY:
         good_codes = codes == 100
-    elif known.size and np.mean(known == 1) > 0.5 and not np.any(known > 1):
+    elif known.size and np.mean(known == 1) > levels.MOSTLY and not np.any(known > 1):
         good_codes = codes == 1
     else:
         good_codes = codes == 0
     return ~(good_codes | np.isnan(codes)) | words
 
 
-def to_wide(
-    table: Table,
-    continuous: Sequence[str],
-    held: Sequence[str],
-    *,
-    time: str | None,
-    time_unit: str,
-    time_zone: str | None,
-    tag: str,
-    value: str,
-    quality: str,
-) -> tuple[Table, datetime | None]:
-    """A table with the column "time" in seconds and one for each wanted tag, and the moment at time 0.
+def to_wide(table: Table, layout: Layout) -> tuple[Table, datetime | None]:
+    """A table with the column "time" in seconds and one for each tag of the layout, and the moment at time 0.
 
     Tags that share their stamps are set side by side. Otherwise the stamps of the most often recorded tag are
-    kept; `held` tags (OP, SP, mode) take their last value, and each value of a `continuous` tag (PV) goes to
-    the nearest stamp within half an interval, NaN elsewhere.
+    kept; held tags (OP, SP, mode) take their last value, and each value of a continuous tag (PV) goes to
+    the nearest stamp within half an interval, NaN elsewhere. Raises DataError for tags that are not there.
     """
     import polars as pl
 
-    for role, named in (("tag", tag), ("value", value), ("quality", quality)):
-        if named != role and _bare(named) not in map(_bare, table.names):
-            table.column(named, f"the {role}")
-    tag_name, value_name = _find(table, tag, "tag"), _find(table, value, "value")
-    assert tag_name is not None
-    assert value_name is not None
-    tags = table.frame[tag_name].cast(pl.String).str.strip_chars()
-    wanted = list(dict.fromkeys([*continuous, *held]))
-    present = tags.unique().drop_nulls().to_list()
-    for name in wanted:
-        if name not in present:
-            shown = ", ".join(sorted(present)[:20])
-            hint = did_you_mean(name, sorted(present))
-            raise DataError(f"{table.source} has no rows for tag {name!r} in column {tag_name!r}{hint} It has: {shown}")
-    code = np.full(len(table), -1, dtype=np.int64)
-    for k, name in enumerate(wanted):
-        code[np.asarray((tags == name).fill_null(False).to_numpy(), dtype=bool)] = k
-    time_name = time if time is not None else find_time(table, frozenset({tag_name, value_name}))
-    times = parse_times(table, time_name, time_unit, time_zone, code)
+    roles = {"tag": layout.tag, "value": layout.value, "quality": layout.quality}
+    for role, name in roles.items():
+        if name != role and _bare(name) not in map(_bare, table.names):
+            table.column(name, f"the {role}")
+    columns = {role: _find(table, name, role) for role, name in roles.items()}
+    tag, value, quality = columns["tag"], columns["value"], columns["quality"]
+    assert tag is not None
+    assert value is not None
+    wanted = list(dict.fromkeys([*layout.continuous, *layout.held]))
+    code = _codes(table, tag, wanted)
+    time = layout.time if layout.time is not None else find_time(table, frozenset({tag, value}))
+    times = parse_times(table, time, layout.time_unit, layout.time_zone, code)
     notes = list(table.notes + times.notes)
-    values = table.frame[value_name]
-    quality_name = _find(table, quality, "quality")
-    if quality_name is not None:
-        bad = bad_quality(table, quality_name)
-        for k, name in enumerate(wanted):
-            count = int(np.sum(bad & (code == k)))
-            if count:
-                message = f"{name}: {counted(count, 'value')} with a bad quality code left out."
-                notes.append(Finding("bad-quality", name, message, samples=count, excludes=True))
+    values = table.frame[value]
+    if quality is not None:
+        bad = bad_quality(table, quality)
+        notes += _bad_ones(bad, code, wanted)
         values = pl.select(pl.when(pl.Series(bad)).then(None).otherwise(values)).to_series()
-    stamps: list[Array] = []
-    rows: list[NDArray[np.int64]] = []
-    for k, name in enumerate(wanted):
-        at = np.flatnonzero((code == k) & np.isfinite(times.seconds))
-        if not at.size:
-            raise DataError(f"{table.source}: no row of tag {name!r} bears a time; export it again")
-        at = at[np.argsort(times.seconds[at], kind="stable")]
-        at = at[np.diff(times.seconds[at], prepend=-np.inf) > 0]
-        stamps.append(times.seconds[at])
-        rows.append(at)
-    base = max(range(len(wanted)), key=lambda k: (stamps[k].size, k < len(continuous)))
+    stamps, rows = _sorted_stamps(table, times.seconds, code, wanted)
+    base = max(range(len(wanted)), key=lambda k: (stamps[k].size, k < len(layout.continuous)))
     grid = stamps[base]
     apart = [k for k in range(len(wanted)) if not np.array_equal(stamps[k], grid)]
     frame = {"time": pl.Series(grid)}
     for k, name in enumerate(wanted):
-        source_row = rows[k] if k not in apart else _place(stamps[k], rows[k], grid, name in held)
+        source_row = rows[k] if k not in apart else _place(stamps[k], rows[k], grid, name in layout.held)
         picked = values.gather(np.maximum(source_row, 0))
         frame[name] = picked.zip_with(pl.Series(source_row >= 0), picked.clear(grid.size))
     if apart:
-        shift = max((float(np.max(_distance(stamps[k], grid))) for k in apart if wanted[k] not in held), default=0.0)
+        moved = [float(np.max(_distance(stamps[k], grid))) for k in apart if wanted[k] not in layout.held]
+        shift = max(moved, default=0.0)
         message = (
             f"The tags bear stamps of their own. Those of {wanted[base]} were kept; set-points, OP and mode hold their "
             f"last value, each PV went to the nearest stamp (moved by {shift:.3g} s at most)."
         )
-        notes.append(Finding("aligned", table.source, message, value=shift))
-    wide = dataclasses.replace(
-        table,
-        names=tuple(frame),
-        frame=pl.DataFrame([s.alias(n) for n, s in frame.items()]),
-        lines=None,
-        notes=tuple(notes),
-    )
+        notes.append(Finding(Kind.ALIGNED, table.source, message, value=shift))
+    whole = pl.DataFrame([s.alias(n) for n, s in frame.items()])
+    wide = dataclasses.replace(table, names=tuple(frame), frame=whole, lines=None, notes=tuple(notes))
     return wide, times.start
+
+
+def _codes(table: Table, column: str, wanted: Sequence[str]) -> NDArray[np.int64]:
+    """(N,) which of the wanted tags each row is of, -1 for none. Raises DataError for tags without a row."""
+    import polars as pl
+
+    tags = table.frame[column].cast(pl.String).str.strip_chars()
+    present = tags.unique().drop_nulls().to_list()
+    code = np.full(len(table), -1, dtype=np.int64)
+    for k, name in enumerate(wanted):
+        if name not in present:
+            shown = ", ".join(sorted(present)[:20])
+            hint = did_you_mean(name, sorted(present))
+            raise DataError(f"{table.source} has no rows for tag {name!r} in column {column!r}{hint} It has: {shown}")
+        code[np.asarray((tags == name).fill_null(False).to_numpy(), dtype=bool)] = k
+    return code
+
+
+def _bad_ones(bad: BoolArray, code: NDArray[np.int64], wanted: Sequence[str]) -> list[Finding]:
+    """A finding for each tag with values of bad quality."""
+    found = []
+    for k, name in enumerate(wanted):
+        count = int(np.sum(bad & (code == k)))
+        if count:
+            message = f"{name}: {counted(count, 'value')} with a bad quality code left out."
+            found.append(Finding(Kind.BAD_QUALITY, name, message, samples=count, excludes=True))
+    return found
+
+
+def _sorted_stamps(
+    table: Table, seconds: Array, code: NDArray[np.int64], wanted: Sequence[str]
+) -> tuple[list[Array], list[NDArray[np.int64]]]:
+    """For each tag its stamps in increasing order, each once, and the rows that bear them."""
+    stamps, rows = [], []
+    for k, name in enumerate(wanted):
+        at = np.flatnonzero((code == k) & np.isfinite(seconds))
+        if not at.size:
+            raise DataError(f"{table.source}: no row of tag {name!r} bears a time; export it again")
+        at = at[np.argsort(seconds[at], kind="stable")]
+        at = at[np.diff(seconds[at], prepend=-np.inf) > 0]
+        stamps.append(seconds[at])
+        rows.append(at)
+    return stamps, rows
 
 
 def _distance(stamps: Array, grid: Array) -> Array:

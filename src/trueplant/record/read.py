@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,79 +13,81 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
+from trueplant.record import levels
+from trueplant.record.frames import as_table
 from trueplant.record.layout import Channel, Layout
 from trueplant.record.long import is_long, to_wide
 from trueplant.record.numbers import counted
+from trueplant.record.readers import read_table
 from trueplant.record.runs import spans_of
-from trueplant.record.table import Table, as_table, read_table
+from trueplant.record.table import Table
 from trueplant.record.times import find_time, parse_times, put_in_order, unit_seconds
-from trueplant.record.types import Finding, Record
+from trueplant.record.types import Finding, Kind, Record
 
-FEWEST_ROWS = 10
-_HUGE = 1e300
 Rows = NDArray[np.int64]
 
 
 def read_record(path_or_frame: Any, layout: Layout, *, name: str | None = None, closed: bool = True) -> Record:
-    """Read CSV, TXT, Parquet or XLSX, a polars or pandas frame, or a dict of arrays, as one experiment.
+    """Read a file of any of the `readers.FORMATS`, a polars or pandas frame, or a dict of arrays, as one experiment.
 
     Nothing is filled in or altered: cells without a number become NaN and are noted. Raises DataError with file,
     line, column and remedy for everything that cannot be used as it is.
     """
-    if isinstance(path_or_frame, (str, Path)):
+    is_file = isinstance(path_or_frame, (str, Path))
+    if is_file:
         table = read_table(path_or_frame, separator=layout.separator, sheet=layout.sheet)
-        name = name or Path(path_or_frame).stem
     else:
-        name = name or "frame"
-        table = as_table(path_or_frame, name)
+        table = as_table(path_or_frame, name or "frame")
     if not layout.outputs or not layout.inputs:
         raise DataError(f"{table.source}: declare at least one output and one input")
+    name = name or (Path(path_or_frame).stem if is_file else "frame")
+    columns, start = _in_time(table, layout)
+    record = _record(columns, layout, name)
+    source = str(path_or_frame) if is_file else ""
+    return replace(record, closed=closed, start=start, source=source, sha256=table.sha256, notes=tuple(columns.notes))
+
+
+def _in_time(table: Table, layout: Layout) -> tuple[_Columns, datetime | None]:
+    """The columns of a table, long or wide, on its rows in order of time, and the moment at time 0."""
     per_unit = unit_seconds(layout.project_time_unit)
-    columns = [*layout.continuous, *layout.held]
-    start: datetime | None
-    if is_long(table, columns, layout.tag, layout.value):
-        table, start = to_wide(
-            table,
-            layout.continuous,
-            layout.held,
-            time=layout.time,
-            time_unit=layout.time_unit,
-            time_zone=layout.time_zone,
-            tag=layout.tag,
-            value=layout.value,
-            quality=layout.quality,
-        )
+    if is_long(table, layout):
+        table, start = to_wide(table, layout)
         rows, t = np.arange(len(table)), table.numbers("time")[0]
         notes = list(table.notes)
     else:
         for role, column in _roles(layout):
             table.column(column, role)
-        time = layout.time if layout.time is not None else find_time(table, frozenset(columns))
+        used = frozenset([*layout.continuous, *layout.held])
+        time = layout.time if layout.time is not None else find_time(table, used)
         times = parse_times(table, time, layout.time_unit, layout.time_zone)
         rows, ordered = put_in_order(table, times)
         t, start = times.seconds[rows], times.start
         notes = [*table.notes, *times.notes, *ordered]
     _enough(table, rows)
-    matrix = _Columns(table, rows, t / per_unit, notes)
-    y = matrix.numbers("pv", layout.outputs, [c.column for c in layout.outputs])
-    u = matrix.numbers("op", layout.inputs, [c.column for c in layout.inputs])
-    r = matrix.numbers("sp", layout.outputs, [c.sp for c in layout.outputs])
-    d = matrix.numbers("column", layout.disturbances, [c.column for c in layout.disturbances])
-    slave_sp = matrix.numbers("slave_sp", layout.inputs, [c.slave_sp for c in layout.inputs])
-    slave_pv = matrix.numbers("slave_pv", layout.inputs, [c.slave_pv for c in layout.inputs])
+    return _Columns(table, rows, t / per_unit, notes), start
+
+
+def _record(columns: _Columns, layout: Layout, name: str) -> Record:
+    """The signals of the layout. Raises DataError where too few rows hold OP and a PV."""
+    y = columns.numbers("pv", layout.outputs, [c.column for c in layout.outputs])
+    u = columns.numbers("op", layout.inputs, [c.column for c in layout.inputs])
+    r = columns.numbers("sp", layout.outputs, [c.sp for c in layout.outputs])
+    d = columns.numbers("column", layout.disturbances, [c.column for c in layout.disturbances])
+    slave_sp = columns.numbers("slave_sp", layout.inputs, [c.slave_sp for c in layout.inputs])
+    slave_pv = columns.numbers("slave_pv", layout.inputs, [c.slave_pv for c in layout.inputs])
     automatic = np.ones(u.shape, dtype=bool)
     for j, channel in enumerate(layout.inputs):
         if channel.mode is not None:
-            automatic[:, j] = matrix.automatic(channel)
+            automatic[:, j] = columns.automatic(channel)
     usable = int(np.sum(np.isfinite(u).all(axis=1) & np.isfinite(y).any(axis=1)))
-    if usable < FEWEST_ROWS:
+    if usable < levels.FEWEST_ROWS:
         raise DataError(
-            f"{table.source}: only {usable} rows hold OP and a PV at the same time; at least {FEWEST_ROWS} are needed: "
-            "export a longer record"
+            f"{columns.table.source}: only {usable} rows hold OP and a PV at the same time; at least "
+            f"{levels.FEWEST_ROWS} are needed: export a longer record"
         )
     return Record(
         name=name,
-        t=matrix.t,
+        t=columns.t,
         r=r,
         u=u,
         y=y,
@@ -95,13 +98,8 @@ def read_record(path_or_frame: Any, layout: Layout, *, name: str | None = None, 
         disturbances=tuple(c.name for c in layout.disturbances),
         time_unit=layout.project_time_unit,
         hold=tuple(c.hold for c in layout.inputs),
-        closed=closed,
         slave_sp=slave_sp if any(c.slave_sp for c in layout.inputs) else None,
         slave_pv=slave_pv if any(c.slave_pv for c in layout.inputs) else None,
-        start=start,
-        source=str(path_or_frame) if isinstance(path_or_frame, (str, Path)) else "",
-        sha256=table.sha256,
-        notes=tuple(notes),
     )
 
 
@@ -118,9 +116,11 @@ def _roles(layout: Layout) -> list[tuple[str, str]]:
 
 
 def _enough(table: Table, rows: Rows) -> None:
-    if rows.size < FEWEST_ROWS:
+    if rows.size < levels.FEWEST_ROWS:
         count = {0: "no rows", 1: "one row", 2: "two rows", 3: "three rows"}.get(rows.size, f"{rows.size} rows")
-        raise DataError(f"{table.source} has only {count}; at least {FEWEST_ROWS} are needed: export a longer record")
+        raise DataError(
+            f"{table.source} has only {count}; at least {levels.FEWEST_ROWS} are needed: export a longer record"
+        )
 
 
 class _Columns:
@@ -142,9 +142,9 @@ class _Columns:
         values, words = table.numbers(column)
         values, words = values[rows], words[rows]
         with np.errstate(invalid="ignore"):
-            wild = np.isinf(values) | (np.abs(values) > _HUGE)
-        if wild.any():
-            row = int(rows[np.argmax(wild)])
+            impossible = np.isinf(values) | (np.abs(values) > levels.LARGEST_VALUE)
+        if impossible.any():
+            row = int(rows[np.argmax(impossible)])
             raise DataError(
                 f"{table.source}, {table.where(row)}, column {column!r}: {table.frame[column][row]} is not a "
                 "measurement; correct or empty that cell"
@@ -162,11 +162,11 @@ class _Columns:
             message = (
                 f"{column}: text instead of a number in {counted(count, 'row')}, first {shown}; counted as missing."
             )
-            self.notes.append(Finding("text", column, message, spans_of(self.t, words), count, excludes=True))
+            self.notes.append(Finding(Kind.TEXT, column, message, spans_of(self.t, words), count, excludes=True))
         finite = values[np.isfinite(values)]
         if finite.size > 1 and finite.min() == finite.max():
             message = f"{column} ({role}) is constant at {finite[0]:g} throughout the record."
-            self.notes.append(Finding("constant", column, message, samples=int(finite.size), value=float(finite[0])))
+            self.notes.append(Finding(Kind.CONSTANT, column, message, samples=int(finite.size), value=float(finite[0])))
         return values
 
     def _word(self, column: str, words: BoolArray) -> str:

@@ -7,16 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueplant.arrays import BoolArray
+from trueplant.record import levels
 from trueplant.record.layout import Layout
-from trueplant.record.types import Finding, Record
+from trueplant.record.types import Finding, Kind, Record, Refusal, Unusable
 
-FEWEST_USABLE = 20
-"""Usable samples of some PV, below which nothing can be said."""
-_MOST_NOT_FREE = 0.5
-_MOST_FILLED_OP = 0.55
-"""Share of an OP that its historian may have filled in. A smoothed OP is another input than the plant's, of which the
-residuals show nothing: in simulated Wood-Berry records with two thirds filled in, intervals miss a quarter of the gains
-and a third of the time constants, with four fifths nearly all of them (benchmarks/bench_compression.py)."""
 _RAW = "Export what was really stored from a source without compression (the controller, the raw archive)"
 
 
@@ -27,50 +21,70 @@ def why_refused(
     saturated: BoolArray,
     excluded: BoolArray,
     findings: Sequence[Finding],
-) -> str | None:
+) -> Refusal | None:
     """Why nothing of a record can be used, given what of y (N, n_y) is usable and where u (N, n_u) sat at a limit."""
     kept = ~excluded
     if not kept.any():
-        return f"{record.name}: all of the record is excluded; shorten `exclude`"
+        return Refusal(Unusable.EXCLUDED, f"{record.name}: all of the record is excluded; shorten `exclude`")
     u = record.u[kept]
     moves = np.nanmax(u, axis=0) - np.nanmin(u, axis=0) if np.isfinite(u).any(axis=0).all() else np.zeros(1)
     if not np.any(moves > 0):
-        return f"{record.name}: OP never moves, so the record says nothing about the plant; use one in which it does"
-    if np.max(np.sum(usable, axis=0)) < FEWEST_USABLE:
-        still = [c.name for i, c in enumerate(layout.outputs) if np.nanmax(record.y[:, i]) == np.nanmin(record.y[:, i])]
-        if len(still) == len(layout.outputs):
-            return f"{record.name}: PV of {', '.join(still)} is frozen all the time; check the sensor or the tag"
-        away = [f.signal for f in findings if f.kind == "compressed" and f.excludes]
-        if away:
-            return (
-                f"{record.name}: PV of {', '.join(away)} was compressed by its historian until little more than "
-                f"straight lines was left. {_RAW}"
-            )
-        return (
-            f"{record.name}: fewer than {FEWEST_USABLE} usable PV samples are left after screening; "
-            "see the findings, and export a longer or cleaner record"
-        )
+        message = f"{record.name}: OP never moves, so the record says nothing about the plant; use one in which it does"
+        return Refusal(Unusable.STILL, message)
+    if np.max(np.sum(usable, axis=0)) < levels.FEWEST_USABLE:
+        return _without_pv(record, layout, findings)
     if not record.closed:
         return None
-    inputs = {c.name for c in layout.inputs}
-    filled = {f.signal: 1 - f.value for f in findings if f.kind == "compressed" and f.signal in inputs and f.value}
-    worst = max(filled, key=filled.__getitem__, default="")
-    if filled.get(worst, 0.0) > _MOST_FILLED_OP:
-        return (
-            f"{record.name}: OP of {worst} was compressed by its historian ({100 * filled[worst]:.3g} % of its "
-            "samples, where it moves, lie on straight lines between the others): what moved the plant is not in the "
-            f"record. {_RAW}"
+    return _compressed_op(record, layout, findings) or _open(record, layout, saturated, kept)
+
+
+def _without_pv(record: Record, layout: Layout, findings: Sequence[Finding]) -> Refusal:
+    """What has become of PV, where hardly a sample can be used."""
+    still = [c.name for i, c in enumerate(layout.outputs) if np.nanmax(record.y[:, i]) == np.nanmin(record.y[:, i])]
+    if len(still) == len(layout.outputs):
+        message = f"{record.name}: PV of {', '.join(still)} is frozen all the time; check the sensor or the tag"
+        return Refusal(Unusable.FROZEN, message)
+    away = [f.signal for f in findings if f.kind is Kind.COMPRESSED and f.excludes]
+    if away:
+        return Refusal(
+            Unusable.COMPRESSED_PV,
+            f"{record.name}: PV of {', '.join(away)} was compressed by its historian until little more than "
+            f"straight lines was left. {_RAW}",
         )
+    return Refusal(
+        Unusable.TOO_FEW,
+        f"{record.name}: fewer than {levels.FEWEST_USABLE} usable PV samples are left after screening; "
+        "see the findings, and export a longer or cleaner record",
+    )
+
+
+def _compressed_op(record: Record, layout: Layout, findings: Sequence[Finding]) -> Refusal | None:
+    inputs = {c.name for c in layout.inputs}
+    filled = {f.signal: 1 - f.value for f in findings if f.kind is Kind.COMPRESSED and f.signal in inputs and f.value}
+    worst = max(filled, key=filled.__getitem__, default="")
+    if filled.get(worst, 0.0) <= levels.MOST_FILLED_OP:
+        return None
+    return Refusal(
+        Unusable.COMPRESSED_OP,
+        f"{record.name}: OP of {worst} was compressed by its historian ({100 * filled[worst]:.3g} % of its "
+        "samples, where it moves, lie on straight lines between the others): what moved the plant is not in the "
+        f"record. {_RAW}",
+    )
+
+
+def _open(record: Record, layout: Layout, saturated: BoolArray, kept: BoolArray) -> Refusal | None:
+    """Where OP was not free for most of a record of a closed loop."""
     manual = ~record.automatic
     stuck = (saturated | manual)[kept]
-    if np.mean(stuck.any(axis=1)) <= _MOST_NOT_FREE:
+    if np.mean(stuck.any(axis=1)) <= levels.MOST_NOT_FREE:
         return None
     j = int(np.argmax(np.mean(stuck, axis=0)))
-    how = "in manual" if np.mean(manual[kept, j]) > np.mean(saturated[kept, j]) else "at its limit"
-    verb = "was" if how == "in manual" else "sat"
+    by_hand = np.mean(manual[kept, j]) > np.mean(saturated[kept, j])
+    how = "was in manual" if by_hand else "sat at its limit"
     some = f", one OP or another for {100 * np.mean(stuck.any(axis=1)):.3g} %" if record.u.shape[1] > 1 else ""
-    return (
-        f"{record.name}: OP of {layout.inputs[j].name} {verb} {how} for {100 * np.mean(stuck[:, j]):.3g} % of "
+    return Refusal(
+        Unusable.OPEN,
+        f"{record.name}: OP of {layout.inputs[j].name} {how} for {100 * np.mean(stuck[:, j]):.3g} % of "
         f"the record{some}: the loop was open for most of the time. Use `exclude` to keep the stretches "
-        "in which OP was free, or a record in which it was"
+        "in which OP was free, or a record in which it was",
     )

@@ -9,21 +9,14 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
-from trueplant.record import sensor
+from trueplant.record import levels, sensor
 from trueplant.record.compression import filled_in, moves
 from trueplant.record.layout import Channel, Layout
 from trueplant.record.numbers import counted
-from trueplant.record.refusal import FEWEST_USABLE, why_refused
+from trueplant.record.refusal import why_refused
 from trueplant.record.runs import equal_runs, hold_short, spans_of, spread
-from trueplant.record.segments import SHORT_GAP, SHORTEST, Clock, clock_of, segments_of
-from trueplant.record.types import Finding, Record, Screened
-
-_COMPRESSED = 0.05
-"""Share of filled-in samples from which on compression is said."""
-_MOST_FILLED_PV = 0.85
-"""Share from which on such a PV is left out. In simulated Wood-Berry records with more than that, a third of the
-intervals of dead times miss the truth (benchmarks/bench_compression.py)."""
-_LIMIT_TOLERANCE = 1e-4
+from trueplant.record.segments import Clock, clock_of, segments_of
+from trueplant.record.types import Finding, Kind, Record, Refusal, Screened, Unusable
 
 
 def screen(
@@ -61,9 +54,10 @@ def screen(
     segments = segments_of(record, usable, free, clock, experiment)
     refusal = why_refused(record, layout, usable, saturated, excluded, log.findings)
     if refusal is None and not segments:
-        refusal = (
-            f"{record.name}: no stretch of {SHORTEST} samples with OP and a usable PV is left; "
-            "export a record with fewer gaps, or at a longer interval"
+        refusal = Refusal(
+            Unusable.CUT_UP,
+            f"{record.name}: no stretch of {levels.SHORTEST} samples with OP and a usable PV is left; "
+            "export a record with fewer gaps, or at a longer interval",
         )
     return Screened(
         record=record,
@@ -71,7 +65,7 @@ def screen(
         segments=() if refusal else segments,
         usable_y=usable,
         saturated=saturated,
-        refusal=refusal,
+        refused=refusal,
         update_interval=interval,
     )
 
@@ -85,7 +79,7 @@ class _Log:
 
     def add(
         self,
-        kind: str,
+        kind: Kind,
         signal: str,
         message: str,
         mask: BoolArray | None = None,
@@ -99,7 +93,7 @@ class _Log:
     def missing(self, x: Array, name: str, excludes: bool = False) -> None:
         lost = np.isnan(x)
         if lost.any() and not lost.all():
-            self.add("missing", name, f"{name} is missing in {_count(lost)}.", lost, excludes, float(np.mean(lost)))
+            self.add(Kind.MISSING, name, f"{name} is missing in {_count(lost)}.", lost, excludes, float(np.mean(lost)))
 
 
 def _count(mask: BoolArray) -> str:
@@ -117,21 +111,21 @@ def _report_clock(record: Record, clock: Clock, log: _Log) -> None:
             f"The record has {counted(gaps.size, 'gap')}, the longest {longest:.4g} {unit}; "
             "a new segment begins after each."
         )
-        log.findings.append(Finding("gap", "time", message, spans, value=longest))
+        log.findings.append(Finding(Kind.GAP, "time", message, spans, value=longest))
     if clock.uniform:
         lost = int(np.sum(np.round(steps[steps <= clock.gap] / clock.h) - 1))
         if lost > 0:
             message = f"{counted(lost, 'single row')} missing; OP and set-points hold their last value there."
-            log.findings.append(Finding("gap", "time", message, samples=lost))
-    if clock.uniform and clock.jitter > 1e-3:
+            log.findings.append(Finding(Kind.GAP, "time", message, samples=lost))
+    if clock.uniform and clock.jitter > levels.JITTER_SAID:
         message = f"Stamps deviate from an even {clock.h:.4g} {unit} by {100 * clock.jitter:.2g} % rms; taken as even."
-        log.add("irregular", "time", message, value=clock.jitter)
+        log.add(Kind.IRREGULAR, "time", message, value=clock.jitter)
     if not clock.uniform:
         message = (
             f"Sampling is irregular ({steps.min():.3g} to {steps.max():.3g} {unit}). On a grid of {clock.h:.4g} "
             f"{unit}, OP and set-points hold their last value and PV is interpolated between near samples."
         )
-        log.add("irregular", "time", message, value=clock.jitter)
+        log.add(Kind.IRREGULAR, "time", message, value=clock.jitter)
 
 
 def _excluded(record: Record, exclude: Sequence[tuple[float, float]], log: _Log) -> BoolArray:
@@ -141,7 +135,7 @@ def _excluded(record: Record, exclude: Sequence[tuple[float, float]], log: _Log)
             raise DataError(f"exclude from {low:g} to {high:g}: the end lies before the start; swap them")
         out |= (record.t >= low) & (record.t <= high)
     if out.any():
-        log.add("excluded", "all", f"{_count(out)} were left out as asked.", out, True, float(np.mean(out)))
+        log.add(Kind.EXCLUDED, "all", f"{_count(out)} were left out as asked.", out, True, float(np.mean(out)))
     return out
 
 
@@ -151,7 +145,7 @@ def _saturated(record: Record, j: int, limits: tuple[float, float] | None, chann
     if limits is None:
         at = _plateaus(record, j)
     else:
-        tolerance = _LIMIT_TOLERANCE * (limits[1] - limits[0])
+        tolerance = levels.OP_LIMIT * (limits[1] - limits[0])
         at = (u <= limits[0] + tolerance) | (u >= limits[1] - tolerance)
     if at.any():
         share = float(np.mean(at))
@@ -159,28 +153,28 @@ def _saturated(record: Record, j: int, limits: tuple[float, float] | None, chann
         message = f"OP of {channel.name} {verb} at a limit for {100 * share:.3g} % of the record."
         if seems:
             message += " Declare its limits to be sure."
-        log.add("saturated", channel.name, message, at, value=share)
+        log.add(Kind.SATURATED, channel.name, message, at, value=share)
     return at
 
 
 def _plateaus(record: Record, j: int) -> BoolArray:
-    """Where OP repeats its recorded extreme for long while the control error moves: most likely a limit."""
+    """Where OP stays at its largest or smallest recorded value while the control error moves: most likely a limit."""
     u = record.u[:, j]
     out = np.zeros(u.size, dtype=bool)
     finite = np.isfinite(u)
-    if not record.closed or np.unique(u[finite]).size < 20:
+    if not record.closed or np.unique(u[finite]).size < levels.PLATEAU_VALUES:
         return out
     begin, length = equal_runs(u)
     value = u[begin]
     usual = float(np.median(length))
     error = record.r - record.y
     for extreme in (np.nanmin(u), np.nanmax(u)):
-        run = (value == extreme) & (length >= max(5.0, 5 * usual))
+        run = (value == extreme) & (length >= levels.PLATEAU_SAMPLES * max(1.0, usual))
         plateau = spread(begin[run], length[run], u.size)
-        if np.sum(plateau) < max(5.0, 0.01 * u.size):
+        if np.sum(plateau) < max(levels.PLATEAU_SAMPLES, levels.PLATEAU_SHARE * u.size):
             continue
         with np.errstate(invalid="ignore"):
-            moved = [_std(e[plateau]) > 0.02 * _std(e) for e in error.T]
+            moved = [_std(e[plateau]) > levels.PLATEAU_ERROR * _std(e) for e in error.T]
         if any(moved):
             out |= plateau
     return out
@@ -195,14 +189,14 @@ def _report_input(record: Record, j: int, channel: Channel, log: _Log) -> None:
     manual = ~record.automatic[:, j]
     if manual.any():
         message = f"{channel.name} was in manual for {100 * np.mean(manual):.3g} % of the record."
-        log.add("manual", channel.name, message, manual, value=float(np.mean(manual)))
+        log.add(Kind.MANUAL, channel.name, message, manual, value=float(np.mean(manual)))
     u = record.u[:, j : j + 1]
     if np.isnan(u).any():
-        _, short = hold_short(u, SHORT_GAP)
+        _, short = hold_short(u, levels.SHORT_GAP)
         message = f"OP of {channel.name} is missing in {_count(np.isnan(u))}"
         if short.any():
             message += f"; over {_count(short)} in short gaps its last value was held"
-        log.add("missing", channel.name, message + ".", np.isnan(u[:, 0]), bool(np.isnan(u[~short]).any()))
+        log.add(Kind.MISSING, channel.name, message + ".", np.isnan(u[:, 0]), bool(np.isnan(u[~short]).any()))
 
 
 def _output(
@@ -214,44 +208,44 @@ def _output(
     log.missing(record.r[:, i], f"set-point of {name}")
     bad = np.zeros(y.size, dtype=bool)
     if limits is not None:
-        tolerance = 1e-6 * (limits[1] - limits[0])
+        tolerance = levels.PV_LIMIT * (limits[1] - limits[0])
         with np.errstate(invalid="ignore"):
             bad = (y <= limits[0] + tolerance) | (y >= limits[1] - tolerance)
         if bad.any():
             message = f"{name} was at or beyond its range {limits[0]:g} to {limits[1]:g} in {_count(bad)}; left out."
-            log.add("out-of-range", name, message, bad, True, float(np.mean(bad)))
+            log.add(Kind.OUT_OF_RANGE, name, message, bad, True, float(np.mean(bad)))
     at = np.flatnonzero(np.isfinite(y) & ~bad)
-    if at.size < FEWEST_USABLE:
+    if at.size < levels.FEWEST_USABLE:
         return bad, clock.h
     v = y[at]
     if np.ptp(v) == 0:
         if np.any(np.nanmax(record.u, axis=0) > np.nanmin(record.u, axis=0)):
             stuck = np.isfinite(y)
-            log.add("frozen", name, f"{name} never changes although OP moves; left out.", stuck, True, 1.0)
+            log.add(Kind.FROZEN, name, f"{name} never changes although OP moves; left out.", stuck, True, 1.0)
             return bad | stuck, clock.h
         return bad, clock.h
     every, q = sensor.update_every(v), sensor.quantum(v)
     _report_sensor(every, q, name, clock, record.time_unit, log)
     share = filled_in(record.t[at], v, q)
-    if share > _COMPRESSED:
-        lost = share > _MOST_FILLED_PV
+    if share > levels.COMPRESSED:
+        lost = share > levels.MOST_FILLED_PV
         message = (
             f"{name} was compressed by its historian: {100 * share:.3g} % of its samples, where it moves, lie on "
             f"straight lines between the others, so that only {100 * (1 - share):.3g} % carry information"
             f"{'; left out' if lost else ''}."
         )
-        log.add("compressed", name, message, np.isfinite(y) if lost else None, lost, 1 - share)
+        log.add(Kind.COMPRESSED, name, message, np.isfinite(y) if lost else None, lost, 1 - share)
         if lost:
             return bad | np.isfinite(y), every * clock.h
     stuck, spike = np.zeros(y.size, dtype=bool), np.zeros(y.size, dtype=bool)
     stuck[at] = sensor.frozen(v, np.nan_to_num(record.u[at]))
     if stuck.any():
         message = f"{name} stood still for {_count(stuck)} while OP moved: frozen; left out."
-        log.add("frozen", name, message, stuck, True, float(np.mean(stuck)))
+        log.add(Kind.FROZEN, name, message, stuck, True, float(np.mean(stuck)))
     spike[at] = sensor.spikes(v, every, q)
     if spike.any():
         message = f"{name} has {counted(len(spans_of(record.t, spike)), 'short spike')}, {_count(spike)}; left out."
-        log.add("spike", name, message, spike, True, float(np.mean(spike)))
+        log.add(Kind.SPIKE, name, message, spike, True, float(np.mean(spike)))
     _report_outliers(y, bad | stuck | spike, name, log)
     return bad | stuck | spike, every * clock.h
 
@@ -259,34 +253,35 @@ def _output(
 def _report_sensor(every: float, q: float, name: str, clock: Clock, unit: str, log: _Log) -> None:
     if every > 1:
         message = f"{name} is updated every {every * clock.h:.3g} {unit} ({every:.3g} samples) and held in between."
-        log.add("held", name, message, value=every * clock.h)
+        log.add(Kind.HELD, name, message, value=every * clock.h)
     if q > 0:
-        log.add("quantised", name, f"{name} moves in steps of {q:.4g} (quantisation).", value=q)
+        log.add(Kind.QUANTISED, name, f"{name} moves in steps of {q:.4g} (quantisation).", value=q)
 
 
 def _report_compressed_op(record: Record, j: int, channel: Channel, log: _Log) -> None:
-    """Only the OP of a controller never runs in straight lines: a person may have moved that of an open loop so."""
+    """Of closed loops only: a person may well move OP along straight lines, a controller does not."""
     at = np.flatnonzero(np.isfinite(record.u[:, j]))
     alive = [i for i, y in enumerate(record.y[at].T) if np.unique(y[np.isfinite(y)]).size > 1]
-    if not record.closed or at.size < FEWEST_USABLE or not alive:
+    if not record.closed or at.size < levels.FEWEST_USABLE or not alive:
         return
     u = record.u[at, j]
     share = filled_in(record.t[at], u, sensor.quantum(u), moves(record.y[at][:, alive]))
-    if share > _COMPRESSED:
+    if share > levels.COMPRESSED:
         message = (
             f"OP of {channel.name} was compressed by its historian: {100 * share:.3g} % of its samples, where it "
             "moves, lie on straight lines between the others, and what OP really did there is not in the record."
         )
-        log.add("compressed", channel.name, message, value=1 - share)
+        log.add(Kind.COMPRESSED, channel.name, message, value=1 - share)
 
 
 def _report_outliers(y: Array, known: BoolArray, name: str, log: _Log) -> None:
     v = y[np.isfinite(y) & ~known]
-    if v.size < FEWEST_USABLE:
+    if v.size < levels.FEWEST_USABLE:
         return
-    low, high = np.quantile(v, [0.05, 0.95])
+    low, high = np.quantile(v, levels.OUTLIER_QUANTILES)
+    away = levels.OUTLIER_RANGES * (high - low)
     with np.errstate(invalid="ignore"):
-        far = ((y < low - 5 * (high - low)) | (y > high + 5 * (high - low))) & ~known
-    if high > low and 0 < np.sum(far) < 0.02 * y.size:
+        far = ((y < low - away) | (y > high + away)) & ~known
+    if high > low and 0 < np.sum(far) < levels.OUTLIER_SHARE * y.size:
         message = f"{name} lies far from all its other values in {_count(far)}; declare its limits to leave them out."
-        log.add("outlier", name, message, far, value=float(np.mean(far)))
+        log.add(Kind.OUTLIER, name, message, far, value=float(np.mean(far)))

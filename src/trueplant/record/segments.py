@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.record import levels
 from trueplant.record.runs import Index, hold_short, true_runs
 from trueplant.record.types import Record, Segment
-
-SHORT_GAP = 3
-"""OP and set-point hold their last value over so many missing samples; after more a new segment begins."""
-SHORTEST = 10
-"""Shorter segments are left out."""
-_JITTER = 0.05
-_NEAR = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,29 +30,33 @@ def clock_of(t: Array) -> Clock:
     """The sample time of a record, and whether its stamps are on a grid (or only rounded, or jittering a little)."""
     steps = np.diff(t)
     middle = float(np.median(steps))
-    h = float(np.mean(steps[(steps <= 1.5 * middle) & (steps >= 0.5 * middle)]))
+    few, many = levels.EVEN_STEPS
+    h = float(np.mean(steps[(steps >= few * middle) & (steps <= many * middle)]))
     count = np.round(steps / h)
-    inner = (count >= 1) & (count <= SHORT_GAP)
+    inner = (count >= 1) & (count <= levels.SHORT_GAP)
     if inner.any():
         h = float(np.sum(steps[inner]) / np.sum(count[inner]))
         count = np.round(steps / h)
-    near = steps <= (SHORT_GAP + 0.5) * h
+    near = steps <= (levels.SHORT_GAP + 0.5) * h
     jitter = float(np.sqrt(np.mean((steps[near] / h - np.maximum(count[near], 1)) ** 2))) if near.any() else 0.0
-    uniform = jitter < _JITTER or _rounded(t, steps, h, near)
+    uniform = jitter < levels.JITTER or _rounded(t, steps, h, near)
     if uniform:
-        return Clock(float(h), True, jitter, (SHORT_GAP + 0.5) * h)
-    return Clock(middle, False, jitter, (SHORT_GAP + 0.5) * max(middle, float(np.quantile(steps, 0.9))))
+        return Clock(float(h), True, jitter, (levels.SHORT_GAP + 0.5) * h)
+    return Clock(
+        middle, False, jitter, (levels.SHORT_GAP + 0.5) * max(middle, float(np.quantile(steps, levels.LONG_STEP)))
+    )
 
 
 def _rounded(t: Array, steps: Array, h: float, near: BoolArray) -> bool:
     """True if the stamps of an even sampling were merely rounded, say to full seconds."""
     kinds = np.unique(np.round(steps[near] / h, 6)) * h
-    if kinds.size < 2 or kinds.size > 12:
+    if kinds.size < 2 or kinds.size > levels.ROUNDED_KINDS:
         return False
     q = float(np.min(np.diff(kinds)))
-    whole = np.all(np.abs(kinds / q - np.round(kinds / q)) < 1e-3)
+    whole = np.all(np.abs(kinds / q - np.round(kinds / q)) < levels.ROUNDED_WHOLE)
     drift = np.where(near, steps - h * np.maximum(np.round(steps / h), 1), 0.0)
-    return bool(whole and np.ptp(np.cumsum(drift)) <= 2.01 * q and q < 0.9 * h)
+    even = np.ptp(np.cumsum(drift)) <= levels.ROUNDED_DRIFT * q
+    return bool(whole and even and q < levels.ROUNDED_UNIT * h)
 
 
 def segments_of(
@@ -68,10 +66,8 @@ def segments_of(
 
     u and d are held, y is NaN where it is not usable, each segment begins and ends with a usable PV.
     """
-    u, _ = hold_short(record.u, SHORT_GAP)
-    d, _ = hold_short(record.d, SHORT_GAP)
-    r, _ = hold_short(record.r, SHORT_GAP)
-    y = np.where(usable, record.y, np.nan)
+    r, u, d = (hold_short(x, levels.SHORT_GAP)[0] for x in (record.r, record.u, record.d))
+    whole = _Signals(record.t, r, u, np.where(usable, record.y, np.nan), d, free)
     known = np.asarray(np.isfinite(np.hstack([u, d])).all(axis=1), dtype=bool)
     cut = np.concatenate([[False], np.diff(record.t) > clock.gap])
     out: list[Segment] = []
@@ -79,57 +75,62 @@ def segments_of(
         inside = np.flatnonzero(cut[begin + 1 : begin + length]) + begin + 1
         edges = [int(begin), *map(int, inside), int(begin + length)]
         for a, b in pairwise(edges):
-            some = np.flatnonzero(np.isfinite(y[a:b]).any(axis=1))
-            if some.size < SHORTEST:
+            some = np.flatnonzero(np.isfinite(whole.y[a:b]).any(axis=1))
+            if some.size < levels.SHORTEST:
                 continue
             piece = slice(a + int(some[0]), a + int(some[-1]) + 1)
-            segment = _on_grid(record, piece, r, u, y, d, free, clock, experiment)
-            if len(segment) >= SHORTEST:
+            segment = _on_grid(whole.part(piece), clock, record, experiment)
+            if len(segment) >= levels.SHORTEST:
                 out.append(segment)
     return tuple(out)
 
 
-def _on_grid(
-    record: Record,
-    piece: slice,
-    r: Array,
-    u: Array,
-    y: Array,
-    d: Array,
-    free: BoolArray,
-    clock: Clock,
-    experiment: int,
-) -> Segment:
-    t = record.t[piece]
+@dataclass(frozen=True, eq=False)
+class _Signals:
+    """What of a record can be used, on its own samples t (N,): short gaps held, PV NaN where it is not usable."""
+
+    t: Array
+    r: Array
+    u: Array
+    y: Array
+    d: Array
+    free: BoolArray
+
+    def part(self, piece: slice) -> _Signals:
+        return _Signals(*(getattr(self, f.name)[piece] for f in fields(self)))
+
+
+def _on_grid(own: _Signals, clock: Clock, record: Record, experiment: int) -> Segment:
+    """One stretch of a record without gaps."""
+    t, h = own.t, clock.h
     if clock.uniform:
         # cumulated rounding of single steps follows a clock that drifts against its own mean step
-        place = np.concatenate([[0], np.cumsum(np.maximum(np.round(np.diff(t) / clock.h), 1))]).astype(np.int64)
-        grid = t[0] + clock.h * np.arange(place[-1] + 1)
+        place = np.concatenate([[0], np.cumsum(np.maximum(np.round(np.diff(t) / h), 1))]).astype(np.int64)
+        grid = t[0] + h * np.arange(place[-1] + 1)
         latest = np.searchsorted(place, np.arange(place[-1] + 1), side="right") - 1
-        placed = np.full((grid.size, y.shape[1]), np.nan)
-        placed[place] = y[piece]
+        placed = np.full((grid.size, own.y.shape[1]), np.nan)
+        placed[place] = own.y
     else:
-        grid = t[0] + clock.h * np.arange(int(np.floor((t[-1] - t[0]) / clock.h + 1e-9)) + 1)
-        latest = np.searchsorted(t, grid + 1e-9 * clock.h, side="right") - 1
-        placed = np.column_stack([_between(grid, t, column, _NEAR * clock.h) for column in y[piece].T])
-    segment = Segment(
+        grid = t[0] + h * np.arange(int(np.floor((t[-1] - t[0]) / h + 1e-9)) + 1)
+        latest = np.searchsorted(t, grid + 1e-9 * h, side="right") - 1
+        placed = np.column_stack([_between(grid, t, column, levels.NEAR * h) for column in own.y.T])
+    r, u = own.r[latest], own.u[latest]
+    if not clock.uniform:
+        # what acts from one instant of the grid to the next is the mean of what was held meanwhile
+        means = (_mean_held(grid, h, t, x) for x in (own.r, own.u))
+        r, u = (np.where(np.isfinite(m), m, x) for m, x in zip(means, (r, u), strict=True))
+    return Segment(
         experiment=experiment,
-        h=clock.h,
+        h=h,
         t=grid,
-        r=r[piece][latest],
-        u=u[piece][latest],
+        r=r,
+        u=u,
         y=placed,
-        d=d[piece][latest],
-        free=free[piece][latest],
+        d=own.d[latest],
+        free=own.free[latest],
         hold=record.hold,
         closed=record.closed,
     )
-    if clock.uniform:
-        return segment
-    # What acts from one instant of the grid to the next is the mean of what was held meanwhile.
-    means = (_mean_held(grid, clock.h, t, x[piece]) for x in (u, r))
-    mean_u, mean_r = (np.where(np.isfinite(m), m, x) for m, x in zip(means, (segment.u, segment.r), strict=True))
-    return replace(segment, u=mean_u, r=mean_r)
 
 
 def _mean_held(grid: Array, h: float, t: Array, x: Array) -> Array:

@@ -5,12 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.record import levels
 from trueplant.record.runs import equal_runs, spread
-
-_SPIKE_SCALE = 4.5
-"""Spikes exceed this many standard deviations of the changes between updates, on both sides."""
-_SPIKE_SAMPLES = 3
-_FROZEN_TIMES = 10
 
 
 def update_every(y: Array) -> float:
@@ -20,37 +16,37 @@ def update_every(y: Array) -> float:
     """
     begin, _ = equal_runs(y)
     gaps = np.diff(begin[1:])
-    if gaps.size < 20:
+    if gaps.size < levels.FEWEST_UPDATES:
         return 1.0
-    shortest = float(np.quantile(gaps, 0.02))
-    if shortest < 2:
+    shortest = float(np.quantile(gaps, levels.SHORTEST_UPDATE))
+    if shortest < levels.HELD_SAMPLES:
         return 1.0
-    k = float(np.mean(gaps[gaps <= 1.7 * shortest]))
-    near = gaps[gaps <= 3.3 * k]
-    fits = np.abs(near - k * np.round(near / k)) <= 0.3 * k
-    return k if np.mean(fits) >= 0.9 else 1.0
+    k = float(np.mean(gaps[gaps <= levels.SINGLE_UPDATES * shortest]))
+    near = gaps[gaps <= levels.FEW_UPDATES * k]
+    fits = np.abs(near - k * np.round(near / k)) <= levels.WHOLE_UPDATE * k
+    return k if np.mean(fits) >= levels.HELD_SHARE else 1.0
 
 
 def quantum(y: Array) -> float:
     """The smallest increment of which nearly all small changes of y are whole multiples; 0 if there is none."""
     d = np.abs(np.diff(y))
-    # what a settled signal moves by in its last digits is no quantisation
-    d = d[d > 1e-9 * np.max(np.abs(y), initial=0.0)]
-    if d.size < 20:
+    d = d[d > levels.SETTLED_MOVE * np.max(np.abs(y), initial=0.0)]
+    if d.size < levels.FEWEST_UPDATES:
         return 0.0
-    low = float(np.quantile(d, 0.05, method="lower"))
-    q = float(np.median(d[(d >= low * (1 - 1e-9)) & (d <= 1.3 * low)]))
-    for _ in range(3):
+    low = float(np.quantile(d, levels.SMALLEST_MOVES, method="lower"))
+    q = float(np.median(d[(d >= low * (1 - 1e-9)) & (d <= levels.SAME_QUANTUM * low)]))
+    for _ in range(levels.QUANTUM_ROUNDS):
         k = np.round(d / q)
-        use = (k >= 1) & (k <= 10)
-        if np.sum(use) < 10:
+        use = (k >= 1) & (k <= levels.MOST_QUANTA)
+        if np.sum(use) < levels.FEWEST_QUANTA:
             return 0.0
         q = float(np.sum(d[use] * k[use]) / np.sum(k[use] ** 2))
     k = np.round(d / q)
-    use = (k >= 1) & (k <= 10)
+    use = (k >= 1) & (k <= levels.MOST_QUANTA)
     rest = np.abs(d[use] / q - k[use])
     distinct = np.unique(np.round(d / q, 3)).size
-    return q if np.quantile(rest, 0.95) < 0.12 and distinct < 0.5 * d.size else 0.0
+    whole = bool(np.quantile(rest, levels.WHOLE_QUANTUM_SHARE) < levels.WHOLE_QUANTUM)
+    return q if whole and distinct < levels.DISTINCT_MOVES * d.size else 0.0
 
 
 def spikes(y: Array, every: float, q: float) -> BoolArray:
@@ -63,11 +59,11 @@ def spikes(y: Array, every: float, q: float) -> BoolArray:
     begin, length = equal_runs(y)
     v = y[begin]
     out = np.zeros(y.size, dtype=bool)
-    if v.size < 9:
+    if v.size < levels.SPIKE_UPDATES:
         return out
     change = np.abs(np.diff(v))
-    floor = max(_SPIKE_SCALE * 1.4826 * float(np.median(change)), 3.5 * q)
-    longest = max(_SPIKE_SAMPLES, round(1.5 * every))
+    floor = max(levels.SPIKE_SCALE * levels.NORMAL_MAD * float(np.median(change)), levels.SPIKE_QUANTA * q)
+    longest = max(levels.SPIKE_SAMPLES, round(levels.SPIKE_HELD * every))
     for m in (1, 2, 3):
         a = np.arange(3, v.size - m - 2)
         before, after = v[a - 1], v[a + m]
@@ -80,7 +76,7 @@ def spikes(y: Array, every: float, q: float) -> BoolArray:
         # a smooth peak falls off faster farther away, a decay after a step differs between its two sides
         smooth = np.max([np.abs(before - left), np.abs(after - right), np.abs(left - right)], axis=0)
         samples = begin[a + m - 1] + length[a + m - 1] - begin[a]
-        hit = (size > floor) & (size > 2 * smooth) & (samples <= longest)
+        hit = (size > floor) & (size > levels.SPIKE_SMOOTH * smooth) & (samples <= longest)
         for i in range(m):
             out |= spread(begin[a[hit] + i], length[a[hit] + i], y.size)
     return out
@@ -99,19 +95,21 @@ def frozen(y: Array, u: Array) -> BoolArray:
     """
     begin, length = equal_runs(y)
     out = np.zeros(y.size, dtype=bool)
-    if begin.size < 20:
+    if begin.size < levels.FEWEST_UPDATES:
         return out
-    candidates = np.flatnonzero(length > max(10.0, _FROZEN_TIMES * float(np.quantile(length, 0.95))))
+    usual = float(np.quantile(length, levels.FROZEN_USUAL))
+    candidates = np.flatnonzero(length > max(levels.FROZEN_SAMPLES, levels.FROZEN_TIMES * usual))
     v, span = y[begin], np.ptp(u, axis=0)
     change = np.diff(v)
     smallest = float(np.min(np.abs(change)))
+    few, many = levels.FROZEN_BEFORE, levels.FROZEN_AROUND
     for k in candidates:
-        around = change[max(0, k - 20) : k] if k >= 5 else -change[k : k + 20][::-1]
-        turns = float(np.mean(np.diff(np.sign(around)) != 0)) if around.size > 4 else 0.0
-        noisy = turns > 0.25 and bool(np.median(np.abs(around)) > 1e-6 * np.ptp(y))
-        last = np.abs(around[-5:])
-        moving = k >= 5 and bool(np.min(last) > max(1e-4 * np.ptp(y), 2 * smallest))
+        around = change[max(0, k - many) : k] if k >= few else -change[k : k + many][::-1]
+        turns = float(np.mean(np.diff(np.sign(around)) != 0)) if around.size >= few else 0.0
+        noisy = turns > levels.FROZEN_TURNS and bool(np.median(np.abs(around)) > levels.FROZEN_NOISE * np.ptp(y))
+        least = max(levels.FROZEN_MOVING * np.ptp(y), levels.FROZEN_QUANTA * smallest)
+        moving = k >= few and bool(np.min(np.abs(around[-few:])) > least)
         piece = u[begin[k] : begin[k] + length[k]]
-        if (noisy or moving) and np.any(np.ptp(piece, axis=0) > 0.05 * span):
+        if (noisy or moving) and np.any(np.ptp(piece, axis=0) > levels.FROZEN_OP * span):
             out |= spread(begin[k : k + 1], length[k : k + 1], y.size)
     return out

@@ -13,7 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.errors import DataError
+from trueplant.record import levels
+from trueplant.record.header import Cells, with_header
 from trueplant.record.numbers import counted
+from trueplant.record.source import Source
+from trueplant.record.table import Table
 
 if TYPE_CHECKING:
     import polars as pl
@@ -27,19 +31,6 @@ _TIME = re.compile(
     rf"^(\d{{1,4}}[-/.](\d{{1,2}}|[A-Za-z]{{3}})[-/.]\d{{2,4}}|\d{{1,2}} [A-Za-z]{{3}} \d{{2,4}})([T ]+{_CLOCK})?$"
     rf"|^{_CLOCK}$|^\d{{8}}[T ]\d{{2}}:?\d{{2}}(:?\d{{2}})?$"
 )
-_SNIFFED_LINES = 300
-
-
-@dataclass(frozen=True, eq=False)
-class Cells:
-    """A text file cut into cells. `head` holds the lines above the data as lists, `frame` all data rows as text."""
-
-    head: list[list[str]]
-    frame: pl.DataFrame
-    lines: NDArray[np.int64]
-    """Line number in the file of each row of `frame`."""
-    separator: str
-    encoding: str
 
 
 def looks_like_data(cell: str) -> bool:
@@ -57,9 +48,9 @@ def decode(data: bytes, source: str) -> tuple[str, str]:
     else:
         head = np.frombuffer(data[:4096], dtype=np.uint8)
         zeros = [float(np.mean(head[k::2] == 0)) if head[k::2].size else 0.0 for k in (0, 1)]
-        if max(zeros) > 0.4 and min(zeros) < 0.05:
+        if max(zeros) > levels.UTF16_ZEROS and min(zeros) < levels.TEXT_ZEROS:
             encoding = "utf-16-le" if zeros[1] > zeros[0] else "utf-16-be"
-        elif np.any(head == 0) or np.mean((head < 32) & ~np.isin(head, (9, 10, 12, 13, 26))) > 0.02:
+        elif np.any(head == 0) or np.mean((head < 32) & ~np.isin(head, (9, 10, 12, 13, 26))) > levels.TEXT_CONTROLS:
             raise DataError(f"{source} is not a text file; give CSV, TXT, Parquet or XLSX")
         else:
             encoding = "utf-8"
@@ -85,7 +76,7 @@ def _sniff(lines: list[str]) -> str | None:
     best, best_score = None, 0.0
     for separator in SEPARATORS:
         rows = [row for line in lines if len(row := _split(line, separator)) > 1]
-        if len(rows) < 0.3 * len(lines):
+        if len(rows) < levels.SAME_WIDTH_SHARE * len(lines):
             continue
         width, count = Counter(len(row) for row in rows).most_common(1)[0]
         cells = [cell for row in rows if len(row) == width for cell in row]
@@ -95,12 +86,17 @@ def _sniff(lines: list[str]) -> str | None:
     return best
 
 
+def read_text(source: Source) -> Table:
+    """A CSV or TXT file: separator, decimal mark, encoding and header are found. Raises DataError where that fails."""
+    return with_header(split_cells(source.data, source.name, source.separator), source)
+
+
 def split_cells(data: bytes, source: str, separator: str | None = None) -> Cells:
     """Cut a text file into cells, all rows checked to have the same number of them."""
     text, encoding = decode(data, source)
     if not text.strip():
         raise DataError(f"{source} is empty; export the data again")
-    sample = [line for line in text[: 1 << 18].split("\n")[:_SNIFFED_LINES] if line.strip()]
+    sample = [line for line in text[: 1 << 18].split("\n")[: levels.SNIFFED_LINES] if line.strip()]
     if len(text) > 1 << 18 and len(sample) > 1:
         sample = sample[:-1]
     chosen = _NAMED.get(separator.lower(), separator) if separator else _sniff(sample)
@@ -153,9 +149,9 @@ def _cut(text: str, separator: str, source: str, encoding: str, shown: str) -> C
     cuts = np.flatnonzero((raw == ord(separator)) & outside)
     width = np.searchsorted(cuts, ends) - np.searchsorted(cuts, starts) + 1
     lines = _Lines(data, starts, ends, width, separator, source)
-    # blank: nothing but separators, quotes and spaces
-    ink = (raw > 34) & (raw != ord(separator)) | (raw == 33)
-    blank = ~np.logical_or.reduceat(ink[: ends[-1] + 1], starts)
+    # blank lines hold nothing but separators, quotes and spaces
+    printed = (raw > 34) & (raw != ord(separator)) | (raw == 33)
+    blank = ~np.logical_or.reduceat(printed[: ends[-1] + 1], starts)
     first, usual = _first_data_row(lines, np.flatnonzero(~blank))
     head = [lines.fields(int(k)) for k in np.flatnonzero(~blank[:first])]
     keep = ~blank & (np.arange(blank.size) >= first)
@@ -166,15 +162,15 @@ def _cut(text: str, separator: str, source: str, encoding: str, shown: str) -> C
     return Cells(head, _parse(body, separator, usual, quoted, source), rows + 1, shown, encoding)
 
 
-def _first_data_row(lines: _Lines, inked: NDArray[np.int64]) -> tuple[int, int]:
+def _first_data_row(lines: _Lines, filled: NDArray[np.int64]) -> tuple[int, int]:
     """The first line with numbers, and the usual number of fields of the lines below the top quarter."""
-    values, counts = np.unique(lines.width[inked[inked.size // 4 :]], return_counts=True)
+    values, counts = np.unique(lines.width[filled[filled.size // 4 :]], return_counts=True)
     usual = int(values[np.argmax(counts)])
     if usual < 2:
         raise DataError(
             f"{lines.source} has only one column when cut at {lines.separator!r}; name its separator in `separator`"
         )
-    for k in inked[:_SNIFFED_LINES]:
+    for k in filled[: levels.SNIFFED_LINES]:
         comment = lines.text(k).startswith(("#", "//"))
         if lines.width[k] == usual and not comment and any(map(looks_like_data, lines.fields(k))):
             return int(k), usual
@@ -187,7 +183,7 @@ def _check_ragged(lines: _Lines, rows: NDArray[np.int64], usual: int) -> None:
         return
     k = int(odd[0])
     hint = "correct or delete that line"
-    if lines.separator == "," and odd.size > 0.2 * rows.size:
+    if lines.separator == "," and odd.size > levels.RAGGED_SHARE * rows.size:
         hint = "if these are decimal commas, export with ; between the columns"
     more = f" (and {counted(odd.size - 1, 'more line')})" if odd.size > 1 else ""
     raise DataError(

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array
 from trueplant.errors import DataError
+from trueplant.record import levels
 from trueplant.record.numbers import counted
 from trueplant.record.table import Table
-from trueplant.record.types import Finding
+from trueplant.record.types import Finding, Kind
 
 if TYPE_CHECKING:
     import polars as pl
@@ -98,7 +99,7 @@ def parse_times(table: Table, name: str, unit: str, zone: str | None, groups: ND
             return _since_start(stamps.dt.convert_time_zone("UTC").dt.replace_time_zone(None), True, ())
         notes: tuple[Finding, ...] = ()
     else:
-        if bool((np.isfinite(values) & ~words).mean() > 0.5):
+        if bool((np.isfinite(values) & ~words).mean() > levels.MOSTLY):
             _refuse(table, name, int(np.argmax(words)))
         stamps, offsets, notes = _from_text(table, name)
         if offsets is not None:
@@ -210,7 +211,7 @@ def _date_order(text: pl.Series, source: str) -> tuple[pl.Series, tuple[Finding,
     message = (
         f"{source}: dates such as {text.drop_nulls()[0]} were read as {'month' if chosen[1] == 'm' else 'day'} first."
     )
-    return fitting[chosen], (Finding("date-order", source, message),) if same else ()
+    return fitting[chosen], (Finding(Kind.DATE_ORDER, source, message),) if same else ()
 
 
 def _to_utc(table: Table, stamps: pl.Series, zone: str, groups: NDArray[np.int64] | None) -> pl.Series:
@@ -222,7 +223,7 @@ def _to_utc(table: Table, stamps: pl.Series, zone: str, groups: NDArray[np.int64
     try:
         zoneinfo.ZoneInfo(zone)
     except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
-        near = difflib.get_close_matches(zone, zoneinfo.available_timezones(), n=3, cutoff=0.5)
+        near = difflib.get_close_matches(zone, zoneinfo.available_timezones(), n=3, cutoff=levels.NEAR_ZONE)
         hint = f"did you mean {' or '.join(near)}?" if near else "use a name such as Europe/Berlin or UTC"
         raise DataError(f"unknown time zone {zone!r}; {hint}") from None
 
@@ -268,26 +269,27 @@ def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[F
     notes: list[Finding] = []
     if rows.size < t.size:
         lost = np.flatnonzero(~np.isfinite(t))
-        if lost.size > max(1, 0.01 * t.size):
+        if lost.size > max(1, levels.LOST_TIMES * t.size):
             raise DataError(
                 f"{table.source}, {table.where(int(lost[0]))}: {counted(lost.size, 'row')} without a time; "
                 "complete or delete them"
             )
         message = f"{counted(lost.size, 'row')} without a time left out (first: {table.where(int(lost[0]))})."
-        notes.append(Finding("missing", "time", message, samples=int(lost.size), excludes=True))
+        notes.append(Finding(Kind.MISSING, "time", message, samples=int(lost.size), excludes=True))
     steps = np.diff(t[rows])
-    if steps.size and np.mean(steps < 0) > 0.5 and np.all(steps <= 0):
+    if steps.size and np.mean(steps < 0) > levels.MOSTLY and np.all(steps <= 0):
         rows = rows[::-1]
         notes.append(
-            Finding("backwards", "time", "The file runs from the latest to the earliest time; it was reversed.")
+            Finding(Kind.BACKWARDS, "time", "The file runs from the latest to the earliest time; it was reversed.")
         )
     late = np.flatnonzero(t[rows] < np.maximum.accumulate(t[rows]))
-    if late.size > max(1, 0.01 * rows.size):
+    if late.size > max(1, levels.LOST_TIMES * rows.size):
         k = int(late[0])
         shown = f"{_shown(times, t[rows[k - 1]])} to {_shown(times, t[rows[k]])}"
         hint = ""
-        step = t[rows[k]] - t[rows[k - 1]]
-        if times.start is not None and times.start.tzinfo is None and -3700 < step <= -1800:
+        back = t[rows[k - 1]] - t[rows[k]]
+        least, most = levels.CLOCK_CHANGE
+        if times.start is not None and times.start.tzinfo is None and least <= back < most:
             hint = " if this is the autumn change of the clock, give `time_zone`;"
         raise DataError(
             f"{table.source}, {table.where(int(rows[k]))}: time runs backwards ({shown});{hint} "
@@ -296,13 +298,13 @@ def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[F
     if late.size:
         rows = rows[np.argsort(t[rows], kind="stable")]
         message = f"{counted(late.size, 'row')} out of order, sorted in (first: {table.where(int(late[0]))})."
-        notes.append(Finding("backwards", "time", message, samples=int(late.size)))
+        notes.append(Finding(Kind.BACKWARDS, "time", message, samples=int(late.size)))
     keep = np.diff(t[rows], prepend=-np.inf) > 0
     if not keep.all():
         first = int(rows[np.argmin(keep)])
         count = int(np.sum(~keep))
         message = f"{counted(count, 'row')} with the time of the row before left out (first: {table.where(first)})."
-        notes.append(Finding("duplicate", "time", message, samples=count, excludes=True))
+        notes.append(Finding(Kind.DUPLICATE, "time", message, samples=count, excludes=True))
         rows = rows[keep]
     return rows, tuple(notes)
 

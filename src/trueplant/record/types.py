@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from datetime import datetime
+from enum import StrEnum
 
 import numpy as np
 
@@ -53,13 +54,63 @@ class Record:
         return np.asarray(np.where(known, self.y, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
 
 
+class Kind(StrEnum):
+    """What a finding is about."""
+
+    # of reading
+    SHEET = "sheet"
+    """A workbook has several sheets, and none was named."""
+    DECIMAL = "decimal"
+    """The comma could be the decimal mark or between thousands."""
+    DATE_ORDER = "date-order"
+    """Day and month could be swapped."""
+    ALIGNED = "aligned"
+    """The tags of a long export bear stamps of their own."""
+    BAD_QUALITY = "bad-quality"
+    """The historian does not trust the value."""
+    TEXT = "text"
+    """A word stands where a number should."""
+    CONSTANT = "constant"
+    """A column holds one value throughout."""
+    BACKWARDS = "backwards"
+    """Rows were not in the order of time."""
+    DUPLICATE = "duplicate"
+    """A row bears the time of the one before."""
+    # of the clock
+    GAP = "gap"
+    """Rows are missing."""
+    IRREGULAR = "irregular"
+    """The steps of time are not even."""
+    # of one signal
+    MISSING = "missing"
+    """There is no value."""
+    EXCLUDED = "excluded"
+    """The user leaves this stretch out."""
+    SATURATED = "saturated"
+    """OP was at a limit."""
+    MANUAL = "manual"
+    """OP was written by a person."""
+    OUT_OF_RANGE = "out-of-range"
+    """PV was at or beyond the range of its sensor."""
+    FROZEN = "frozen"
+    """PV stood still although OP moved."""
+    SPIKE = "spike"
+    """PV left its neighbours for a moment."""
+    OUTLIER = "outlier"
+    """PV lies far from all its other values."""
+    HELD = "held"
+    """PV is updated less often than it is recorded."""
+    QUANTISED = "quantised"
+    """PV moves in steps."""
+    COMPRESSED = "compressed"
+    """A historian drew straight lines between the values that it stored."""
+
+
 @dataclass(frozen=True)
 class Finding:
     """One thing that screening noticed, in words a shift engineer understands."""
 
-    kind: str
-    """saturated, manual, frozen, held, spike, quantised, compressed, outlier, out-of-range, missing, gap,
-    duplicate, backwards, text, bad-quality, irregular, excluded, constant, ..."""
+    kind: Kind
     signal: str
     message: str
     spans: tuple[tuple[float, float], ...] = ()
@@ -96,6 +147,35 @@ class Segment:
         return int(self.t.size)
 
 
+class Unusable(StrEnum):
+    """Why nothing of a record can be used."""
+
+    EXCLUDED = "excluded"
+    """All of it was left out by the user."""
+    STILL = "op-still"
+    """No OP moves."""
+    FROZEN = "frozen"
+    """No PV moves."""
+    COMPRESSED_PV = "pv-compressed"
+    """A historian left little more than straight lines of PV ..."""
+    COMPRESSED_OP = "op-compressed"
+    """... or of the OP of a controller: what moved the plant is not in the record."""
+    TOO_FEW = "too-few"
+    """Hardly a PV sample can be used."""
+    OPEN = "loop-open"
+    """OP was in manual or at a limit for most of a record that is declared closed."""
+    CUT_UP = "cut-up"
+    """No stretch between gaps is long enough."""
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why nothing of a record can be used, and in a sentence what to do."""
+
+    why: Unusable
+    message: str
+
+
 @dataclass(frozen=True, eq=False)
 class Screened:
     """A record, what was found in it, and what of it can be used."""
@@ -107,7 +187,12 @@ class Screened:
     """(N, n_y) on the record's own samples."""
     saturated: BoolArray
     """(N, n_u) on the record's own samples."""
-    refusal: str | None = None
+    refused: Refusal | None = None
     """Why nothing of it can be used, if so."""
     update_interval: Array = field(default_factory=lambda: np.zeros(0))
     """(n_y,) time between real updates of each PV (its sample time unless PV is held longer)."""
+
+    @property
+    def refusal(self) -> str | None:
+        """The sentence of `refused`."""
+        return self.refused.message if self.refused else None

@@ -1,6 +1,16 @@
 """What an analysis returns: typed, frozen, with its words and its JSON."""
 
-from trueplant.result.changes import Change, Moved, TrackedElement, TrackedExperiment, Window, WindowElement
+from trueplant.result.changes import (
+    Change,
+    ChangeKind,
+    ElementHistory,
+    Moved,
+    TrackedElement,
+    TrackedExperiment,
+    Window,
+    WindowElement,
+    WindowStatus,
+)
 from trueplant.result.check import Check
 from trueplant.result.codec import build, document, plain
 from trueplant.result.controllers import (
@@ -60,7 +70,7 @@ from trueplant.result.robustness import (
     WorstElement,
 )
 from trueplant.result.track import Track
-from trueplant.result.uncertainty import UncertainParameter, UncertainRow, Uncertainty
+from trueplant.result.uncertainty import HeldElement, UncertainParameter, UncertainRow, Uncertainty
 
 __all__ = [
     "Background",
@@ -69,6 +79,7 @@ __all__ = [
     "BlackBoxElement",
     "CascadeCheck",
     "Change",
+    "ChangeKind",
     "Check",
     "CoherenceCurves",
     "CoherenceTable",
@@ -86,6 +97,7 @@ __all__ = [
     "DrawnShares",
     "DrawnStability",
     "Element",
+    "ElementHistory",
     "Excitation",
     "Exclusion",
     "ExperimentData",
@@ -141,6 +153,7 @@ __all__ = [
     "ValidationFit",
     "Window",
     "WindowElement",
+    "WindowStatus",
     "WorstElement",
     "build",
     "document",

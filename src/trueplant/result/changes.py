@@ -3,8 +3,44 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 from trueplant.result.element import Interval, Parameter
+
+
+class WindowStatus(StrEnum):
+    """What became of a stretch of a record."""
+
+    OK = "ok"
+    """It was fitted."""
+    REFUSED = "refused"
+    """It could not be, for the reason beside it."""
+
+
+class ChangeKind(StrEnum):
+    """How an element changed."""
+
+    STEP = "step"
+    """From one sample to the next."""
+    DRIFT = "drift"
+    """Little by little."""
+    UNDECIDED = "undecided"
+    """In one of the two ways: the windows do not tell them apart."""
+
+
+class ElementHistory(StrEnum):
+    """What is known of an element over the whole record."""
+
+    CONSTANT = "constant"
+    """It was tested, and no change was found."""
+    STEP = "step"
+    """It changed in a step at least once."""
+    DRIFT = "drift"
+    """It drifted, and there is no step."""
+    UNDECIDED = "undecided"
+    """It changed, in a step or little by little."""
+    NOT_IDENTIFIABLE = "not identifiable"
+    """Too few windows answer for it."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +62,7 @@ class Window:
     experiment: str
     start: float
     end: float
-    status: str
-    """ "ok" or "refused"."""
+    status: WindowStatus
     reason: str = ""
     elements: tuple[WindowElement, ...] = ()
 
@@ -56,8 +91,7 @@ class Change:
 
     output: str
     input: str
-    kind: str
-    """ "step", "drift", or "undecided" between the two."""
+    kind: ChangeKind
     time: float | None
     """Of a step: when PV began to follow the new parameters."""
     interval: Interval
@@ -72,8 +106,7 @@ class TrackedElement:
 
     output: str
     input: str
-    history: str
-    """ "constant", "step", "drift", "undecided", or "not identifiable"."""
+    history: ElementHistory
     p_adjusted: float | None
     windows: int
     """Windows that its history rests on."""

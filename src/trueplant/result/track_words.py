@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from trueplant.result.changes import Change, Moved, TrackedElement, Window
+from trueplant.result.changes import Change, ChangeKind, ElementHistory, Moved, TrackedElement, Window, WindowStatus
 from trueplant.result.numbers import counted, number, spoken
 from trueplant.result.reason import Reason
 
@@ -35,8 +35,8 @@ def headline(track: Tracked) -> str:
     text = " ".join(change_sentence(change, track.time_unit) for change in track.changes[:3])
     if len(track.changes) > 3:
         text += f" {len(track.changes) - 3} more changes were found."
-    steady = [e for e in track.elements if e.history == "constant"]
-    unknown = [e for e in track.elements if e.history == "not identifiable"]
+    steady = [e for e in track.elements if e.history == ElementHistory.CONSTANT]
+    unknown = [e for e in track.elements if e.history == ElementHistory.NOT_IDENTIFIABLE]
     if not track.changes and steady:
         count = f"all {len(steady)} elements" if len(steady) > 1 and not unknown else counted(len(steady), "element")
         text = f"No change over time was found in {count}."
@@ -52,9 +52,9 @@ def change_sentence(change: Change, unit: str) -> str:
     where = f"{spoken(change.input)} -> {spoken(change.output)}"
     low, high = map(time_text, change.interval)
     moved = ", ".join(moved_words(p) for p in change.parameters if p.changed)
-    if change.kind == "step":
+    if change.kind == ChangeKind.STEP:
         return f"{where} changed in a step at {time_text(change.time)} {unit} (between {low} and {high}): {moved}."
-    if change.kind == "drift":
+    if change.kind == ChangeKind.DRIFT:
         return f"{where} drifted from {low} to {high} {unit}: {moved}."
     return f"{where} changed between {low} and {high} {unit}, in a step or little by little (not told apart): {moved}."
 
@@ -73,7 +73,9 @@ def moved_words(p: Moved) -> str:
 def refused_stretches(track: Tracked) -> list[tuple[str, str, str, str]]:
     """(outputs, experiment, from ... to ..., reason) of the refused windows: what was refused alike put together."""
     outputs: dict[tuple[str, str, float, float], list[str]] = {}
-    for w in sorted((w for w in track.windows if w.status == "refused"), key=lambda w: (w.experiment, w.start, w.end)):
+    for w in sorted(
+        (w for w in track.windows if w.status == WindowStatus.REFUSED), key=lambda w: (w.experiment, w.start, w.end)
+    ):
         outputs.setdefault((w.experiment, w.reason, w.start, w.end), []).append(w.output)
     spans: dict[tuple[str, str, str], list[str]] = {}
     for (experiment, reason, start, end), names in outputs.items():

@@ -24,12 +24,10 @@ from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import UsageError
 from trueplant.loop import Controller, loop_functions
 from trueplant.lti import TransferFunction, TransferMatrix, tf
+from trueplant.robust import levels
 from trueplant.robust.blocks import Block, Full, diagonal
 
 STRUCTURES = ("input", "input full", "output", "output full", "additive", "elements")
-
-_REAL = 1e-6
-"""Angle below which a value is real: at rest rounding alone would ask for an all-pass of endless lag."""
 
 Response = Callable[[ComplexArray], ComplexArray | Array]
 Weight = TransferFunction | Response | str | float
@@ -163,7 +161,7 @@ def _turned(value: complex, frequency: float) -> TransferFunction:
     sign = 1.0
     if angle > 0:
         sign, angle = -1.0, angle - np.pi
-    if abs(angle) < _REAL or abs(angle + np.pi) < _REAL:
-        return TransferFunction.rational([size * sign * (1 if abs(angle) < _REAL else -1)])
+    if abs(angle) < levels.REAL_ANGLE or abs(angle + np.pi) < levels.REAL_ANGLE:
+        return TransferFunction.rational([size * sign * (1 if abs(angle) < levels.REAL_ANGLE else -1)])
     lag = np.tan(-angle / 2) / frequency
     return TransferFunction.rational([-size * sign * lag, size * sign], [lag, 1.0])

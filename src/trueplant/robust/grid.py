@@ -13,6 +13,7 @@ import numpy as np
 from trueplant.arrays import Array, ComplexArray
 from trueplant.loop import PID, Controller
 from trueplant.lti import TransferFunction, TransferMatrix
+from trueplant.robust import levels
 
 RealFunction = Callable[[Array], Array]
 
@@ -30,12 +31,12 @@ class Rates:
     nyquist: float
     """pi/h of the fastest scan, infinite for a continuous controller."""
 
-    def grid(self, per_decade: int = 60, below: float = 1e-5, above: float = 1e3) -> Array:
-        """Logarithmic grid from `below` times the slowest to `above` times the fastest rate, denser at resonances."""
-        low, high = below * self.slowest, min(above * self.fastest, self.nyquist)
+    def grid(self, per_decade: int = levels.PER_DECADE, above: float = levels.FASTEST) -> Array:
+        """Logarithmic grid from far below the slowest to `above` times the fastest rate, denser at resonances."""
+        low, high = levels.SLOWEST * self.slowest, min(above * self.fastest, self.nyquist)
         w = np.geomspace(low, high, 2 + int(per_decade * np.log10(high / low)))
         # never a resonance itself: without damping it is a pole
-        offsets = self.resonances[:, 1:] * np.geomspace(0.01, 30, 30)
+        offsets = self.resonances[:, 1:] * np.geomspace(*levels.AROUND_RESONANCE, 30)
         centre = self.resonances[:, :1]
         near = np.concatenate([centre + offsets, centre - offsets], axis=1).ravel()
         return np.unique(np.concatenate([w, near[(near > low) & (near < high)]]))
@@ -62,8 +63,8 @@ def rates_of(plant: TransferMatrix, controller: Controller, others: Iterable[Tra
     rates = np.concatenate([size[size > 0], 1 / dead_times, 1 / scans])
     if rates.size == 0:
         rates = np.ones(1)
-    light = roots[np.abs(roots.real) < 0.3 * roots.imag]
-    damping = np.maximum(np.abs(light.real), 1e-5 * light.imag)
+    light = roots[np.abs(roots.real) < levels.LIGHT_DAMPING * roots.imag]
+    damping = np.maximum(np.abs(light.real), levels.LEAST_DAMPING * light.imag)
     longest = float(dead_times.max(initial=0.0)) * plant.shape[0]
     nyquist = float(np.pi / scans.min()) if scans.size else np.inf
     return Rates(float(rates.min()), float(rates.max()), longest, np.column_stack([light.imag, damping]), nyquist)
@@ -76,16 +77,16 @@ def on_axis(w: Array, *systems: Callable[[ComplexArray], ComplexArray]) -> Compl
     for system in systems:
         with np.errstate(invalid="ignore"):
             infinite |= ~np.all(np.isfinite(system(s)), axis=(1, 2))
-    return np.asarray(np.where(infinite, s * (1 + 1e-9), s), dtype=np.complex128)
+    return np.asarray(np.where(infinite, s * (1 + levels.BESIDE_POLE), s), dtype=np.complex128)
 
 
 def follow(
     loop: Callable[[Array], ComplexArray],
     w: Array,
     dead_time: float,
-    step: float = 0.3,
-    floor: float = 1e-3,
-    most: int = 20_000,
+    step: float = levels.TURN,
+    floor: float = levels.FLOOR,
+    most: int = levels.MOST_FOLLOWED,
 ) -> tuple[Array, ComplexArray]:
     """Halve the steps of the grid until L and 1 + L turn and grow little over each, where |L| is above the floor.
 
@@ -109,7 +110,7 @@ def follow(
         w = np.concatenate([w, middle])[order]
 
 
-def peak(function: RealFunction, w: Array, value: Array, rivals: int = 50) -> tuple[float, float]:
+def peak(function: RealFunction, w: Array, value: Array, rivals: int = levels.RIVALS) -> tuple[float, float]:
     """Largest value of the function and its frequency, sharpened from its values on a grid to 1e-7 of the frequency.
 
     A peak at the lower end of the grid is reported at 0, one at the upper end at infinity.
@@ -120,7 +121,7 @@ def peak(function: RealFunction, w: Array, value: Array, rivals: int = 50) -> tu
     if tops.size:
         low, high = w[tops - 1], w[tops + 1]
         steps = np.linspace(0, 1, 13)
-        while np.max((high - low) / high) > 1e-7:
+        while np.max((high - low) / high) > levels.PEAK_PLACE:
             points = low[:, None] + (high - low)[:, None] * steps
             values = function(points.ravel()).reshape(points.shape)
             k = np.clip(np.argmax(values, axis=1), 1, steps.size - 2)

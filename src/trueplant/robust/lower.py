@@ -15,20 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.arrays import Array, ComplexArray
+from trueplant.robust import levels
 from trueplant.robust.blocks import Structure
 
-_TIGHT = 1e-7
-_TINY = 1e-150
 
-
-def lower_bound(M: ComplexArray, upper: Array, structure: Structure, starts: int = 6) -> tuple[Array, ComplexArray]:
+def lower_bound(
+    M: ComplexArray, upper: Array, structure: Structure, starts: int = levels.RANDOM_STARTS
+) -> tuple[Array, ComplexArray]:
     """Bound (n_s,) and Q/lambda (n_s, n_w, n_z) for the scaled matrices M (n_s, n_z, n_w) and their upper bounds.
 
     Up to `starts` random starts where the singular vectors do not reach the upper bound.
     """
     M = M / upper[:, None, None]
     vectors = np.linalg.svd(M)[2].conj().swapaxes(1, 2)
-    best, delta = _climbed(M, vectors[:, :, 0], structure, 6)
+    best, delta = _climbed(M, vectors[:, :, 0], structure, levels.FIRST_CLIMB)
     rng = np.random.default_rng(0)
 
     def equal_parts(left: NDArray[np.intp], sign: float) -> ComplexArray:
@@ -41,9 +41,10 @@ def lower_bound(M: ComplexArray, upper: Array, structure: Structure, starts: int
 
     attempts: list[tuple[Callable[[NDArray[np.intp], float], ComplexArray], float, int]] = []
     if M.shape[2] > 1:
-        attempts = [(equal_parts, 1.0, 40), (equal_parts, -1.0, 40), *[(random, 0.7, 80)] * starts]
+        attempts = [(equal_parts, 1.0, levels.SECOND_CLIMB), (equal_parts, -1.0, levels.SECOND_CLIMB)]
+        attempts += [(random, levels.RANDOM_WEIGHT, levels.RANDOM_CLIMB)] * starts
     for begin, setting, steps in attempts:
-        left = np.flatnonzero(best < 1 - _TIGHT)
+        left = np.flatnonzero(best < 1 - levels.TIGHT)
         if left.size == 0:
             break
         found, other = _climbed(M[left], begin(left, setting), structure, steps)
@@ -54,7 +55,7 @@ def lower_bound(M: ComplexArray, upper: Array, structure: Structure, starts: int
 
 def _climbed(M: ComplexArray, b: ComplexArray, structure: Structure, steps: int) -> tuple[Array, ComplexArray]:
     """The power iteration from b (n_s, n_w), and what its end proves."""
-    b = b / np.maximum(np.linalg.norm(b, axis=1, keepdims=True), _TINY)
+    b = b / np.maximum(np.linalg.norm(b, axis=1, keepdims=True), levels.TINY)
     w, adjoint = b, M.conj().swapaxes(1, 2)
     for _ in range(steps):
         a = _unit(_times(M, b))
@@ -69,7 +70,7 @@ def _times(M: ComplexArray, v: ComplexArray) -> ComplexArray:
 
 
 def _unit(v: ComplexArray) -> ComplexArray:
-    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), _TINY))
+    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), levels.TINY))
 
 
 def _towards(own: ComplexArray, other: ComplexArray, structure: Structure, from_rows: bool) -> ComplexArray:
@@ -86,7 +87,7 @@ def _towards(own: ComplexArray, other: ComplexArray, structure: Structure, from_
             value[:, here] = _unit(mine) * np.linalg.norm(theirs, axis=1, keepdims=True)
         else:
             inner = np.sum(mine.conj() * theirs, axis=1)
-            value[:, here] = theirs * (inner.conj() / np.maximum(np.abs(inner), _TINY))[:, None]
+            value[:, here] = theirs * (inner.conj() / np.maximum(np.abs(inner), levels.TINY))[:, None]
     return value
 
 
@@ -100,7 +101,7 @@ def _aligned(a: ComplexArray, w: ComplexArray, structure: Structure) -> ComplexA
             Q[:, side, z] = _unit(theirs)[:, :, None] * _unit(mine).conj()[:, None, :]
         else:
             inner = np.sum(mine.conj() * theirs, axis=1)
-            Q[:, side, z] = (inner / np.maximum(np.abs(inner), _TINY))[:, None, None] * np.eye(block.rows)
+            Q[:, side, z] = (inner / np.maximum(np.abs(inner), levels.TINY))[:, None, None] * np.eye(block.rows)
     return Q
 
 
@@ -120,7 +121,7 @@ def _equal_parts(M: ComplexArray, vectors: ComplexArray, structure: Structure, s
     """
     right = vectors[:, :, :2]
     image = M @ right
-    left = image / np.maximum(np.linalg.norm(image, axis=1, keepdims=True), _TINY)
+    left = image / np.maximum(np.linalg.norm(image, axis=1, keepdims=True), levels.TINY)
     planes, heights = [], []
     for _, z, w in structure.places():
         form = left[:, z].conj().swapaxes(1, 2) @ left[:, z] - right[:, w].conj().swapaxes(1, 2) @ right[:, w]
@@ -131,11 +132,11 @@ def _equal_parts(M: ComplexArray, vectors: ComplexArray, structure: Structure, s
     u, s, vt = np.linalg.svd(normal)
     rank = min(2, s.shape[1])
     projected = np.einsum("sfi,sf->si", u, height)[:, :rank]
-    kept = s[:, :rank] > 1e-9 * np.maximum(s[:, :1], _TINY)
+    kept = s[:, :rank] > 1e-9 * np.maximum(s[:, :1], levels.TINY)
     inside = np.where(kept, projected / np.where(kept, s[:, :rank], 1.0), 0.0)
     point = np.einsum("sr,sri->si", inside, vt[:, :rank])
     length = np.linalg.norm(point, axis=1, keepdims=True)
-    point = np.where(length > 1, point / np.maximum(length, _TINY), point)
+    point = np.where(length > 1, point / np.maximum(length, levels.TINY), point)
     rest = np.sqrt(np.maximum(1 - np.sum(point**2, axis=1, keepdims=True), 0.0))
     point = point + sign * rest * vt[:, 2]
     # back from the sphere: (cos, e^(j phi) sin) of half the angle

@@ -17,6 +17,7 @@ from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError, UnstableLoop
 from trueplant.loop import Controller, unstable_poles
 from trueplant.lti import TransferMatrix
+from trueplant.robust import levels
 from trueplant.robust.grid import crossings, follow, on_axis, peak, rates_of
 
 
@@ -104,7 +105,7 @@ def _from_response(loop: Callable[[Array], ComplexArray], w: Array, value: Compl
     )
     response = loop(at_180)
     # the imaginary part also changes sign through infinity, at an undamped pole
-    real = (response.real < 0) & (np.abs(response.imag) < 1e-5 * np.abs(response.real))
+    real = (response.real < 0) & (np.abs(response.imag) < levels.REAL_CROSSING * np.abs(response.real))
     at_180, factor = at_180[real], -1 / response.real[real]
     up, w_up = _closest(factor, at_180, factor > 1, np.inf)
     down, w_down = _closest(-factor, at_180, factor < 1, 0.0)

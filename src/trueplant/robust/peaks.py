@@ -10,6 +10,7 @@ import numpy as np
 from trueplant.arrays import Array, ComplexArray
 from trueplant.loop import Controller
 from trueplant.lti import TransferMatrix
+from trueplant.robust import levels
 from trueplant.robust.grid import Rates, follow, on_axis
 
 Bounds = Callable[[ComplexArray], tuple[Array, Array]]
@@ -35,11 +36,18 @@ def loop_grid(plant: TransferMatrix, controller: Controller, rates: Rates) -> Ar
         s = on_axis(w, plant)
         return np.asarray(np.linalg.det(np.eye(plant.shape[0]) + plant(s) @ controller(s)) - 1, dtype=np.complex128)
 
-    return follow(determinant, rates.grid(per_decade=12), rates.dead_time, step=0.5, floor=0.1, most=1500)[0]
+    return follow(
+        determinant, rates.grid(levels.MU_PER_DECADE), rates.dead_time, levels.MU_TURN, levels.MU_FLOOR, levels.MU_MOST
+    )[0]
 
 
 def sharpened(
-    bounds: Bounds, system: Callable[[Array], ComplexArray], w: Array, lower: Array, upper: Array, rivals: int = 5
+    bounds: Bounds,
+    system: Callable[[Array], ComplexArray],
+    w: Array,
+    lower: Array,
+    upper: Array,
+    rivals: int = levels.MU_RIVALS,
 ) -> Peak:
     """The peak of the upper bound between the points of the grid."""
     k = int(np.argmax(upper))
@@ -47,10 +55,10 @@ def sharpened(
     inner = np.flatnonzero((upper[1:-1] >= upper[:-2]) & (upper[1:-1] >= upper[2:])) + 1
     tops = inner[np.argsort(upper[inner])[::-1][:rivals]]
     # a peak that is low on the grid may still be the highest between its points, one that is far below is not
-    tops = tops[upper[tops] > 0.8 * best.upper]
+    tops = tops[upper[tops] > levels.RIVAL_SHARE * best.upper]
     low, high = w[tops - 1], w[tops + 1]
     spread = 1.0
-    while tops.size and spread > 1e-6 and np.max(high / low) > 1 + 1e-9:
+    while tops.size and spread > levels.PEAK_VALUE and np.max(high / low) > 1 + 1e-9:
         points = low[:, None] * (high / low)[:, None] ** np.linspace(0, 1, 9)
         below, above = (b.reshape(points.shape) for b in bounds(system(points.ravel())))
         at = np.clip(np.argmax(above, axis=1), 1, 7)

@@ -10,6 +10,7 @@ import numpy as np
 from trueplant.arrays import Array, ComplexArray
 from trueplant.loop import Controller, unstable_poles
 from trueplant.lti import TransferFunction, TransferMatrix
+from trueplant.robust import levels
 from trueplant.robust.blocks import Block, Full
 from trueplant.robust.generalised import (
     Weights,
@@ -21,9 +22,6 @@ from trueplant.robust.generalised import (
 from trueplant.robust.grid import on_axis, rates_of
 from trueplant.robust.mu import mu
 from trueplant.robust.peaks import Peak, loop_grid, sharpened
-
-_REST = 1e-9
-"""Of the slowest rate: the frequency that stands for the limit omega -> 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +101,14 @@ def robust_performance(
     rates = rates_of(plant, controller, (f for f in (*own, *asked) if isinstance(f, TransferFunction)))
 
     w = loop_grid(plant, controller, rates)
-    rest = _REST * rates.slowest
+    rest = levels.REST * rates.slowest
     w = np.concatenate([[rest], w])
     N = system(w)
     curves, peaks = [], []
     for bounds in (nominal, stability, whole):
         lower, upper = bounds(N)
         grows = bounds(system(np.array([100 * rest])))[1][0]
-        if upper[0] > 5 * grows and upper[0] > 1:
+        if upper[0] > levels.GROWS_AT_REST * grows and upper[0] > 1:
             peaks.append(Peak(np.inf, np.inf, 0.0))
         else:
             peaks.append(sharpened(bounds, system, w, lower, upper))

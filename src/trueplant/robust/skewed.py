@@ -9,10 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueplant.arrays import Array
 from trueplant.errors import UsageError
+from trueplant.robust import levels
 from trueplant.robust.blocks import Block, Structure
 from trueplant.robust.mu import mu
-
-_PRECISION = 1e-7
 
 
 def worst_gain(N: ArrayLike, blocks: Sequence[Block], fixed: int) -> tuple[Array, Array]:
@@ -55,12 +54,12 @@ def worst_gain(N: ArrayLike, blocks: Sequence[Block], fixed: int) -> tuple[Array
             f_high[up] = excess(high[up], pending[up])
         a, b = np.log(low), np.log(high)
         for turn in range(60):
-            share = np.clip(f_low / np.maximum(f_low - f_high, 1e-300), 0.02, 0.98) if turn % 3 else 0.5
+            share = np.clip(f_low / np.maximum(f_low - f_high, 1e-300), *levels.SECANT) if turn % 3 else 0.5
             middle = a + share * (b - a)
             f = excess(np.exp(middle), pending)
             a, f_low = np.where(f > 0, middle, a), np.where(f > 0, f, f_low)
             b, f_high = np.where(f > 0, b, middle), np.where(f > 0, f_high, f)
-            if np.max(b - a) < _PRECISION:
+            if np.max(b - a) < levels.WORST_GAIN:
                 break
         value[pending] = np.exp(b if side == "upper" else a)
         return value

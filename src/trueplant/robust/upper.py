@@ -18,11 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.arrays import Array, ComplexArray
+from trueplant.robust import levels
 from trueplant.robust.blocks import Structure
-
-_SMALLEST_GAP = 1e-9
-_LONGEST_LOG = 150.0
-"""Of a scaling: reducible matrices reach their bound only in the limit of infinite scalings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +35,7 @@ class Upper:
         return np.asarray((self.left @ M) @ np.linalg.inv(self.right), dtype=np.complex128)
 
 
-def balanced(M: ComplexArray, structure: Structure, sweeps: int = 6) -> Array:
+def balanced(M: ComplexArray, structure: Structure, sweeps: int = levels.SWEEPS) -> Array:
     """Logarithms of block scalings (n_s, F) that even out rows and columns (Osborne 1960)."""
     rows, columns = structure.members()
     squares = np.einsum("zk,szw,wl->skl", rows, np.abs(M) ** 2, columns)
@@ -50,13 +47,13 @@ def balanced(M: ComplexArray, structure: Structure, sweeps: int = 6) -> Array:
     for _ in range(sweeps if count > 1 else 0):
         for k in range(count):
             now = logs + 2 * (x[:, :, None] - x[:, None, :])
-            # a floor lets blocks without way back be scaled away, sweep by sweep
-            floor = np.max(now, axis=(1, 2), keepdims=True) - 80.0
+            # zeros are lifted to a floor, so that blocks of a reducible matrix are scaled apart sweep by sweep
+            floor = np.max(now, axis=(1, 2), keepdims=True) - levels.BALANCING_FLOOR
             now = np.maximum(now, np.where(np.isfinite(floor), floor, 0.0))
             others = np.arange(count) != k
             row, column = now[:, k, others], now[:, others, k]
             x[:, k] += (np.logaddexp.reduce(column, axis=1) - np.logaddexp.reduce(row, axis=1)) / 4
-        x = np.clip(x - x.mean(axis=1, keepdims=True), -_LONGEST_LOG, _LONGEST_LOG)
+        x = np.clip(x - x.mean(axis=1, keepdims=True), -levels.LONGEST_LOG, levels.LONGEST_LOG)
     return x
 
 
@@ -111,23 +108,23 @@ class _Search(ABC):
             return  # one full block: no scaling changes anything
         n = self.right.shape[-1]
         active = np.arange(len(self.M0))
-        t = 10.0 * n
+        t = levels.FIRST_BARRIER * n
         left, right, M = self.left.copy(), self.right.copy(), self.M0
         while True:
-            for _ in range(12):
+            for _ in range(levels.MOST_NEWTON):
                 M, left, right, decrement = self._step(M, left, right, t)
-                if np.max(decrement) < 0.1:
+                if np.max(decrement) < levels.NEWTON_DECREMENT:
                     break
             u, sigma, vh = np.linalg.svd(M)
             better = sigma[:, 0] < self.best[active]
             chosen = active[better]
             self.best[chosen], self.left[chosen], self.right[chosen] = sigma[better, 0], left[better], right[better]
             # no slope at a simple singular value: this is the minimum; at a repeated one only t tells
-            go_on = np.max(np.abs(self.slopes(u[:, :, 0], vh[:, 0, :].conj())), axis=1) > 1e-6
-            if n / t < _SMALLEST_GAP or not np.any(go_on):
+            go_on = np.max(np.abs(self.slopes(u[:, :, 0], vh[:, 0, :].conj())), axis=1) > levels.NO_SLOPE
+            if n / t < levels.SMALLEST_GAP or not np.any(go_on):
                 return
             active, M, left, right = active[go_on], M[go_on], left[go_on], right[go_on]
-            t *= 30.0
+            t *= levels.BARRIER_GROWTH
 
     def _step(
         self, M: ComplexArray, left: ComplexArray, right: ComplexArray, t: float
@@ -147,10 +144,11 @@ class _Search(ABC):
         decrement = np.sqrt(np.maximum(-np.sum(step * gradient, axis=1), 0.0))
         step = step[:, :-1]
         # far from the minimum a scaling may change by e in one step
-        step = step * np.minimum(1.0, 2.0 / np.maximum(np.max(np.abs(step), axis=1), 1e-300))[:, None]
+        longest = np.maximum(np.max(np.abs(step), axis=1), 1e-300)
+        step = step * np.minimum(1.0, levels.LONGEST_STEP / longest)[:, None]
         new = M.copy(), left.copy(), right.copy()
         pending = np.arange(len(M))
-        for _ in range(10):
+        for _ in range(levels.MOST_HALVINGS):
             trial = self.moved(step[pending], M[pending], left[pending], right[pending])
             reached = _centre(_eigenvalues(trial[0]), t)[1]
             good = reached <= value[pending] + 1e-10 * np.abs(value[pending])

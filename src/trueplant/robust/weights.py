@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import UsageError
 from trueplant.lti import TransferFunction
+from trueplant.robust import levels
 
 KINDS = ("input", "output", "additive")
 
@@ -63,7 +64,7 @@ def covariance_weight(
     parameters: ArrayLike,
     covariance: ArrayLike,
     kind: str = "input",
-    confidence: float = 0.95,
+    confidence: float = levels.CONFIDENCE,
 ) -> Array:
     """Size of the model error (n_s,) that the parameters' covariance leaves, for all frequencies jointly.
 
@@ -92,7 +93,7 @@ def covariance_weight(
     axes = vectors * np.sqrt(np.maximum(values, 0.0))
     nominal = response(theta)
     # along the axes of the ellipsoid, by central differences of a hundredth of a standard deviation
-    step = 0.01
+    step = levels.STANDARD_DEVIATIONS
     changes = np.stack([(response(theta + step * a) - response(theta - step * a)) / (2 * step) for a in axes.T])
     along = _relative(changes, nominal, kind)
     flat = along.reshape(*along.shape[:2], -1).swapaxes(0, 1)
@@ -148,7 +149,7 @@ def covering_weight(w: ArrayLike, magnitude: ArrayLike) -> TransferFunction:
         left = log_size - shape(corners)
         return float(np.max(left) - np.mean(left))
 
-    ends = np.quantile(log_w, [0.1, 0.35, 0.65, 0.9])
+    ends = np.quantile(log_w, levels.CORNER_QUANTILES)
     starts = [(a, b) for a in ends for b in ends]
     best = min(
         (minimize(excess, start, method="Nelder-Mead") for start in starts), key=lambda found: float(found.fun)

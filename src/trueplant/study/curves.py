@@ -8,7 +8,7 @@ from scipy.stats import norm
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.identify import OutputEstimate, pieces_of
-from trueplant.identify.validate import LAGS
+from trueplant.identify.levels import RESIDUAL_LAGS
 from trueplant.lti import TransferMatrix, UncertainPlant
 from trueplant.lti.sampled import sampled_response
 from trueplant.mismatch import FrequencyResponse, speaking_band
@@ -158,6 +158,6 @@ def _residuals(study: Study, i: int, estimate: OutputEstimate) -> Residuals:
         acf=tests.acf,
         acf_bound=tests.bound,
         ccf={name: tests.ccf[j] for j, name in enumerate(study.columns)},
-        ccf_lags=np.arange(1, LAGS + 1),
+        ccf_lags=np.arange(1, RESIDUAL_LAGS + 1),
         ccf_bound=z / np.sqrt(max(int(np.isfinite(tests.e).sum()), 1)),
     )

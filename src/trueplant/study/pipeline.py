@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from trueplant.lti import TransferMatrix
 from trueplant.project import Project
 from trueplant.result import Reason, Result
 from trueplant.study.assemble import Checked, Found, assemble, refused
 from trueplant.study.data.cascade import check_cascades
-from trueplant.study.data.excitation import why_not_informative
+from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.nonparametric import coherence_of
 from trueplant.study.data.prepare import prepare
 from trueplant.study.data.replay import check_controllers
@@ -22,12 +25,15 @@ from trueplant.study.plant.updated import updated_plant
 from trueplant.study.study import Progress, Study, quiet
 
 
-def analyse(project: Project, say: Progress = quiet) -> Result:
-    """The main job: from a project to its result. Refusals are results; unusable input raises."""
+def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | None = None) -> Result:
+    """The main job: from a project to its result. Refusals are results; unusable input raises.
+
+    `frames` stand in for the files of the experiments.
+    """
     say("reading the data")
-    study = prepare(project, say)
+    study = prepare(project, say, frames)
     reasons = doubts(study)
-    if not study.segments or any(reason.code == "no-excitation" for reason in reasons):
+    if not study.segments or blocked(reasons):
         return refused(study, _checked(study, reasons))
     identified = identify(study, say)
     if not identified.estimates:
@@ -47,13 +53,6 @@ def analyse(project: Project, say: Progress = quiet) -> Result:
         _checked(study, reasons, plant.nominal),
         Found(identified, plant, judged, compared, loop, retuned, plans),
     )
-
-
-def doubts(study: Study) -> tuple[Reason, ...]:
-    """Why nothing, or not everything, can be answered, as far as that shows before any estimate."""
-    names = [plan.name for plan in study.project.experiments]
-    refusals = [Reason("record", s.refusal, names[k]) for k, s in enumerate(study.screened) if s.refusal]
-    return (*refusals, *why_not_informative(study))
 
 
 def _checked(study: Study, reasons: tuple[Reason, ...], plant: TransferMatrix | None = None) -> Checked:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from trueplant.arrays import BoolArray
-from trueplant.identify import Spec
+from trueplant.identify import Spec, WhyUnanswered
 from trueplant.loop import Controller, LinearLoop
 from trueplant.lti import TransferMatrix
 from trueplant.project import Project
@@ -73,7 +73,7 @@ class Study:
     """(n_y,) True for a set-point that the whole of the data shows to be computed from PV."""
     computed_alone: tuple[BoolArray, ...]
     """The same by each segment alone."""
-    hidden: Mapping[int, str]
+    hidden: Mapping[int, WhyUnanswered]
     """The outputs of which the record cannot tell dynamics, and why (`scan`)."""
     between: bool
     """Is OP written between the recorded samples (`scan`)?"""

@@ -1,8 +1,8 @@
 """From windows to changes: which elements changed, since when, in a step or little by little.
 
 All elements of all outputs are tested together, and Holm's procedure keeps the chance of a single false alarm at the
-level asked for. The clearest step is dated on the raw record, the windows are laid anew on both sides of it, so that
-none reaches across, and the tests are repeated, until nothing is left.
+requested level. The time of the most significant step is estimated from the raw record, new windows are placed on both
+sides of it, so that none contains it, and the tests are repeated until none is significant.
 """
 
 from __future__ import annotations
@@ -13,18 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from trueplant.arrays import Array
 from trueplant.detect import holm
-from trueplant.detect.change_point import switch_time
+from trueplant.detect.change_point import change_point
 from trueplant.detect.since import History, Series, Shift, history, slope
-from trueplant.result import Change, Moved, TrackedElement
+from trueplant.result import Change, ChangeKind, ElementHistory, Moved, TrackedElement
 from trueplant.study.study import Progress
+from trueplant.tracking import levels
 from trueplant.tracking.rows import Fitted, FollowedRow
 from trueplant.tracking.series import Followed, Gap
-
-MOST_CHANGES = 20
-AROUND = 2
-"""Windows on each side of a step that date it."""
 
 
 @dataclass(frozen=True)
@@ -40,40 +36,34 @@ def find_changes(
     rows: Sequence[FollowedRow], level: float, seed: int, say: Progress
 ) -> tuple[list[Followed], list[TrackedElement], list[Change]]:
     """All changes of all rows, in order of time, and the history of every element."""
-    followed = [Followed(row) for row in rows]
-    for one in followed:
-        one.lay(say)
+    followed = [Followed.of(row, say) for row in rows]
     tests: dict[Key, History] = {}
     settled: dict[Key, float] = {}
     """Drifts and undecided changes, by their adjusted p-value."""
-    barred: set[Key] = set()
-    """Steps that fell apart when they were dated."""
-    for _ in range(MOST_CHANGES):
+    rejected: set[Key] = set()
+    """Steps that are not significant any more with windows that end at them."""
+    for _ in range(levels.MOST_CHANGES):
         say("looking for changes")
         _test(followed, tests, seed)
         keys = list(tests)
         adjusted = dict(zip(keys, holm([tests[k].p_value for k in keys]), strict=True)) if keys else {}
-        left = [k for k in keys if adjusted[k] < level and k not in settled and k not in barred]
+        left = [k for k in keys if adjusted[k] < level and k not in settled and k not in rejected]
         if not left:
             break
         key = min(left, key=lambda k: (tests[k].p_value, -max(tests[k].step, tests[k].drift)))
-        if tests[key].kind != "step":
+        if tests[key].kind != ChangeKind.STEP:
             settled[key] = float(adjusted[key])
             continue
         one = followed[key.row]
-        before = list(one.gaps)
         gap = _dated(one, key, tests, float(adjusted[key]), level)
-        one.gaps = sorted([*before, gap], key=lambda g: g.time)
-        one.lay(say)
-        if _holds(one, gap, level):
-            if one.row.planned_across(gap.time):
-                one.row.replan(max(one.fitted, key=lambda w: w.estimate.fit.count).estimate)
-                one.lay(say)
-        else:
-            one.gaps = before
-            one.lay(say)
-            barred.add(key)
-    # Sections that a later step has cut are gone, and what was found in them was looked for again in their parts.
+        split = one.with_gap(gap, say)
+        if not _holds(split, gap, level):
+            rejected.add(key)
+            continue
+        if split.row.planned_across(gap.time):
+            split = split.planned_anew(max(split.fitted, key=lambda w: w.estimate.fit.count).estimate, say)
+        followed[key.row] = split
+    # a section that a later step divides is no longer there: its two parts were tested instead
     changes = [_gradual(followed[k.row], k, tests[k], p, level) for k, p in settled.items() if k in tests]
     for one in followed:
         for gap in one.gaps:
@@ -94,39 +84,40 @@ def _test(followed: Sequence[Followed], tests: dict[Key, History], seed: int) ->
                 if series is not None:
                     wanted.add(key)
                     if key not in tests:
-                        tests[key] = _told(history(series, seed=seed), one.estimates(spec.column, section))
+                        tests[key] = _with_shape(history(series, seed=seed), one.estimates(spec.column, section))
     for key in set(tests) - wanted:
         del tests[key]
 
 
-def _told(found: History, full: Series | None) -> History:
-    """The significance from the steps, the shape of a change from the full estimates, which no large change bends."""
-    if full is None or len(full) < 3:
+def _with_shape(found: History, full: Series | None) -> History:
+    """Significance by the one-step estimates; kind, time and size by the full ones, valid for large changes as well."""
+    if full is None or len(full) < levels.LEAST_TO_SHAPE:
         return found
     shape = history(full, draws=1)
     return replace(found, kind=shape.kind, time=shape.time, step=shape.step, drift=shape.drift)
 
 
 def _dated(one: Followed, key: Key, tests: dict[Key, History], p: float, level: float) -> Gap:
-    """The step of a test, dated on the raw record; where that fails, as far as whole windows can tell."""
+    """The time of a step, estimated from the raw record around it; where that fails, between two windows."""
     windows = one.inside(key.section)
     instant = tests[key].time
     ends = [k for k, w in enumerate(windows) if w.end <= instant + 1e-9]
     begins = [k for k, w in enumerate(windows) if w.start >= instant - 1e-9]
     last, first = ends[-1], begins[0]
-    around = windows[max(last - AROUND + 1, 0) : first + AROUND]
+    around = windows[max(last - levels.AROUND + 1, 0) : first + levels.AROUND]
     rough = (windows[last].end, windows[first].start) if first - last > 1 else _between(windows[last], windows[first])
     row, clock = one.row.row_of(around)
     before, after = windows[last].estimate.theta, windows[first].estimate.theta
     changing = np.zeros(before.size, dtype=bool)
     for spec, part in zip(row.specs, row.slices, strict=True):
         other = tests.get(replace(key, column=spec.column))
-        stepped = other is not None and other.kind == "step" and other.p_value < level
+        stepped = other is not None and other.kind == ChangeKind.STEP and other.p_value < level
         near = other is not None and around[0].start <= other.time <= around[-1].end
         changing[part] = spec.column == key.column or (stepped and near)
     ar = windows[last].estimate.fit.ar
-    search = (around[0].start + one.row.settle / 5, around[-1].end - one.row.settle / 5)
-    found = switch_time(row.without_unseen(before), clock, before, after, changing, ar, search, 1 - level)
+    undated = one.plan.settle / levels.UNDATED
+    search = (around[0].start + undated, around[-1].end - undated)
+    found = change_point(row.without_unseen(before), clock, before, after, changing, ar, search, 1 - level)
     if found is None:
         return Gap((rough[0] + rough[1]) / 2, rough, key.column, p)
     return Gap(found.time, found.interval, key.column, p)
@@ -150,7 +141,7 @@ def _shift(one: Followed, column: int, gap: Gap) -> Shift | None:
 
 
 def _holds(one: Followed, gap: Gap, level: float) -> bool:
-    """Do the windows laid anew still differ across the step, in the element in which it was found?"""
+    """Is the step still significant with the new windows, in the element in which it was found?"""
     shift = _shift(one, gap.found_in, gap)
     return shift is not None and shift.p_value < level
 
@@ -170,9 +161,7 @@ def _steps(one: Followed, gap: Gap, level: float, drifting: set[int]) -> list[Ch
     adjusted = dict(zip(others, holm([shifts[c].p_value for c in others]), strict=True)) if others else {}
     adjusted = {c: float(p) for c, p in adjusted.items() if p < level} | {gap.found_in: gap.p_adjusted}
     return [
-        _change(
-            one, c, "step", gap.time, gap.interval, p, shifts[c].before, shifts[c].after, shifts[c].covariance, level
-        )
+        _change(one, c, ChangeKind.STEP, (gap.time, gap.interval), p, shifts[c], level)
         for c, p in sorted(adjusted.items())
     ]
 
@@ -188,32 +177,35 @@ def _gradual(one: Followed, key: Key, found: History, p: float, level: float) ->
         before, after = series.theta
         covariance = series.covariance.sum(axis=0)
     interval = (windows[0].start, windows[-1].end)
-    return _change(one, key.column, found.kind, None, interval, p, before, after, covariance, level)
+    kind = ChangeKind(found.kind)
+    return _change(one, key.column, kind, (None, interval), p, Shift(before, after, covariance), level)
 
 
 def _change(
     one: Followed,
     column: int,
-    kind: str,
-    time: float | None,
-    interval: tuple[float, float],
+    kind: ChangeKind,
+    when: tuple[float | None, tuple[float, float]],
     p: float,
-    before: Array,
-    after: Array,
-    covariance: Array,
+    shift: Shift,
     level: float,
 ) -> Change:
+    """One change of one element, with the parameters that moved: by how much, and how surely beyond the whole.
+
+    when: the instant of a step (None for a drift) and its interval. p: adjusted, of the element as a whole.
+    """
     project = one.row.study.project
     structure = next(s.structure for s in one.row.specs if s.column == column)
     units = one.row.units(column)
     kept = one.kept(column)
-    sigma = np.sqrt(np.diag(covariance))
+    before, after = shift.before, shift.after
+    sigma = np.sqrt(np.diag(shift.covariance))
     rise = after - before
     raw = 2 * norm.sf(np.abs(rise) / sigma)
     adjusted = np.maximum(holm(raw), p)
     changed = adjusted < level
     if not changed.any():
-        changed[int(np.argmin(raw))] = True  # jointly beyond doubt, singly not
+        changed[int(np.argmin(raw))] = True  # significant jointly, though none is by itself
     half = norm.ppf(1 - level / 2) * sigma
     parameters = tuple(
         Moved(
@@ -230,7 +222,7 @@ def _change(
         for m, k in enumerate(kept)
     )
     names = one.row.study.columns
-    return Change(project.output_names[one.row.output], names[column], kind, time, interval, p, parameters)
+    return Change(project.output_names[one.row.output], names[column], kind, *when, p, parameters)
 
 
 def _elements(one: Followed, n: int, tests: dict[Key, History], changes: Sequence[Change]) -> list[TrackedElement]:
@@ -245,14 +237,14 @@ def _elements(one: Followed, n: int, tests: dict[Key, History], changes: Sequenc
         across = [shift.p_value for gap in one.gaps if (shift := _shift(one, spec.column, gap)) is not None]
         kinds = [c.kind for c in own]
         if kinds:
-            word = next(kind for kind in ("step", "drift", "undecided") if kind in kinds)
-            out.append(TrackedElement(output, name, word, min(c.p_adjusted for c in own), count, _scatter(tested)))
+            worst = ElementHistory(next(kind for kind in ChangeKind if kind in kinds))
+            out.append(TrackedElement(output, name, worst, min(c.p_adjusted for c in own), count, _scatter(tested)))
         elif tested or across:
             p = min([1.0, *(len(tests) * h.p_value for h in tested), *(len(one.row.specs) * p for p in across)])
-            out.append(TrackedElement(output, name, "constant", p, count, _scatter(tested)))
+            out.append(TrackedElement(output, name, ElementHistory.CONSTANT, p, count, _scatter(tested)))
         else:
             why = _why_untested(one, spec.column, count)
-            out.append(TrackedElement(output, name, "not identifiable", None, count, 1.0, why))
+            out.append(TrackedElement(output, name, ElementHistory.NOT_IDENTIFIABLE, None, count, 1.0, why))
     return out
 
 
@@ -265,5 +257,5 @@ def _why_untested(one: Followed, column: int, count: int) -> str:
         return "no window could be fitted"
     if count == 1:
         return "only one window answers for it: there is nothing to compare it with"
-    reasons = [why for w in one.fitted if column in w.found for why in w.found[column].reasons.values()]
+    reasons = [why.text for w in one.fitted if column in w.found for why in w.found[column].reasons.values()]
     return max(set(reasons), key=reasons.count) if reasons else "too few windows answer for it"

@@ -13,6 +13,7 @@ from trueplant.identify import (
     Held,
     OutputEstimate,
     Row,
+    Sampling,
     Spec,
     choose_stride,
     identify_matrix,
@@ -22,15 +23,15 @@ from trueplant.identify import (
     unanswered,
 )
 from trueplant.identify.row import Piece
-from trueplant.identify.shared_disturbance import less_sure
+from trueplant.identify.shared_disturbance import widened_for_shared_disturbance
 from trueplant.record import Segment
 from trueplant.study.data.excitation import excited
 from trueplant.study.data.scan import without_hidden_dynamics
 from trueplant.study.data.setpoints import computed_setpoints
 from trueplant.study.data.timing import timing_error, update_interval
 from trueplant.study.study import Progress, Study
+from trueplant.tracking import levels
 from trueplant.tracking.windows import (
-    FEWEST_ERRORS,
     Blocks,
     Demand,
     Stretch,
@@ -43,8 +44,6 @@ from trueplant.tracking.windows import (
     settling,
 )
 
-PILOT = 4000
-"""Prediction errors of the first estimate, from which the windows are planned."""
 UNMOVED = (
     "what PV does after the moves of this stretch cannot be told from what disturbances do to it anyway: "
     "the moves are too small"
@@ -64,9 +63,20 @@ class Fitted:
     verdicts: Mapping[int, detect.Verdict]
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What windows of one output have to be like, as predicted from an estimate of it."""
+
+    demand: Demand
+    settle: float
+    """Time that a move keeps showing."""
+    blocks: Mapping[int, Blocks]
+    """By experiment, in its own time: the information in each part of the record."""
+
+
+@dataclass(frozen=True, eq=False)
 class FollowedRow:
-    """One output: everything that does not depend on where its windows lie, and the windows fitted so far."""
+    """One output: everything that does not depend on where its windows lie."""
 
     study: Study
     output: int
@@ -83,55 +93,59 @@ class FollowedRow:
     """By experiment: the whole record."""
     pilot_stretch: tuple[float, float]
     """Common time."""
-    demand: Demand = field(init=False)
-    settle: float = field(init=False)
-    blocks: Mapping[int, Blocks] = field(init=False)
-    """By experiment, in its own time."""
     fits: dict[Stretch, Fitted | Stretch] = field(default_factory=dict)
-    """Those that were tried: fitted, or refused after all."""
+    """A memory of the windows that were tried, fitted or refused after all: laying windows anew meets most of them
+    again, and a fit is what tracking takes its time for."""
 
     @property
     def specs(self) -> tuple[Spec, ...]:
         return self.pilot.row.specs
 
     def planned_across(self, instant: float) -> bool:
-        """Does the estimate that the windows are planned from rest on data from both sides of an instant?"""
+        """Does the pilot estimate use data from both sides of an instant?"""
         return self.pilot_stretch[0] < instant < self.pilot_stretch[1]
 
-    def replan(self, estimate: OutputEstimate) -> None:
-        """Plan windows from another estimate of this output."""
+    def plan_from(self, estimate: OutputEstimate) -> Plan:
+        """What windows have to be like if this estimate is right."""
         reasons = unanswered(estimate)
         answered = [k for k in range(estimate.theta.size) if k not in reasons]
-        self.demand = demand_of(estimate.fit, answered, self.study.columns, self.precision)
-        self.settle = settling(estimate.fit)
-        self.blocks = {
+        demand = demand_of(estimate.fit, answered, self.study.columns, self.precision)
+        blocks = {
             k: blocks_of(estimate.fit, replace(estimate.row, pieces=found), self.moves[k])
             for k, found in self.pieces.items()
         }
+        return Plan(demand, settling(estimate.fit), blocks)
 
-    def windows(self, gaps: Sequence[tuple[float, float]], say: Progress) -> list[Fitted | Stretch]:
+    def windows(self, plan: Plan, gaps: Sequence[tuple[float, float]], say: Progress) -> list[Fitted | Stretch]:
         """All windows in order of time; none reaches into one of the gaps (common time), where changes lie."""
         out: list[Fitted | Stretch] = []
-        for experiment, blocks in sorted(self.blocks.items(), key=lambda item: self.offsets[item[0]]):
+        for experiment, blocks in sorted(plan.blocks.items(), key=lambda item: self.offsets[item[0]]):
             offset = self.offsets[experiment]
             edges = [float(blocks.start[0]), *(t - offset for gap in gaps for t in gap), float(blocks.end[-1])]
             for start, end in zip(edges[::2], edges[1::2], strict=True):
                 part = cut(blocks, start, end) if end > start else None
                 if part is not None:
-                    out += self._section(part, experiment, bool(gaps), say)
+                    out += self._section(plan, part, experiment, bool(gaps), say)
         return out
 
-    def _section(self, part: Blocks, experiment: int, beside_change: bool, say: Progress) -> list[Fitted | Stretch]:
+    def _section(
+        self, plan: Plan, part: Blocks, experiment: int, beside_change: bool, say: Progress
+    ) -> list[Fitted | Stretch]:
+        """The windows of one experiment between two gaps."""
         segments = self._segments(experiment)
         what = "no set-point moves" if segments[0].closed else "no OP moves"
-        plan = planned(part, self.demand, experiment, self.settle, what)
-        if beside_change and all(w.refusal for w in plan) and part.errors[part.active].sum() >= FEWEST_ERRORS / 2:
-            # A change near the end leaves less than was asked for; what there is says what the change was.
-            plan = [Stretch(experiment, float(part.start[0]), float(part.end[-1]))]
+        laid = planned(part, plan.demand, experiment, plan.settle, what)
+        if (
+            beside_change
+            and all(w.refusal for w in laid)
+            and part.errors[part.active].sum() >= levels.BESIDE_CHANGE * levels.FEWEST_ERRORS
+        ):
+            # little is left beside a change near the end: it is used all the same, to tell what the change was
+            laid = [Stretch(experiment, float(part.start[0]), float(part.end[-1]))]
         out: list[Fitted | Stretch] = []
-        for k, window in enumerate(plan, start=1):
-            say(f"{self.study.project.output_names[self.output]}: window {k} of {len(plan)}")
-            out.append(self._fit(window))
+        for k, window in enumerate(laid, start=1):
+            say(f"{self.study.project.output_names[self.output]}: window {k} of {len(laid)}")
+            out.append(self._fit(window, plan.settle))
         return out
 
     def units(self, column: int) -> tuple[str, ...]:
@@ -147,14 +161,14 @@ class FollowedRow:
     def stretch_segments(self, window: Stretch) -> list[Segment]:
         return part_of(self._segments(window.experiment), window.start, window.end)
 
-    def _fit(self, window: Stretch) -> Fitted | Stretch:
+    def _fit(self, window: Stretch, settle: float) -> Fitted | Stretch:
         if window.refusal:
             return window
         if window not in self.fits:
-            self.fits[window] = self._fitted(window)
+            self.fits[window] = self._fitted(window, settle)
         return self.fits[window]
 
-    def _fitted(self, window: Stretch) -> Fitted | Stretch:
+    def _fitted(self, window: Stretch, settle: float) -> Fitted | Stretch:
         segments = self.stretch_segments(window)
         computed = self.study.computed | computed_setpoints(segments)
         own = [replace(s, y=s.y[:, [self.output]]) for s in segments]
@@ -167,15 +181,13 @@ class FollowedRow:
             self.specs,
             self.held,
             confidence=confidence,
-            stride=self.pilot.row.stride,
-            update=self.update,
-            timing=self.timing,
-            time_scale=self.settle / 5,
+            sampling=Sampling(self.pilot.row.stride, self.update, timing=self.timing),
+            time_scale=settle / levels.SETTLED,
         )
         if estimate is None:
             return replace(window, refusal="no PV can be used in this stretch")
-        if self.pilot.foretold_by:
-            estimate = less_sure(estimate, self.pilot.foretold_by, confidence)
+        if self.pilot.predicted_by:
+            estimate = widened_for_shared_disturbance(estimate, self.pilot.predicted_by, confidence)
         estimate = without_hidden_dynamics(self.study.hidden, self.output, estimate)
         estimates = {self.output: estimate}
         found = detect.elements_found(self.study.model, estimates)
@@ -216,27 +228,24 @@ def follow_rows(study: Study, offsets: Mapping[int, float], precision: float, sa
     stretch = (float(segments[0].t[0]) + offsets[where], float(segments[-1].t[-1]) + offsets[where])
     rows = []
     for i, pilot in pilots.items():
-        say(f"{study.project.output_names[i]}: planning windows")
         own = {spec.column for spec in pilot.row.specs}
         model = study.model
         held = tuple(Held(j, model[i, j]) for j in range(model.shape[1]) if j not in own and not model[i, j].is_zero)
         pieces = {k: pieces_of(study.screened[k].segments, i, held, update) for k in usable}
         pieces = {k: found for k, found in pieces.items() if found}
-        row = FollowedRow(study, i, pilot, held, update, timing, precision, offsets, moves, pieces, stretch)
-        row.replan(pilot)
-        rows.append(row)
+        rows.append(FollowedRow(study, i, pilot, held, update, timing, precision, offsets, moves, pieces, stretch))
     return rows
 
 
 def _pilots(
     study: Study, moves: Mapping[int, Array], interval: float, timing: float
 ) -> tuple[dict[int, OutputEstimate], tuple[int, list[Segment]]]:
-    """Estimates of all outputs on the liveliest stretch; on a longer one where a gain stays open."""
+    """Estimates of all outputs from the stretch with most moves; from a longer one while a gain is not identifiable."""
     stride = choose_stride(study.segments, list(study.specs.values()), interval)
     samples = sum(len(s) for s in study.segments)
-    wanted = PILOT * stride
+    wanted = levels.PILOT * stride
     while True:
-        stretch = _liveliest(study, moves, wanted)
+        stretch = _most_moves(study, moves, wanted)
         found = identify_matrix(
             stretch[1],
             study.model,
@@ -246,17 +255,16 @@ def _pilots(
             timing=timing,
         )
         found = {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items()}
-        if wanted >= samples or (found and not any(_gain_open(e) for e in found.values())):
+        if wanted >= samples or (found and not any(_gain_unknown(e) for e in found.values())):
             return found, stretch
-        wanted *= 4
+        wanted *= levels.PILOT_GROWTH
 
 
-def _gain_open(estimate: OutputEstimate) -> bool:
-    names = estimate.row.names
-    return any(names[k].startswith(("gain", "slope")) for k in unanswered(estimate))
+def _gain_unknown(estimate: OutputEstimate) -> bool:
+    return bool(np.any(estimate.row.is_gain[list(unanswered(estimate))]))
 
 
-def _liveliest(study: Study, moves: Mapping[int, Array], samples: int) -> tuple[int, list[Segment]]:
+def _most_moves(study: Study, moves: Mapping[int, Array], samples: int) -> tuple[int, list[Segment]]:
     """The experiment, and its stretch of so many samples, in which most moves are made."""
     best, most = (0, list(study.segments[:1])), -1
     for k, moved in moves.items():
@@ -264,7 +272,7 @@ def _liveliest(study: Study, moves: Mapping[int, Array], samples: int) -> tuple[
         h, first, last = segments[0].h, float(segments[0].t[0]), float(segments[-1].t[-1]) + segments[0].h
         length = samples * h
         for a in np.arange(first, max(last - length / 2, first + h), length):
-            end = last if a + 1.5 * length > last else a + length
+            end = last if a + levels.LAST_STRETCH * length > last else a + length
             count = int(np.sum((moved >= a) & (moved < end)))
             if count > most:
                 most, best = count, (k, part_of(segments, float(a), float(end)))

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array
 from trueplant.detect.since import Series
+from trueplant.identify import OutputEstimate
+from trueplant.identify.levels import SHARED_FACTOR
 from trueplant.identify.onestep import OneStep, one_step
-from trueplant.identify.shared_disturbance import TIMES
 from trueplant.study.study import Progress
-from trueplant.tracking.rows import Fitted, FollowedRow
+from trueplant.tracking import levels
+from trueplant.tracking.rows import Fitted, FollowedRow, Plan
 from trueplant.tracking.windows import Stretch
-
-ANSWERED = 0.8
-"""A parameter takes part in the history of its element if so many windows answer it."""
 
 
 @dataclass(frozen=True)
@@ -31,21 +30,39 @@ class Gap:
     p_adjusted: float
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Followed:
-    """A row with its gaps and its windows as they now are."""
+    """A row with the gaps that its changes leave, and the windows between them."""
 
     row: FollowedRow
-    gaps: list[Gap] = field(default_factory=list)
-    windows: list[Fitted | Stretch] = field(default_factory=list)
+    plan: Plan
+    gaps: tuple[Gap, ...] = ()
+    """In order of time."""
+    windows: tuple[Fitted | Stretch, ...] = ()
     steps: dict[tuple[Stretch, ...], OneStep] = field(default_factory=dict)
+    """A memory of what some windows say together."""
+
+    @classmethod
+    def of(cls, row: FollowedRow, say: Progress) -> Followed:
+        """Without changes, its windows planned from the pilot estimate."""
+        say(f"{row.study.project.output_names[row.output]}: planning windows")
+        return cls(row, row.plan_from(row.pilot)).laid(say)
 
     @property
     def fitted(self) -> list[Fitted]:
         return [w for w in self.windows if isinstance(w, Fitted)]
 
-    def lay(self, say: Progress) -> None:
-        self.windows = self.row.windows([g.interval for g in self.gaps], say)
+    def laid(self, say: Progress) -> Followed:
+        """The same with windows laid anew between its gaps."""
+        return replace(self, windows=tuple(self.row.windows(self.plan, [g.interval for g in self.gaps], say)))
+
+    def with_gap(self, gap: Gap, say: Progress) -> Followed:
+        """The same with one more gap."""
+        return replace(self, gaps=tuple(sorted([*self.gaps, gap], key=lambda g: g.time))).laid(say)
+
+    def planned_anew(self, estimate: OutputEstimate, say: Progress) -> Followed:
+        """The same with windows as another estimate of this output asks for."""
+        return replace(self, plan=self.row.plan_from(estimate)).laid(say)
 
     def sections(self) -> list[tuple[float, float]]:
         edges = [-np.inf, *(t for gap in self.gaps for t in gap.interval), np.inf]
@@ -56,10 +73,10 @@ class Followed:
         windows = [w.found[column] for w in self.fitted if column in w.found]
         if not windows:
             return []
-        names = windows[0].spec.structure.names
-        share = [np.mean([k not in f.reasons for f in windows]) for k in range(len(names))]
-        kept = [k for k in range(len(names)) if share[k] >= ANSWERED]
-        return kept if any(names[k].startswith(("gain", "slope")) for k in kept) else []
+        is_gain = windows[0].spec.structure.is_gain
+        share = [np.mean([k not in f.reasons for f in windows]) for k in range(is_gain.size)]
+        kept = [k for k in range(is_gain.size) if share[k] >= levels.ANSWERED]
+        return kept if np.any(is_gain[kept]) else []
 
     def inside(self, section: tuple[float, float]) -> list[Fitted]:
         return [w for w in self.fitted if w.start >= section[0] and w.end <= section[1]]
@@ -124,8 +141,8 @@ class Followed:
             precise = np.array([1 / np.maximum(np.diag(w.estimate.covariance), 1e-300) for w in windows])
             start = np.sum(precise * [w.estimate.theta for w in windows], axis=0) / precise.sum(axis=0)
             steps = one_step(rows, [w.estimate.fit.ar for w in windows], start)
-            if self.row.pilot.foretold_by:
-                more = steps.common_covariance * TIMES**2
-                steps = replace(steps, covariance=steps.covariance * TIMES**2, common_covariance=more)
+            if self.row.pilot.predicted_by:
+                more = steps.common_covariance * SHARED_FACTOR**2
+                steps = replace(steps, covariance=steps.covariance * SHARED_FACTOR**2, common_covariance=more)
             self.steps[key] = steps
         return self.steps[key]

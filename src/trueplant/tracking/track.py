@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -10,37 +11,38 @@ import numpy as np
 from trueplant.errors import DataError, UsageError
 from trueplant.project.project import Project
 from trueplant.record.times import unit_seconds
-from trueplant.result import Reason, Track, TrackedExperiment, Window, WindowElement
-from trueplant.study.data.excitation import why_not_informative
+from trueplant.result import Reason, Track, TrackedExperiment, Window, WindowElement, WindowStatus
+from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.prepare import prepare
 from trueplant.study.data.tables import provenance
 from trueplant.study.plant.parameters import parameters_of
 from trueplant.study.study import Progress, Study, quiet
+from trueplant.tracking import levels
 from trueplant.tracking.changes import find_changes
 from trueplant.tracking.rows import Fitted, follow_rows
 from trueplant.tracking.series import Followed
-
-PRECISION = 0.1
-"""Relative standard error of gains, time constants and dead times (of these relative to lag and dead time)."""
+from trueplant.tracking.windows import Stretch
 
 
-def track(project: Project, precision: float = PRECISION, progress: Progress = quiet) -> Track:
+def track(
+    project: Project,
+    precision: float = levels.PRECISION,
+    progress: Progress = quiet,
+    frames: Sequence[Any] | None = None,
+) -> Track:
     """Parameters over time, and since when they changed. Refusals are results; unusable input raises.
 
     `precision` is the relative standard error for which each window is made long enough. `progress` is told what is
-    being done, in a few words, as each step begins.
+    being done, in a few words, as each step begins. `frames` stand in for the files of the experiments.
     """
-    if not 0 < precision <= 0.5:
+    if not 0 < precision <= levels.LARGEST_PRECISION:
         raise UsageError(f"a precision of {100 * precision:g} % cannot be asked for: name one above 0 and up to 50 %")
     say = progress
     say("reading the data")
-    study = prepare(project, say)
+    study = prepare(project, say, frames)
     experiments = lay_out(study)
-    reasons = [
-        Reason("record", s.refusal, project.experiments[k].name) for k, s in enumerate(study.screened) if s.refusal
-    ]
-    reasons += why_not_informative(study)
-    if not study.segments or any(reason.code == "no-excitation" for reason in reasons):
+    reasons = list(doubts(study))
+    if not study.segments or blocked(reasons):
         reasons = reasons or [Reason("no-data", "no usable data are left after screening")]
         return _refused(study, experiments, reasons, precision)
     offsets = {k: e.offset for k, e in enumerate(experiments)}
@@ -48,18 +50,18 @@ def track(project: Project, precision: float = PRECISION, progress: Progress = q
     rows = follow_rows(study, offsets, precision, say)
     followed, elements, changes = find_changes(rows, 1 - settings.confidence, settings.seed, say)
     windows = [_window(one, w) for one in followed for w in one.windows]
-    if not any(w.status == "ok" for w in windows):
+    if not any(w.status == WindowStatus.OK for w in windows):
         why = [w.reason for w in windows]
         longest = max(windows, key=lambda w: w.end - w.start).reason if why else "no output can be followed"
         reasons.append(Reason("no-window", f"no stretch of the record can be estimated: {longest}"))
     windows += [
-        Window(output, e.name, e.span[0], e.span[1], "refused", s.refusal)
+        Window(output, e.name, e.span[0], e.span[1], WindowStatus.REFUSED, s.refusal)
         for s, e in zip(study.screened, experiments, strict=True)
         if s.refusal
         for output in project.output_names
     ]
     return Track(
-        status="ok" if any(w.status == "ok" for w in windows) else "refused",
+        status="ok" if any(w.status == WindowStatus.OK for w in windows) else "refused",
         reasons=tuple(reasons),
         notes=(*study.notes, *_notes(followed)),
         provenance=provenance(study, 100 * precision),
@@ -99,17 +101,17 @@ def lay_out(study: Study) -> list[TrackedExperiment]:
     ]
 
 
-def _window(one: Followed, window: Any) -> Window:
+def _window(one: Followed, window: Fitted | Stretch) -> Window:
     """A window of `Followed` as the result has it."""
     project = one.row.study.project
     output = project.output_names[one.row.output]
-    if not hasattr(window, "estimate"):
+    if isinstance(window, Stretch):
         offset = one.row.offsets[window.experiment]
         name = project.experiments[window.experiment].name
-        return Window(output, name, window.start + offset, window.end + offset, "refused", window.refusal)
+        return Window(output, name, window.start + offset, window.end + offset, WindowStatus.REFUSED, window.refusal)
     name = project.experiments[window.stretch.experiment].name
     elements = tuple(_element(one, window, column) for column in sorted(window.found))
-    return Window(output, name, window.start, window.end, "ok", "", elements)
+    return Window(output, name, window.start, window.end, WindowStatus.OK, "", elements)
 
 
 def _element(one: Followed, window: Fitted, column: int) -> WindowElement:
@@ -122,18 +124,18 @@ def _notes(followed: list[Followed]) -> list[Reason]:
     notes = []
     for one in followed:
         output = one.row.study.project.output_names[one.row.output]
-        if one.row.pilot.foretold_by:
-            told = ", ".join(one.row.study.project.output_names[j] for j in one.row.pilot.foretold_by)
+        if one.row.pilot.predicted_by:
+            told = ", ".join(one.row.study.project.output_names[j] for j in one.row.pilot.predicted_by)
             text = f"a disturbance reaches {told} before it reaches {output}: standard errors were widened for that"
             notes.append(Reason("crossed", text, output))
-        if one.row.demand.precision and not np.isfinite(one.row.demand.limits).any():
+        if one.plan.demand.precision and not np.isfinite(one.plan.demand.limits).any():
             notes.append(Reason("pilot", "the first estimate answers no parameter of this output", output))
     return notes
 
 
 def _refused(study: Study, experiments: list[TrackedExperiment], reasons: list[Reason], precision: float) -> Track:
     windows = tuple(
-        Window(output, e.name, e.span[0], e.span[1], "refused", s.refusal or reasons[0].message)
+        Window(output, e.name, e.span[0], e.span[1], WindowStatus.REFUSED, s.refusal or reasons[0].message)
         for output in study.project.output_names
         for s, e in zip(study.screened, experiments, strict=True)
     )

@@ -1,8 +1,8 @@
-"""Windows of a long record, each as long as its excitation needs for the precision asked for.
+"""Windows of a long record, each as long as the requested precision needs.
 
-How sure an estimate will be is told beforehand by the Fisher information of the plant's parameters on the recorded
-inputs, in blocks that can be added. In closed loop only blocks count in which a set-point moves or has just moved:
-what the noise alone stirs up shows the controller as much as the plant.
+The Fisher information of the plant's parameters for the recorded inputs predicts the standard errors of an estimate. It
+is computed in blocks, which can be added. In closed loop only blocks count in which a set-point moves or has just
+moved: what noise alone does to OP and PV depends on the controller as much as on the plant.
 """
 
 from __future__ import annotations
@@ -16,25 +16,8 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.identify import Row, RowFit
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.noise import whiten, whitened_valid
-from trueplant.identify.search import dead_time_of, felt_lag, lag_of
 from trueplant.record import Segment
-
-CHUNK = 20_000
-"""Prediction errors looked at together: what bounds the memory."""
-FEWEST_ERRORS = 200
-"""In a window: with fewer the noise model is not worth its name."""
-SETTLED = 5.0
-"""Lags after which a move no longer counts as excitation."""
-LEAST_SETTLINGS = 3.0
-"""Settling times in a window: in less its unknown initial state costs more than SHORTFALL allows for."""
-WARM = 2.0
-"""Settling times before each chunk from which its responses start."""
-LONGEST = 0.25
-"""Share of an experiment's time that a window may take where single moves do not suffice."""
-MOST = 80
-"""Windows of one output: where there would be more, they are longer and more precise than asked for."""
-SHORTFALL = 1.1
-"""Unknown initial states cost a window that much of its standard errors on top of what the information foretells."""
+from trueplant.tracking import levels
 
 
 @dataclass(frozen=True)
@@ -62,7 +45,7 @@ class Blocks:
 
 @dataclass(frozen=True, eq=False)
 class Demand:
-    """Which standard errors are asked for, in units of the parameters; infinite where none is."""
+    """Requested standard errors, in units of the parameters; infinite where none is requested."""
 
     limits: Array
     names: tuple[str, ...]
@@ -72,7 +55,7 @@ class Demand:
     """Time that a window takes at least."""
 
     def met(self, information: Array) -> bool:
-        return bool(np.all(SHORTFALL * standard_errors(information) <= self.limits))
+        return bool(np.all(levels.SHORTFALL * standard_errors(information) <= self.limits))
 
     def shortfall(self, information: Array, length: float, errors: float) -> str:
         """What a stretch of this length with so many prediction errors lacks: length, samples, or moves."""
@@ -81,12 +64,12 @@ class Demand:
                 f"this stretch is shorter than a window can be: it takes {self.shortest:.3g}, three times what the "
                 "plant takes to settle"
             )
-        if errors < FEWEST_ERRORS:
+        if errors < levels.FEWEST_ERRORS:
             return (
-                f"this stretch has {errors:.0f} usable samples of PV, and a window needs {FEWEST_ERRORS}: export it at "
-                "a shorter interval, or take a longer record"
+                f"this stretch has {errors:.0f} usable samples of PV, and a window needs {levels.FEWEST_ERRORS}: "
+                "export it at a shorter interval, or take a longer record"
             )
-        ratio = SHORTFALL * standard_errors(information) / self.limits
+        ratio = levels.SHORTFALL * standard_errors(information) / self.limits
         worst = int(np.argmax(ratio))
         reached = 100 * self.precision * float(ratio[worst])
         known = f"to +-{reached:.2g} % only" if reached < 100 else "hardly at all"
@@ -98,28 +81,29 @@ class Demand:
 
 def standard_errors(information: Array) -> Array:
     """(p,) from the information of p parameters and an offset; very large where there is none."""
-    return np.asarray(np.sqrt(np.diag(inverse(information, 1e-12)))[:-1])
+    return np.asarray(np.sqrt(np.diag(inverse(information, levels.NO_INFORMATION)))[:-1])
 
 
 def demand_of(fit: RowFit, answered: Sequence[int], columns: Sequence[str], precision: float) -> Demand:
     """Gains, slopes, first time constants and dead times of the elements that the pilot has found."""
     names = fit.row.names
     inputs = [columns[spec.column] for spec in fit.row.specs for _ in spec.structure.names]
-    size = np.abs(fit.theta) + felt_lag(fit)
+    size = np.abs(fit.theta) + fit.row.lag_of_dead_times(fit.theta)
     limits = np.full(fit.theta.size, np.inf)
+    wanted = fit.row.is_gain | fit.row.is_dead_time
     for k in answered:
-        if names[k].startswith(("gain", "slope", "dead")) or names[k] == "tau1":
+        if wanted[k] or names[k] == "tau1":
             limits[k] = precision * size[k]
     words = tuple(f"{name.replace('_', ' ')} of {column}" for name, column in zip(names, inputs, strict=True))
-    return Demand(limits, words, precision, LEAST_SETTLINGS * settling(fit))
+    return Demand(limits, words, precision, levels.LEAST_SETTLINGS * settling(fit))
 
 
 def settling(fit: RowFit) -> float:
-    """How long a move keeps showing: SETTLED lags and the dead time of the slowest element."""
+    """How long a move keeps showing: some lags and the dead time of the slowest element."""
     times = [fit.row.pieces[0].h]
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        p, names = fit.theta[part], spec.structure.names
-        times.append(SETTLED * lag_of(names, p) + dead_time_of(names, p))
+        p = fit.theta[part]
+        times.append(levels.SETTLED * spec.structure.lag(p) + spec.structure.longest_dead_time(p))
     return float(max(times))
 
 
@@ -129,7 +113,7 @@ def moves_of(segments: Sequence[Segment]) -> Array:
     for segment in segments:
         source = segment.r[:, np.isfinite(segment.r).all(axis=0)] if segment.closed else segment.u
         size = np.abs(source).max(axis=0, initial=0.0)
-        moved = np.any(np.abs(np.diff(source, axis=0)) > 1e-9 * (1 + size), axis=1)
+        moved = np.any(np.abs(np.diff(source, axis=0)) > levels.MOVED * (1 + size), axis=1)
         found.append(segment.t[1:][moved])
     return np.sort(np.concatenate(found)) if found else np.zeros(0)
 
@@ -138,7 +122,7 @@ def blocks_of(fit: RowFit, row: Row, moves: Array) -> Blocks:
     """What each block of the pieces of one experiment will say about theta of `fit` under its noise model."""
     settle = settling(fit)
     h = row.pieces[0].h * row.stride
-    length = max(16, round(settle / 10 / h))
+    length = max(levels.SHORTEST_BLOCK, round(settle / levels.BLOCKS_PER_SETTLING / h))
     parts = [_piece_blocks(fit, replace(row, pieces=(piece,)), length, settle) for piece in row.pieces]
     start, end, information, errors = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     last = np.searchsorted(moves, end) - 1
@@ -153,9 +137,9 @@ def _piece_blocks(fit: RowFit, row: Row, length: int, settle: float) -> tuple[Ar
     piece, stride, order = row.pieces[0], row.stride, fit.ar.size
     total = len(range(0, piece.y.size, stride))
     count, size = -(-total // length), fit.theta.size + 1
-    warm = int(np.ceil(WARM * settle / (piece.h * stride))) + order
+    warm = int(np.ceil(levels.WARM * settle / (piece.h * stride))) + order
     information, errors = np.zeros((count, size, size)), np.zeros(count)
-    per_chunk = max(1, CHUNK // length)
+    per_chunk = max(1, levels.CHUNK // length)
     for first in range(0, count, per_chunk):
         begin, end = first * length, min((first + per_chunk) * length, total)
         early = max(begin - warm, 0)
@@ -207,7 +191,7 @@ def windows_of(blocks: Blocks, demand: Demand, experiment: int, settle: float, w
             give_up()
             found += [Stretch(experiment, float(blocks.start[p]), float(blocks.end[q - 1])) for p, q in own]
             continue
-        if waiting and blocks.end[b - 1] - blocks.start[waiting[0][0]] > LONGEST * span:
+        if waiting and blocks.end[b - 1] - blocks.start[waiting[0][0]] > levels.LONGEST * span:
             give_up()
         waiting.append((a, b))
         first = waiting[0][0]
@@ -225,7 +209,7 @@ def _runs(blocks: Blocks) -> list[tuple[int, int]]:
 
 
 def _enough(blocks: Blocks, demand: Demand, a: int, b: int) -> bool:
-    if blocks.end[b - 1] - blocks.start[a] < demand.shortest or blocks.errors[a:b].sum() < FEWEST_ERRORS:
+    if blocks.end[b - 1] - blocks.start[a] < demand.shortest or blocks.errors[a:b].sum() < levels.FEWEST_ERRORS:
         return False
     return demand.met(blocks.information[a:b].sum(axis=0))
 
@@ -256,7 +240,7 @@ def _with_idle(found: list[Stretch], blocks: Blocks, experiment: int, settle: fl
     edges = [float(blocks.start[0]), *(x for s in found for x in (s.start, s.end)), float(blocks.end[-1])]
     idle = []
     for start, end in zip(edges[::2], edges[1::2], strict=True):
-        if end - start > 2 * settle:
+        if end - start > levels.IDLE * settle:
             inside = (blocks.start < end) & (blocks.end > start)
             there = blocks.errors[inside].sum() > 0
             why = f"{what} in this stretch" if there else "no PV can be used in this stretch"
@@ -269,9 +253,9 @@ def planned(blocks: Blocks, demand: Demand, experiment: int, settle: float, what
     while True:
         windows = windows_of(blocks, demand, experiment, settle, what)
         count = sum(not w.refusal for w in windows)
-        if count <= MOST:
+        if count <= levels.MOST:
             return windows
-        closer = 0.95 * np.sqrt(MOST / count)
+        closer = levels.CLOSER * np.sqrt(levels.MOST / count)
         demand = replace(demand, limits=demand.limits * closer, precision=demand.precision * closer)
 
 

@@ -12,11 +12,12 @@ from trueplant.tune.compare import (
 from trueplant.tune.drawn import Peaks, common_grid, peaks
 from trueplant.tune.forms import Notation, Settings, converted, pid_of, settings_of
 from trueplant.tune.integral import Limits, max_ki
+from trueplant.tune.methods import METHODS, Choices
 from trueplant.tune.optimal import optimal
-from trueplant.tune.propose import ALL_METHODS, AS_DESIGNED, CERTAIN, Proposal, propose
+from trueplant.tune.propose import ALL_METHODS, AS_DESIGNED, CERTAIN, OwnMethod, Proposal, propose
 from trueplant.tune.reduce import Reduced, half_rule, matched, reduced
 from trueplant.tune.response import frequencies, ultimate
-from trueplant.tune.retune import METHODS, Choices, Retuned, retune
+from trueplant.tune.retune import Retuned, retune
 from trueplant.tune.rules import (
     amigo,
     cohen_coon,
@@ -48,6 +49,7 @@ __all__ = [
     "LoopMetrics",
     "LoopTask",
     "Notation",
+    "OwnMethod",
     "Peaks",
     "Proposal",
     "Reduced",

@@ -13,14 +13,9 @@ from trueplant.loop import PID, Controller, simulate
 from trueplant.loop.pid import Entry
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.robust import Margins, margins
+from trueplant.tune import levels
 
 Step = Literal["set-point", "load"]
-
-_STEPS = 4000
-_MOST_STEPS = 64 * _STEPS
-# Of the peak error: what still counts as moving at the end of a simulation.
-_SETTLED = 1e-3
-_BAND = 0.02
 
 
 @dataclass(frozen=True)
@@ -94,15 +89,15 @@ def _measured(
     while True:
         t, error, u = step_response(plant, law, step, h, count, output=output, input=input)
         size = float(np.max(np.abs(error)))
-        if horizon is not None or np.max(np.abs(error[-count // 5 :])) <= _SETTLED * size:
+        if horizon is not None or np.max(np.abs(error[-count // 5 :])) <= levels.SETTLED * size:
             break
-        if count > _MOST_STEPS:
+        if count > levels.MOST_RESPONSE_STEPS:
             raise LoopError("the step response does not settle: give a horizon; or add integral action")
         count *= 2
     if size == 0:
         return StepMetrics(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     absolute = np.abs(error)
-    band = _BAND * (1.0 if step == "set-point" else size)
+    band = levels.SETTLING_BAND * (1.0 if step == "set-point" else size)
     outside = np.flatnonzero(absolute > band)
     settling = float(t[min(outside[-1] + 1, t.size - 1)]) if outside.size else 0.0
     peak = max(0.0, float(-np.min(error))) if step == "set-point" else size
@@ -139,11 +134,11 @@ def _span(plant: TransferMatrix, law: Controller, found: Margins, horizon: float
     terms = [term for row in plant.elements for element in row for term in element.terms]
     rates = np.abs(np.concatenate([np.roots(term.den) for term in terms]))
     times = [t for t in slow if np.isfinite(t)] + [t.dead_time for t in terms] + list(1 / rates[rates > 0])
-    span = horizon if horizon is not None else 10 * max(times, default=1.0)
-    shortest = [t.dead_time / 10 for t in terms if t.dead_time > 0]
+    span = horizon if horizon is not None else levels.RESPONSE_SPAN * max(times, default=1.0)
+    shortest = [t.dead_time / levels.DEAD_TIME_STEPS for t in terms if t.dead_time > 0]
     if np.isfinite(found.phase_margin_frequency):
-        shortest.append(0.05 / found.phase_margin_frequency)
-    h = max(min([span / _STEPS, *shortest]), span / _MOST_STEPS)
+        shortest.append(levels.CROSSOVER_STEP / found.phase_margin_frequency)
+    h = max(min([span / levels.RESPONSE_STEPS, *shortest]), span / levels.MOST_RESPONSE_STEPS)
     scans = [entry.sample_time for entry in law.entries.values() if entry.sample_time is not None]
     if scans:
         # sampled controllers run exactly: a step that divides the scan

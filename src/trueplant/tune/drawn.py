@@ -15,11 +15,8 @@ from numba import njit
 from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.loop import PID, Controller
 from trueplant.lti import TransferMatrix
+from trueplant.tune import levels
 from trueplant.tune.response import frequencies
-
-_PER_DECADE = 45
-_TOP = 40.0
-"""The grid ends at this multiple of the highest crossover that is looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +32,7 @@ class Peaks:
 
     def within(self, limit: float) -> BoolArray:
         """(count, n_u): stable, and both peaks of this loop no higher than the limit."""
-        return np.asarray(self.stable[:, None] & (np.maximum(self.Ms, self.Mt) <= limit * (1 + 1e-9)))
+        return np.asarray(self.stable[:, None] & (np.maximum(self.Ms, self.Mt) <= limit * (1 + levels.ROUNDING)))
 
     @cached_property
     def share_stable(self) -> float:
@@ -125,15 +122,15 @@ def common_grid(plant: TransferMatrix, controller: Controller, crossover: float)
     for entry in controller.entries.values():
         if isinstance(entry, PID):
             kp, ki, _, _ = entry.parallel
-            rates += [1e-3 * abs(ki / kp)] if ki and kp else []
+            rates += [levels.DRAWN_BELOW_RESET * abs(ki / kp)] if ki and kp else []
         else:
             size = np.abs(entry.tf.poles)
-            rates += [1e-3 * float(size[size > 0].min())] if np.any(size > 0) else []
+            rates += [levels.DRAWN_BELOW_RESET * float(size[size > 0].min())] if np.any(size > 0) else []
     scans = [entry.sample_time for entry in controller.entries.values() if entry.sample_time is not None]
-    top = _TOP * crossover
+    top = levels.DRAWN_TOP * crossover
     if scans:
         top = min(top, float(np.pi / min(scans)))
-    low = 1e-2 * min(rates)
-    w = np.geomspace(low, top, int(np.ceil(_PER_DECADE * np.log10(top / low))))
+    low = levels.DRAWN_BELOW * min(rates)
+    w = np.geomspace(low, top, int(np.ceil(levels.DRAWN_PER_DECADE * np.log10(top / low))))
     # resonances of the plant, which `frequencies` has marked
-    return np.unique(np.concatenate([w, usual[(usual > low) & (usual < top)][::10]]))
+    return np.unique(np.concatenate([w, usual[(usual > low) & (usual < top)][:: levels.EVERY_RESONANCE]]))

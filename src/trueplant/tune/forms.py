@@ -12,11 +12,9 @@ import numpy as np
 
 from trueplant.errors import LoopError
 from trueplant.loop import PID
+from trueplant.tune import levels
 
 SECONDS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
-
-# Rounding that a double root of the series form may leave in its discriminant.
-_ROUNDING = 1e-12
 
 
 def converted(pid: PID, form: str) -> PID:
@@ -65,7 +63,7 @@ def _series(kp: float, ki: float, kd: float, tf: float) -> tuple[float, float | 
     # Kp + Ki/s + Kd s/(Tf s + 1) = Ki (Ti s + 1)(Td s + 1)/(s (Tf s + 1)): sum and product of Ti and Td
     total, product = kp / ki + tf, (kp * tf + kd) / ki
     spread = (total / 2) ** 2 - product
-    if spread < -_ROUNDING * abs(product) or product <= 0 or total <= 0:
+    if spread < -levels.DOUBLE_ROOT * abs(product) or product <= 0 or total <= 0:
         raise LoopError(
             "this law has no series form, its zeros are not real and negative (an unfiltered ideal controller needs "
             "Ti >= 4 Td): lengthen Ti, shorten Td, or keep the form"

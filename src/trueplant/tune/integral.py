@@ -18,18 +18,16 @@ from numba import njit
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID
+from trueplant.tune import levels
 from trueplant.tune.forms import series_ratio
 from trueplant.tune.response import Plant, axis, grid_for, sign_of, ultimate
-
-_GRID = 41
-_ZOOMS = 6
 
 
 @dataclass(frozen=True)
 class Limits:
     """Largest allowed peaks of |S| and |T|; Mt of None sets no limit on T."""
 
-    Ms: float = 1.59
+    Ms: float = levels.PEAK
     Mt: float | None = None
 
     def __post_init__(self) -> None:
@@ -103,26 +101,26 @@ def _integral_limits(centre: ComplexArray, radius: Array, w: Array, free: Comple
     return least
 
 
-def best_kp(limit: Callable[[float], float], top: float, zooms: int = _ZOOMS) -> tuple[float, float]:
+def best_kp(limit: Callable[[float], float], top: float, zooms: int = levels.KP_ZOOMS) -> tuple[float, float]:
     """kp in (0, top] with the largest ki limit(kp), by zooming into a grid; and that ki."""
     low, high = 0.0, top
     best, at = -np.inf, top
     for _ in range(zooms):
-        points = np.linspace(low, high, _GRID)[1:]
+        points = np.linspace(low, high, levels.KP_POINTS)[1:]
         values = np.array([limit(float(kp)) for kp in points])
         k = int(np.argmax(values))
         if values[k] > best:
             best, at = float(values[k]), float(points[k])
-        step = (high - low) / (_GRID - 1)
+        step = (high - low) / (levels.KP_POINTS - 1)
         low, high = max(at - step, 0.0), min(at + step, top)
     return at, best
 
 
 def max_ki(
     plant: Plant,
-    limits: Limits | float = 1.59,
+    limits: Limits | float = levels.PEAK,
     kind: str = "PI",
-    alpha: float = 0.1,
+    alpha: float = levels.ALPHA,
     w: Array | None = None,
 ) -> PID:
     """PI or ideal PID with the largest integral gain whose peaks of S and T stay within the limits.
@@ -160,11 +158,12 @@ def max_ki(
         kp, ki = tuned(td, coarse)
     # kp is far more sensitive to the grid than ki: once more, with many points where the limits bind
     loop = sign * plant(axis(coarse)) * (kp * _shape(coarse, td, alpha) + ki / axis(coarse))
-    near = 1.02 / np.abs(1 + loop) > bounds.Ms
+    near = levels.NEAR_LIMIT / np.abs(1 + loop) > bounds.Ms
     if bounds.Mt is not None:
-        near |= 1.02 * np.abs(loop / (1 + loop)) > bounds.Mt
+        near |= levels.NEAR_LIMIT * np.abs(loop / (1 + loop)) > bounds.Mt
     if np.any(near):
-        dense = np.geomspace(0.98 * coarse[near][0], 1.02 * coarse[near][-1], 4000)
+        low, high = levels.AROUND_NEAR
+        dense = np.geomspace(low * coarse[near][0], high * coarse[near][-1], levels.NEAR_POINTS)
         kp, ki = tuned(td, np.concatenate([coarse, dense]))
     if not (ki > 0 and np.isfinite(ki)):
         raise LoopError("no integral action keeps these limits on this plant: allow a higher peak")
@@ -175,10 +174,10 @@ def best_td(value: Callable[[float], float], period: float) -> float:
     """Derivative time with the largest value: a coarse grid relative to the ultimate period, then golden section."""
     from scipy.optimize import minimize_scalar
 
-    grid = period * np.geomspace(0.01, 1.0, 13)
+    grid = period * np.geomspace(*levels.TD_RANGE, levels.TD_POINTS)
     k = int(np.argmax([value(float(td)) for td in grid]))
     low, high = grid[max(k - 1, 0)], grid[min(k + 1, grid.size - 1)]
     found = minimize_scalar(
-        lambda td: -value(float(td)), bounds=(low, high), method="bounded", options={"xatol": 1e-4 * low}
+        lambda td: -value(float(td)), bounds=(low, high), method="bounded", options={"xatol": levels.TD_PRECISION * low}
     )
     return float(found.x)

@@ -11,12 +11,12 @@ from trueplant.arrays import Array
 from trueplant.errors import LoopError, UnstableLoop
 from trueplant.loop import PID, Controller, simulate, unstable_poles
 from trueplant.lti import TransferFunction, TransferMatrix
+from trueplant.tune import levels
 from trueplant.tune.integral import Limits
 from trueplant.tune.reduce import reduced
 from trueplant.tune.response import axis, frequencies
 from trueplant.tune.rules import simc
 
-_STEPS = 3000
 _WEIGHTS: dict[str, Callable[[Array, Array], Array]] = {
     "IAE": lambda t, e: np.abs(e),
     "ISE": lambda t, e: e**2,
@@ -30,13 +30,13 @@ def optimal(
     step: str = "load",
     kind: str = "PI",
     limits: Limits | None = None,
-    alpha: float = 0.1,
+    alpha: float = levels.ALPHA,
 ) -> PID:
     """PI or ideal PID with the least IAE, ISE or ITAE after a unit step of "set-point" or "load".
 
     The loop is simulated; Nelder and Mead's simplex starts from SIMC, in the logarithms of Kc, Ti and Td. limits:
     peaks of S and T that must not be passed (on a grid of frequencies); without them the optimum is often too
-    lively to be used (Ms about 2 and more for load steps).
+    oscillatory to be used (Ms about 2 and more for load steps).
 
     Raises LoopError for a plant without effective dead time, whose errors have no least value.
     """
@@ -52,7 +52,7 @@ def optimal(
     sign = float(np.sign(ki))
     size = abs(kp) or abs(ki) * ti
     start = [np.log(size), np.log(ti)] + ([np.log(0.4 * model.dead_time + model.tau2)] if kind == "PID" else [])
-    run = _Run(g, step, _WEIGHTS[criterion], 10 * (ti + 4 * model.dead_time), limits)
+    run = _Run(g, step, _WEIGHTS[criterion], levels.OPTIMAL_SPAN * (ti + 4 * model.dead_time), limits)
 
     def pid_of(x: Any) -> PID:
         td = float(np.exp(x[2])) if kind == "PID" else 0.0
@@ -62,8 +62,8 @@ def optimal(
 
     # SIMC may itself pass the limits: lower its gain until it does not
     while not np.isfinite(run(pid_of(start))):
-        start[0] -= 0.3
-        if start[0] < np.log(size) - 6:
+        start[0] -= levels.LOWER_GAIN
+        if start[0] < np.log(size) - levels.LOWEST_GAIN:
             raise LoopError("no settings were found that keep these limits: allow a higher peak")
     simplex = np.array([start] + [[v - 0.25 * (i == j) for i, v in enumerate(start)] for j in range(len(start))])
     options = {"xatol": 1e-3, "fatol": 1e-5, "maxiter": 400}
@@ -93,12 +93,12 @@ class _Run:
         limits: Limits | None,
     ) -> None:
         self.plant = TransferMatrix(((g,),))
-        self.h = span / _STEPS
-        self.t: Array = np.asarray(np.arange(_STEPS) * self.h, dtype=np.float64)
-        one, none = np.ones((_STEPS, 1)), np.zeros((_STEPS, 1))
+        self.h = span / levels.OPTIMAL_STEPS
+        self.t: Array = np.asarray(np.arange(levels.OPTIMAL_STEPS) * self.h, dtype=np.float64)
+        one, none = np.ones((levels.OPTIMAL_STEPS, 1)), np.zeros((levels.OPTIMAL_STEPS, 1))
         self.r, self.load = (one, none) if step == "set-point" else (none, one)
         self.weight, self.limits = weight, limits
-        self.w = frequencies([g], per_decade=150)
+        self.w = frequencies([g], per_decade=levels.OPTIMAL_PER_DECADE)
         self.response = g(axis(self.w))
 
     def __call__(self, pid: PID) -> float:

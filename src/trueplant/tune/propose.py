@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -13,26 +14,30 @@ from trueplant.loop import PID, Controller, Linear
 from trueplant.loop.pid import Entry
 from trueplant.lti import TransferFunction, TransferMatrix, UncertainPlant
 from trueplant.robust import margins
+from trueplant.tune import levels
 from trueplant.tune.forms import converted
 from trueplant.tune.integral import Limits
+from trueplant.tune.methods import METHODS
 from trueplant.tune.response import axis, frequencies
-from trueplant.tune.retune import METHODS, retune
-from trueplant.tune.several import blt, sequential
+from trueplant.tune.retune import retune
+from trueplant.tune.several import SEVERAL
 from trueplant.tune.shaping import shaped_like
 from trueplant.tune.state_space import DESIGNS, fastest
 from trueplant.tune.together import LoopTask, TunedTogether, bare_law, slow_down, tune_together, with_entries
 
-CERTAIN, AS_DESIGNED = "certain-share", "as-designed"
-ALL_METHODS = (CERTAIN, AS_DESIGNED, *METHODS, "blt", "sequential", *DESIGNS)
-"""Ours, the loop that the model had, the rules, those for several loops, and those whose answer is no PID."""
 
-_USUAL = 2.0
-"""Sensitivity peak below which a detuned set of loops is left as it is (Astrom and Hagglund 2006, section 4.6)."""
-_SAME = 0.995
-"""A slowing down by less than this is not worth a word."""
-_WORTH = 1.1
-"""A loop whose integral gain would rise by less than this factor is left as it is, if it holds the limits."""
-_FACTORS = np.geomspace(1.0, 0.02, 40)
+class OwnMethod(StrEnum):
+    """Methods that use more than the plant alone."""
+
+    CERTAIN = "certain-share"
+    """The largest integral gains that hold the limits for a share of the plants that the record leaves possible."""
+    AS_DESIGNED = "as-designed"
+    """Each loop again as nearly as possible what it was on the model that its controller was tuned on."""
+
+
+CERTAIN, AS_DESIGNED = OwnMethod.CERTAIN, OwnMethod.AS_DESIGNED
+ALL_METHODS = (*OwnMethod, *METHODS, *SEVERAL, *DESIGNS)
+"""Ours, the rules, those for several loops, and those whose answer is no PID."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,17 +62,17 @@ def propose(
     methods: Sequence[str],
     *,
     model: TransferMatrix | None = None,
-    limit: float = 1.59,
-    share: float = 0.95,
-    confidence: float = 0.95,
+    limit: float = levels.PEAK,
+    share: float = levels.SHARE,
+    confidence: float = levels.CONFIDENCE,
     seed: int = 0,
 ) -> tuple[Proposal, ...]:
-    """Settings by each method, in the order asked for; model: what today's controllers were tuned on.
+    """Settings by each method, in the given order; model: what today's controllers were tuned on.
 
     The rules see each loop's own element, later by what the task calls unseen or by the error of its dead time,
     whichever is longer. Whatever they say is slowed down until the loop's gain is below 1 beyond the task's
-    crossover, and, where the loops together are not stable or have a sensitivity peak above 2 that none has alone,
-    until they are calm. The notes say so.
+    crossover, and, where the loops together are unstable or have a sensitivity peak above 2 that none has alone, until
+    they have not. The notes say so.
 
     Raises LoopError for unknown methods.
     """
@@ -111,7 +116,7 @@ def _certain(
         return tune_together(uncertain, some, today, limit=limit, share=share, confidence=confidence, seed=seed)
 
     found = tuned(tasks)
-    gaining = [task for task in tasks if _gain(found.controller, task) > _WORTH * _gain(today, task)]
+    gaining = [task for task in tasks if _gain(found.controller, task) > levels.WORTH_TUNING * _gain(today, task)]
     if gaining and len(gaining) < len(tasks):
         with contextlib.suppress(LoopError):
             return _round_the_rest(tuned(gaining), tasks, gaining)
@@ -161,12 +166,12 @@ def _by_rule(
         note = [found.note] if found.note else []
         if found.pid is not None:
             laws[task], factor = _within_crossover(plant[task.output, task.input], found.pid, task)
-            if factor < _SAME:
+            if factor < levels.SAME_SPEED:
                 note.append(f"slowed down by {1 / factor:.3g} to keep its crossover")
         notes.append(note)
     if not laws:
         return _none(method, tasks, "; ".join(notes[0]))
-    return _calm_together(plant, tasks, with_entries(today, laws), laws, method, notes)
+    return _slowed_together(plant, tasks, with_entries(today, laws), laws, method, notes)
 
 
 def _as_designed(
@@ -190,7 +195,7 @@ def _as_designed(
         notes.append([note] if note else [])
     if not laws:
         return _none(AS_DESIGNED, tasks, "; ".join(notes[0]))
-    return _calm_together(plant, tasks, with_entries(today, laws), laws, AS_DESIGNED, notes)
+    return _slowed_together(plant, tasks, with_entries(today, laws), laws, AS_DESIGNED, notes)
 
 
 def _several(
@@ -205,7 +210,7 @@ def _several(
     square = TransferMatrix(tuple(map(tuple, elements)), plant.time_unit)
     kinds = {task.kind for task in tasks}
     kind = kinds.pop() if len(kinds) == 1 else "PI"
-    tuned = blt(square).controller if method == "blt" else sequential(square, Limits(limit, limit), kind)
+    tuned = SEVERAL[method](square, Limits(limit, limit), kind)
     laws, notes = {}, []
     for k, task in enumerate(tasks):
         bare = tuned.entries[k, k]
@@ -214,8 +219,10 @@ def _several(
         law, note = _in_form(with_entries(today, {task: kept}), task)
         laws[task], factor = _within_crossover(plant[task.output, task.input], law, task)
         said = [note] if note else []
-        notes.append(said + ([f"slowed down by {1 / factor:.3g} to keep its crossover"] if factor < _SAME else []))
-    return _calm_together(plant, tasks, with_entries(today, laws), laws, method, notes)
+        notes.append(
+            said + ([f"slowed down by {1 / factor:.3g} to keep its crossover"] if factor < levels.SAME_SPEED else [])
+        )
+    return _slowed_together(plant, tasks, with_entries(today, laws), laws, method, notes)
 
 
 def _within_crossover(g: TransferFunction, pid: PID, task: LoopTask) -> tuple[PID, float]:
@@ -228,18 +235,18 @@ def _within_crossover(g: TransferFunction, pid: PID, task: LoopTask) -> tuple[PI
 
     def passes(factor: float) -> bool:
         law = slow_down(pid, factor) if factor < 1 else pid
-        return bool(np.max(size * np.abs(law.feedback(axis(w))), initial=0.0) <= 1 + 1e-9)
+        return bool(np.max(size * np.abs(law.feedback(axis(w))), initial=0.0) <= 1 + levels.ROUNDING)
 
     if passes(1.0):
         return pid, 1.0
-    low, high = 1e-6, 1.0
+    low, high = levels.SLOWEST_CROSSOVER, 1.0
     for _ in range(50):
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if passes(middle) else (low, middle)
     return slow_down(pid, low), low
 
 
-def _calm_together(
+def _slowed_together(
     plant: TransferMatrix,
     tasks: Sequence[LoopTask],
     controller: Controller,
@@ -251,10 +258,12 @@ def _calm_together(
     answered = tuple(task in laws for task in tasks)
     alone = [_peak(plant, controller, task, "open") for task in laws]
     factor = 1.0
-    if not all(_peak(plant, controller, t, "closed") <= max(_USUAL, a) for t, a in zip(laws, alone, strict=True)):
-        for factor in _FACTORS[1:]:
+    if not all(
+        _peak(plant, controller, t, "closed") <= max(levels.USUAL_PEAK, a) for t, a in zip(laws, alone, strict=True)
+    ):
+        for factor in levels.COMMON_SLOWDOWNS[1:]:
             slower = with_entries(controller, {t: slow_down(pid, float(factor)) for t, pid in laws.items()})
-            if all(_peak(plant, slower, task, "closed") <= _USUAL for task in laws):
+            if all(_peak(plant, slower, task, "closed") <= levels.USUAL_PEAK for task in laws):
                 controller = slower
                 break
         else:

@@ -9,9 +9,8 @@ import numpy as np
 
 from trueplant.errors import FormulaError, LoopError
 from trueplant.lti import TransferFunction, structure_of
+from trueplant.tune import levels
 from trueplant.tune.response import ultimate
-
-_MOST_ROUNDS = 50
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ def half_rule(g: TransferFunction, order: int = 1, tauc: float | None = None, sc
     if tauc is not None:
         return at(tauc)
     theta = fixed
-    for _ in range(_MOST_ROUNDS if ahead else 1):
+    for _ in range(levels.HALF_RULE_ROUNDS if ahead else 1):
         model = at(theta)
         if abs(model.dead_time - theta) <= 1e-12 * max(theta, model.dead_time):
             break
@@ -97,7 +96,7 @@ def _without_leads(ahead: list[float], lags: list[float], theta: float, integrat
                 raise LoopError("a lead that only an integrator could cancel cannot be reduced: use matched()")
             raise LoopError("an element with more zeros than lags cannot be reduced")
         tau = min(larger) if larger else max(smaller)
-        if larger and smaller and lead / max(smaller) < min(tau / lead, 1.6) * (1 - 1e-6):
+        if larger and smaller and lead / max(smaller) < min(tau / lead, levels.NEARER_LAG) * (1 - 1e-6):
             # a smaller lag that is nearer; at the very limit, as in the source's example, the larger one
             tau = max(smaller)
         left.remove(tau)
@@ -106,10 +105,10 @@ def _without_leads(ahead: list[float], lags: list[float], theta: float, integrat
                 factor *= lead / tau
             elif lead >= theta:
                 factor *= lead / theta if theta else 1.0
-        elif lead >= 5 * theta:
+        elif lead >= levels.FASTER_LEAD * theta:
             factor *= lead / tau
         else:
-            kept = max(min(tau, 5 * theta), lead)
+            kept = max(min(tau, levels.FASTER_LEAD * theta), lead)
             factor *= kept / tau
             if kept > lead:
                 left = sorted([*left, kept - lead], reverse=True)

@@ -13,6 +13,7 @@ import numpy as np
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.lti import TransferFunction
+from trueplant.tune import levels
 
 Plant = Callable[[ComplexArray], ComplexArray]
 
@@ -22,7 +23,7 @@ def axis(w: Array) -> ComplexArray:
     return np.asarray(1j * w, dtype=np.complex128)
 
 
-def frequencies(elements: Iterable[TransferFunction], per_decade: int = 400) -> Array:
+def frequencies(elements: Iterable[TransferFunction], per_decade: int = levels.PER_DECADE) -> Array:
     """Grid (n_w,) in rad per time unit, 0.001 times the slowest rate to 50 times the fastest, more at resonances."""
     terms = [term for g in elements for term in g.terms]
     roots = np.concatenate([np.zeros(0, complex), *(np.roots(p) for t in terms for p in (t.num, t.den))])
@@ -31,10 +32,10 @@ def frequencies(elements: Iterable[TransferFunction], per_decade: int = 400) -> 
     rates = rates[rates > 0]
     if rates.size == 0:
         rates = np.ones(1)
-    low, high = 1e-3 * rates.min(), 50 * rates.max()
+    low, high = levels.SLOWEST * rates.min(), levels.FASTEST * rates.max()
     w = np.geomspace(low, high, int(np.ceil(per_decade * np.log10(high / low))))
-    light = roots[np.abs(roots.real) < 0.3 * roots.imag]
-    offset = np.abs(light.real)[:, None] * np.geomspace(0.05, 20, 30)
+    light = roots[np.abs(roots.real) < levels.LIGHT_DAMPING * roots.imag]
+    offset = np.abs(light.real)[:, None] * np.geomspace(*levels.AROUND_RESONANCE, 30)
     near = np.concatenate([light.imag[:, None] + offset, light.imag[:, None] - offset]).ravel()
     return np.unique(np.concatenate([w, near[(near > low) & (near < high)]]))
 
@@ -94,6 +95,6 @@ def grid_for(plant: Plant, w: Array | None) -> Array:
     if not isinstance(plant, TransferFunction):
         raise LoopError("give a grid of frequencies w together with a plant that is not a TransferFunction")
     poles = plant.poles
-    if np.any(poles.real > 1e-9 * np.abs(poles)):
+    if np.any(poles.real > levels.UNSTABLE * np.abs(poles)):
         raise LoopError(f"{plant} is unstable in open loop: this tuning is for plants that are stable or integrate")
     return frequencies([plant])

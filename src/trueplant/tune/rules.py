@@ -11,6 +11,7 @@ import numpy as np
 
 from trueplant.errors import LoopError
 from trueplant.loop import PID
+from trueplant.tune.levels import ALPHA
 from trueplant.tune.reduce import Reduced
 
 
@@ -32,22 +33,22 @@ def _delayed(model: Reduced, rule: str, lag: bool = True) -> None:
         )
 
 
-def ziegler_nichols(ku: float, pu: float, kind: str = "PI", alpha: float = 0.1) -> PID:
+def ziegler_nichols(ku: float, pu: float, kind: str = "PI", alpha: float = ALPHA) -> PID:
     """From the ultimate gain and period (Ziegler and Nichols, Trans. ASME 64, 1942, 759-768)."""
     if _kind(kind):
         return PID(Kc=0.6 * ku, Ti=pu / 2, Td=pu / 8, alpha=alpha)
     return PID(Kc=ku / 2.2, Ti=pu / 1.2)
 
 
-def tyreus_luyben(ku: float, pu: float, kind: str = "PI", alpha: float = 0.1) -> PID:
-    """Less lively than Ziegler-Nichols (Tyreus and Luyben, Ind. Eng. Chem. Res. 31, 1992, 2625-2628; PID as in
-    Luyben and Luyben, Essentials of Process Control, 1997)."""
+def tyreus_luyben(ku: float, pu: float, kind: str = "PI", alpha: float = ALPHA) -> PID:
+    """Slower and better damped than Ziegler-Nichols (Tyreus and Luyben, Ind. Eng. Chem. Res. 31, 1992, 2625-2628; PID
+    as in Luyben and Luyben, Essentials of Process Control, 1997)."""
     if _kind(kind):
         return PID(Kc=ku / 2.2, Ti=2.2 * pu, Td=pu / 6.3, alpha=alpha)
     return PID(Kc=ku / 3.2, Ti=2.2 * pu)
 
 
-def reaction_curve(model: Reduced, kind: str = "PI", alpha: float = 0.1) -> PID:
+def reaction_curve(model: Reduced, kind: str = "PI", alpha: float = ALPHA) -> PID:
     """Ziegler and Nichols (1942) from the slope and dead time of the step response."""
     _delayed(model, "the reaction curve", lag=False)
     gain, theta = 1 / (model.slope * model.dead_time), model.dead_time
@@ -56,7 +57,7 @@ def reaction_curve(model: Reduced, kind: str = "PI", alpha: float = 0.1) -> PID:
     return PID(Kc=0.9 * gain, Ti=theta / 0.3)
 
 
-def cohen_coon(model: Reduced, kind: str = "PI", alpha: float = 0.1) -> PID:
+def cohen_coon(model: Reduced, kind: str = "PI", alpha: float = ALPHA) -> PID:
     """Decay to a quarter with little offset (Cohen and Coon, Trans. ASME 75, 1953, 827-834)."""
     _delayed(model, "Cohen-Coon")
     theta, ratio = model.dead_time, model.dead_time / model.tau1
@@ -74,7 +75,7 @@ def _time(given: float | None, default: float, name: str) -> float:
     return value
 
 
-def imc(model: Reduced, filter_time: float | None = None, kind: str = "PI", alpha: float = 0.1) -> PID:
+def imc(model: Reduced, filter_time: float | None = None, kind: str = "PI", alpha: float = ALPHA) -> PID:
     """Internal model control (Rivera, Morari and Skogestad, Ind. Eng. Chem. Process Des. Dev. 25, 1986, 252-265).
 
     PI is the "improved PI" of the source for a first-order lag, PID its first-order Pade rule; with a second lag PID
@@ -117,7 +118,7 @@ def lambda_tuning(model: Reduced, closed_loop_time: float | None = None) -> PID:
     return PID(Kc=model.tau1 / (model.gain * (speed + theta)), Ti=model.tau1)
 
 
-def simc(model: Reduced, tauc: float | None = None, kind: str = "PI", alpha: float = 0.1) -> PID:
+def simc(model: Reduced, tauc: float | None = None, kind: str = "PI", alpha: float = ALPHA) -> PID:
     """Skogestad's rule (J. Process Control 13, 2003, 291-309); a PID is in series form.
 
     tauc: closed-loop time constant, by default the dead time ("tight"). PID uses the second lag of the model.
@@ -131,7 +132,7 @@ def simc(model: Reduced, tauc: float | None = None, kind: str = "PI", alpha: flo
     return PID(form="series", Kc=1 / (model.slope * speed), Ti=min(model.tau1, 4 * speed), Td=td, alpha=alpha)
 
 
-def improved_simc(model: Reduced, tauc: float | None = None, kind: str = "PI", alpha: float = 0.1) -> PID:
+def improved_simc(model: Reduced, tauc: float | None = None, kind: str = "PI", alpha: float = ALPHA) -> PID:
     """SIMC for long dead times: PI with the lag increased by a third of the dead time, PID with that third as
     derivative time, in series form (Skogestad and Grimholt 2012, in PID Control in the Third Millennium; Grimholt
     and Skogestad, J. Process Control 70, 2018, 36-46).
@@ -154,7 +155,7 @@ def improved_simc(model: Reduced, tauc: float | None = None, kind: str = "PI", a
     return simc(longer, speed - theta)
 
 
-def amigo(model: Reduced, kind: str = "PI", alpha: float = 0.1) -> PID:
+def amigo(model: Reduced, kind: str = "PI", alpha: float = ALPHA) -> PID:
     """AMIGO (Astrom and Hagglund, Advanced PID Control, 2006, section 7.5; Ms and Mt about 1.4)."""
     _delayed(model, "AMIGO", lag=False)
     pid, theta, tau = _kind(kind), model.dead_time, model.tau1
@@ -187,7 +188,7 @@ _MINIMUM = {
 
 
 def minimum_error(
-    model: Reduced, criterion: str = "IAE", step: str = "load", kind: str = "PI", alpha: float = 0.1
+    model: Reduced, criterion: str = "IAE", step: str = "load", kind: str = "PI", alpha: float = ALPHA
 ) -> PID:
     """Published correlations of the least integral error, for dead time/lag from 0.1 to 1.
 

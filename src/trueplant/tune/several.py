@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,12 +11,10 @@ from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, unstable_poles
 from trueplant.lti import TransferMatrix
+from trueplant.tune import levels
 from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.response import Plant, axis, frequencies, ultimate
 from trueplant.tune.rules import ziegler_nichols
-
-_LEAST_DETUNING = 0.2
-_MOST_DETUNING = 200.0
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,7 @@ def blt(plant: TransferMatrix) -> BLT:
     from scipy.optimize import brentq
 
     goal = 2.0 * n
-    factors = np.geomspace(_LEAST_DETUNING, _MOST_DETUNING, 120)
+    factors = np.geomspace(*levels.DETUNING, levels.DETUNING_POINTS)
     # from the slow side: beyond the limit of stability the modulus falls again
     excess = np.array([modulus(float(f)) for f in factors]) - goal
     over = np.flatnonzero(excess > 0)
@@ -73,7 +71,7 @@ def blt(plant: TransferMatrix) -> BLT:
 
 
 def sequential(
-    plant: TransferMatrix, limits: Limits | float = 1.59, kind: str = "PI", order: Sequence[int] | None = None
+    plant: TransferMatrix, limits: Limits | float = levels.PEAK, kind: str = "PI", order: Sequence[int] | None = None
 ) -> Controller:
     """Controllers on the diagonal, tuned one after the other, each with those before it closed.
 
@@ -108,6 +106,13 @@ def sequential(
     if unstable_poles(plant, found):
         raise LoopError("the loops tuned one after the other are unstable together: change the order or the pairing")
     return found
+
+
+SEVERAL: dict[str, Callable[[TransferMatrix, Limits, str], Controller]] = {
+    "blt": lambda plant, limits, kind: blt(plant).controller,
+    "sequential": sequential,
+}
+"""The rules for several loops by name: from a square plant, pairs on its diagonal, limits and "PI" or "PID"."""
 
 
 def _period(plant: TransferMatrix, i: int) -> float:

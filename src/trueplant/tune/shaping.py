@@ -10,12 +10,13 @@ from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, unstable_poles
 from trueplant.lti import TransferFunction, TransferMatrix
+from trueplant.tune import levels
 from trueplant.tune.forms import series_ratio
 from trueplant.tune.response import axis, frequencies, ultimate
 
 
 def pole_placement(
-    g: TransferFunction, omega: float, zeta: float = 0.7, third: float | None = None, tf: float = 0.0
+    g: TransferFunction, omega: float, zeta: float = levels.DAMPING, third: float | None = None, tf: float = 0.0
 ) -> PID:
     """PI, or PID with a third pole, that puts closed-loop poles at omega (-zeta +- j sqrt(1 - zeta^2)).
 
@@ -47,10 +48,10 @@ def pole_placement(
 
 def loop_shaping(
     g: TransferFunction,
-    phase_margin: float = 60.0,
+    phase_margin: float = levels.PHASE_MARGIN,
     crossover: float | None = None,
     kind: str = "PI",
-    alpha: float = 0.1,
+    alpha: float = levels.ALPHA,
 ) -> PID:
     """PI, or ideal PID, whose loop crosses 1 at `crossover` with that phase margin in degrees.
 
@@ -128,7 +129,7 @@ def shaped_like(g: TransferFunction, like: PID, wanted: TransferFunction, crosso
     Raises LoopError if the loop would be unstable.
     """
     _, _, kd, tf = like.parallel
-    w = np.geomspace(0.05, 3.0, 200) * crossover
+    w = np.geomspace(*levels.LIKE_TODAY, levels.LIKE_TODAY_POINTS) * crossover
     s = axis(w)
     target = wanted(s) * like.feedback(s)
     bare = replace(like, form="parallel", Kc=None, Ti=None, Td=0.0, alpha=0.1, Kp=0.0, Ki=0.0, Kd=0.0, Tf=tf)

@@ -28,17 +28,13 @@ from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_contr
 from trueplant.lti.bridge import from_control
 from trueplant.lti.sampled import realise
 from trueplant.robust import margins
+from trueplant.tune import levels
 
 Bandwidth = float | Sequence[float]
 
-_FLOOR = 0.1
-"""Corner of the slow weights as a part of the bandwidth."""
-_PEAK = 1.5
-_LOAD = 0.1
-_KEPT = 1e-4
-"""Hankel singular values below this part of the largest are left out of a controller."""
-_MOST_STATES = 8
-_TRIES = np.geomspace(2.0, 0.02, 28)
+
+class MissingSolver(LoopError):
+    """A design needs a library that is not installed: another bandwidth would not help."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +82,7 @@ def realised(plant: TransferMatrix, pade_order: int) -> StateSpace:
     return StateSpace(A, B, C, d)
 
 
-def lqg(plant: TransferMatrix, bandwidth: Bandwidth, pade_order: int = 2) -> Designed:
+def lqg(plant: TransferMatrix, bandwidth: Bandwidth, pade_order: int = levels.PADE_ORDER) -> Designed:
     """Linear quadratic Gaussian control with integral action. See the head of this module for its weights.
 
     bandwidth: one for all loops, or one for each, pairs on the diagonal. The plant must be square, with gain at rest.
@@ -95,12 +91,12 @@ def lqg(plant: TransferMatrix, bandwidth: Bandwidth, pade_order: int = 2) -> Des
     return _designed(plant, bandwidth, pade_order, _lqg)
 
 
-def h2(plant: TransferMatrix, bandwidth: Bandwidth, pade_order: int = 2) -> Designed:
+def h2(plant: TransferMatrix, bandwidth: Bandwidth, pade_order: int = levels.PADE_ORDER) -> Designed:
     """H2-optimal control, slow errors weighted; arguments as in `lqg`."""
     return _designed(plant, bandwidth, pade_order, _h2)
 
 
-def h_infinity(plant: TransferMatrix, bandwidth: Bandwidth, pade_order: int = 2) -> Designed:
+def h_infinity(plant: TransferMatrix, bandwidth: Bandwidth, pade_order: int = levels.PADE_ORDER) -> Designed:
     """H-infinity control by python-control, which needs slycot for it; arguments as in `lqg`.
 
     Raises LoopError where slycot is not installed.
@@ -120,9 +116,9 @@ def fastest(
     plant: TransferMatrix,
     method: str,
     crossovers: Sequence[float],
-    limit: float = 1.59,
+    limit: float = levels.PEAK,
     scans: Sequence[float | None] | None = None,
-    pade_order: int = 2,
+    pade_order: int = levels.PADE_ORDER,
 ) -> Designed:
     """The design of the largest bandwidth that keeps Ms and the crossovers on the exact plant.
 
@@ -130,7 +126,7 @@ def fastest(
     None for a continuous one. Raises LoopError if there is no such design.
     """
     why = "no bandwidth was found that keeps the limits"
-    for factor in _TRIES:
+    for factor in levels.BANDWIDTHS:
         try:
             found = DESIGNS[method](plant, [float(factor) * w for w in crossovers], pade_order)
             if scans is not None:
@@ -138,9 +134,9 @@ def fastest(
             if unstable_poles(plant, found.controller):
                 continue
             reached = [margins(plant, found.controller, i) for i in range(plant.shape[1])]
+        except MissingSolver:
+            raise
         except LoopError as error:
-            if "slycot" in str(error):
-                raise
             why = str(error)
             continue
         slow = all(not m.phase_margin_frequency > w * (1 + 1e-6) for m, w in zip(reached, crossovers, strict=True))
@@ -164,7 +160,7 @@ def _designed(
     if not np.all(np.isfinite(w) & (w > 0)):
         raise LoopError("the bandwidth must be above 0")
     gains = plant.dc_gain
-    if not np.all(np.isfinite(gains)) or np.linalg.cond(gains) > 1e10:
+    if not np.all(np.isfinite(gains)) or np.linalg.cond(gains) > levels.SINGULAR_GAINS:
         raise LoopError("these designs need a plant with finite, regular gains at rest")
     # time in units of the slowest bandwidth, outputs in units of the gain at it
     unit = float(1 / w.min())
@@ -245,7 +241,7 @@ def _weighted(plant: StateSpace, corner: Array, gain: Array) -> StateSpace:
 
 def _h2(plant: StateSpace, w: Array) -> Any:
     n, m = plant.A.shape[0], w.size
-    whole = _weighted(plant, _FLOOR * w, w)
+    whole = _weighted(plant, levels.WEIGHT_CORNER * w, w)
     nothing, one = np.zeros((m, m)), np.eye(m)
     B1 = np.hstack([whole.B, np.zeros((n + m, m))])
     C1 = np.vstack([np.hstack([np.zeros((m, n)), one]), np.zeros((m, n + m))])
@@ -257,7 +253,7 @@ def _h_infinity(plant: StateSpace, w: Array) -> Any:
     try:
         import slycot  # noqa: F401
     except ImportError as error:
-        raise LoopError(
+        raise MissingSolver(
             "H-infinity design needs slycot, which is not installed: pip install trueplant[hinf] (its licence is the "
             "GPL), or use lqg or h2"
         ) from error
@@ -265,14 +261,15 @@ def _h_infinity(plant: StateSpace, w: Array) -> Any:
 
     n, m = plant.A.shape[0], w.size
     # (s/M + w)/(s + floor w) = 1/M + (w - floor w/M)/(s + floor w), from a disturbance at the output as well
-    gain = w * (1 - _FLOOR / _PEAK)
-    whole = _weighted(plant, _FLOOR * w, gain)
+    gain = w * (1 - levels.WEIGHT_CORNER / levels.WEIGHT_PEAK)
+    whole = _weighted(plant, levels.WEIGHT_CORNER * w, gain)
     nothing, one = np.zeros((m, m)), np.eye(m)
     at_weight = np.vstack([np.zeros((n, m)), np.diag(gain)])
-    B = np.hstack([_LOAD * whole.B, at_weight, whole.B])
-    C = np.vstack([np.hstack([plant.C / _PEAK, one]), np.zeros((m, n + m)), whole.C])
-    D = np.block([[_LOAD * plant.D / _PEAK, one / _PEAK, plant.D / _PEAK], [nothing, nothing, one],
-                  [_LOAD * plant.D, one, plant.D]])  # fmt: skip
+    load, most = levels.LOAD_WEIGHT, levels.WEIGHT_PEAK
+    B = np.hstack([load * whole.B, at_weight, whole.B])
+    C = np.vstack([np.hstack([plant.C / most, one]), np.zeros((m, n + m)), whole.C])
+    D = np.block([[load * plant.D / most, one / most, plant.D / most], [nothing, nothing, one],
+                  [load * plant.D, one, plant.D]])  # fmt: skip
     try:
         law, _, gamma, _ = control.hinfsyn(control.ss(whole.A, B, C, D), m, m)
     except (control.ControlArgument, control.ControlSlycot, ArithmeticError, ValueError) as error:
@@ -292,7 +289,7 @@ def _reduced(law: StateSpace) -> StateSpace:
     root = u * np.sqrt(s)
     v, hankel, _ = np.linalg.svd(root.T @ seen @ root)
     hankel = np.sqrt(hankel)
-    kept = int(min(np.sum(hankel > _KEPT * hankel[0]), _MOST_STATES))
+    kept = int(min(np.sum(hankel > levels.HANKEL_KEPT * hankel[0]), levels.MOST_STATES))
     to = root @ v[:, :kept] / np.sqrt(hankel[:kept])
     back = (v[:, :kept] * np.sqrt(hankel[:kept])).T @ np.linalg.pinv(root)
     return StateSpace(back @ law.A @ to, back @ law.B, law.C @ to, law.D)

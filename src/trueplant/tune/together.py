@@ -21,16 +21,13 @@ from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, unstable_poles
 from trueplant.loop.pid import Entry
 from trueplant.lti import TransferFunction, TransferMatrix, UncertainPlant
+from trueplant.tune import levels
 from trueplant.tune.drawn import common_grid, peaks
 from trueplant.tune.forms import series_ratio
 from trueplant.tune.integral import Discs, Limits, best_kp, best_td
 from trueplant.tune.reduce import reduced
 from trueplant.tune.response import axis
 from trueplant.tune.uncertain import most_failures
-
-_ROUNDS = 3
-_SLOWDOWNS = np.concatenate([np.arange(0.4, 0.8, 0.05), np.arange(0.8, 1.0001, 0.01)])
-_CALMEST = 2.0**-12
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ class LoopTask:
     like: PID
     """Scan, limits and all else but gains and times are kept."""
     kind: str = "PI"
-    alpha: float = 0.1
+    alpha: float = levels.ALPHA
     unseen: float = 0.0
     """Dead time that the settings have to stand on top of the plant's own."""
     dead_time_error: float = 0.0
@@ -59,7 +56,7 @@ class TunedTogether:
     nominal: Controller
     """The same rounds on the nominal plant alone."""
     slowed: float
-    """Factor on kp (its square on ki) that the proof has asked for; 1: none."""
+    """Factor on kp (its square on ki) by which the proof slows the loops down; 1: not at all."""
     price: tuple[float, ...]
     """For each task the part of the nominal integral gain that is given up."""
 
@@ -69,10 +66,10 @@ def tune_together(
     tasks: Sequence[LoopTask],
     start: Controller,
     *,
-    limit: float = 1.59,
-    share: float = 0.95,
-    confidence: float = 0.95,
-    count: int = 600,
+    limit: float = levels.PEAK,
+    share: float = levels.SHARE,
+    confidence: float = levels.CONFIDENCE,
+    count: int = levels.DRAWS,
     seed: int = 0,
 ) -> TunedTogether:
     """PI or ideal PID controllers whose loops all keep Ms and Mt within `limit` for a share of the plants.
@@ -86,12 +83,12 @@ def tune_together(
     _check_plant(uncertain.nominal, tasks)
     half = count // 2
     rank = most_failures(count - half, share, confidence)
-    calm = _calmed(uncertain.nominal, tasks, start)
-    w = common_grid(uncertain.nominal, calm, max(task.crossover for task in tasks))
+    stable = _stable_start(uncertain.nominal, tasks, start)
+    w = common_grid(uncertain.nominal, stable, max(task.crossover for task in tasks))
     drawn = uncertain.draw(count, seed).response(w)
     choosing, proving = (_with_unseen(part, tasks, w) for part in (drawn[:half], drawn[half:]))
     nominal = _with_unseen(uncertain.nominal(axis(w))[None], tasks, w)
-    alone = _rounds(nominal, nominal, tasks, calm, w, limit, 0.5, {})
+    alone = _rounds(nominal, nominal, tasks, stable, w, limit, 0.5, {})
     if unstable_poles(uncertain.nominal, alone):
         raise LoopError("the loops tuned one after the other are unstable together: check the pairing")
     # the derivative times are those of the nominal plant: what is uncertain takes gain, not shape
@@ -99,7 +96,7 @@ def tune_together(
     chosen = _rounds(choosing, nominal, tasks, alone, w, limit, (rank + 0.5) / (count - half), derivative)
     slowed, found = 0.0, chosen
     # from the slowest on, and the first failure ends it: testing many costs no confidence (fixed sequence)
-    for factor in _SLOWDOWNS:
+    for factor in levels.SLOWDOWNS:
         slower = with_entries(chosen, {t: slow_down(_pid(chosen, t), float(factor)) for t in tasks})
         law = slower(axis(w))
         holds = np.all([peaks(version, law, w).within(limit) for version in proving], axis=(0, 2))
@@ -125,7 +122,7 @@ def unseen_dead_time(g: TransferFunction, crossover: float, scan: float = 0.0) -
         known = reduced(g).dead_time
     except LoopError:
         known = max((term.dead_time for term in g.terms), default=0.0)
-    return max(0.5 / crossover - known - scan / 2, 0.0)
+    return max(levels.UNSEEN / crossover - known - scan / 2, 0.0)
 
 
 def _with_unseen(response: ComplexArray, tasks: Sequence[LoopTask], w: Array) -> list[ComplexArray]:
@@ -161,7 +158,7 @@ def _check_plant(plant: TransferMatrix, tasks: Sequence[LoopTask]) -> None:
     for row in plant.elements:
         for element in row:
             poles = element.poles
-            if np.any(poles.real > 1e-9 * np.abs(poles)):
+            if np.any(poles.real > levels.UNSTABLE * np.abs(poles)):
                 raise LoopError(f"{element} is unstable in open loop: this tuning is for plants that are stable")
     for task in tasks:
         gain = plant[task.output, task.input].dc_gain
@@ -172,7 +169,7 @@ def _check_plant(plant: TransferMatrix, tasks: Sequence[LoopTask]) -> None:
             )
 
 
-def _calmed(plant: TransferMatrix, tasks: Sequence[LoopTask], start: Controller) -> Controller:
+def _stable_start(plant: TransferMatrix, tasks: Sequence[LoopTask], start: Controller) -> Controller:
     """Integral laws for all tasks with which the loops are stable: today's, made slower where need be."""
     laws: dict[LoopTask, Entry] = {}
     for task in tasks:
@@ -185,13 +182,13 @@ def _calmed(plant: TransferMatrix, tasks: Sequence[LoopTask], start: Controller)
             pid = replace(bare_law(task), Kc=kp, Ti=kp / ki)
         else:
             size = abs(plant[task.output, task.input](np.array([1j * task.crossover]))[0])
-            pid = replace(bare_law(task), Kc=sign / (10 * size), Ti=10 / task.crossover)
+            pid = replace(bare_law(task), Kc=sign / (levels.SLOW_START * size), Ti=levels.SLOW_START / task.crossover)
         laws[task] = pid
     factor = 1.0
-    while factor >= _CALMEST:
-        calm = with_entries(start, {t: slow_down(_as_pid(law), factor) for t, law in laws.items()})
-        if not unstable_poles(plant, calm):
-            return calm
+    while factor >= levels.SLOWEST_START:
+        slower = with_entries(start, {t: slow_down(_as_pid(law), factor) for t, law in laws.items()})
+        if not unstable_poles(plant, slower):
+            return slower
         factor /= 2
     raise LoopError("even very slow controllers leave these loops unstable together: check the pairing and the actions")
 
@@ -219,7 +216,7 @@ def _rounds(
 ) -> Controller:
     """Each loop tuned on the drawn plants with the others closed, over and over; derivative times kept where given."""
     found, known = start, dict(derivative)
-    for _ in range(_ROUNDS if len(tasks) > 1 else 1):
+    for _ in range(levels.ROUNDS if len(tasks) > 1 else 1):
         for task in sorted(tasks, key=lambda t: -t.crossover):
             seen = [seen_by(version, found, task, w) for version in drawn]
             own = seen_by(nominal[0], found, task, w)[0]
@@ -280,7 +277,7 @@ def _largest(
             most = w[beyond] * (kp * far.imag + np.sqrt(np.maximum(free, 0.0)))
             return max(min(ki, float(np.min(most))), 0.0)
 
-        return best_kp(ki_at, top, zooms=3)
+        return best_kp(ki_at, top, zooms=levels.DRAWN_ZOOMS)
 
     td = 0.0
     if task.kind == "PID":

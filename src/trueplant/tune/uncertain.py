@@ -17,14 +17,10 @@ from trueplant.errors import LoopError
 from trueplant.loop import PID
 from trueplant.lti import Structure
 from trueplant.lti.uncertain import responses
+from trueplant.tune import levels
 from trueplant.tune.forms import series_ratio
 from trueplant.tune.integral import Discs, Limits, best_kp, best_td, max_ki
 from trueplant.tune.response import frequencies, ultimate
-
-_MOST_ROUNDS = 1000
-_PER_DECADE = 80
-_SLOWEST = 0.6
-_SLOWDOWNS = 81
 
 
 @dataclass(frozen=True)
@@ -35,7 +31,7 @@ class UncertainTuning:
     nominal: PID
     """Largest integral gain for the nominal plant alone."""
     share: float
-    """Share of the drawn plants that was asked for."""
+    """Requested share of all plants."""
     confidence: float
     """Probability with which at least that share of all plants holds the limits."""
     nominal_share: float
@@ -68,7 +64,7 @@ def draw_parameters(structure: Structure, mean: ArrayLike, covariance: ArrayLike
     rng = np.random.default_rng(seed)
     kept: list[Array] = []
     have = 0
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(levels.MOST_DRAW_ROUNDS):
         draws = centre + rng.standard_normal((count, n)) @ root.T
         inside = np.all((draws >= low) & (draws <= high), axis=1)
         inside &= np.sign(_gain(structure, draws)) == np.sign(_gain(structure, centre[None, :]))
@@ -95,7 +91,7 @@ def holds(structure: Structure, parameters: ArrayLike, pid: PID, limits: Limits 
     discs = Discs.of(sign * responses(structure, p, w), w, bounds)
     shape = discs.shape(pid.Td, pid.alpha)
     fits = discs.proportional_limit(shape) > abs(kp)
-    fits &= discs.integral_limit(shape, abs(kp)) >= abs(ki) * (1 - 1e-9)
+    fits &= discs.integral_limit(shape, abs(kp)) >= abs(ki) * (1 - levels.ROUNDING)
     return np.asarray(fits & (np.sign(_gain(structure, p)) == sign))
 
 
@@ -106,11 +102,11 @@ def _grid(structure: Structure, parameters: Array) -> Array:
     try:
         found = 2 * np.pi / np.array([ultimate(g)[1] for g in plants])
     except LoopError:
-        return frequencies(plants, per_decade=_PER_DECADE)
-    low, high = found.min() / 300, found.max() * 20
-    damping = [parameters[:, k].min() for k, name in enumerate(structure.names) if name.startswith("zeta")]
+        return frequencies(plants, per_decade=levels.UNCERTAIN_PER_DECADE)
+    low, high = found.min() / levels.UNCERTAIN_BELOW, found.max() * levels.UNCERTAIN_ABOVE
+    damping = float(np.min(parameters[:, structure.is_damping], initial=1.0))
     # half the width of the sharpest resonance
-    density = max(_PER_DECADE, 2 * np.log(10) / max(min(damping, default=1.0), 0.005))
+    density = max(levels.UNCERTAIN_PER_DECADE, 2 * np.log(10) / max(damping, levels.SHARPEST))
     return np.geomspace(low, high, int(np.ceil(density * np.log10(high / low))))
 
 
@@ -119,11 +115,11 @@ def tune_uncertain(
     draws: ArrayLike,
     *,
     nominal: ArrayLike | None = None,
-    limits: Limits | float = 1.59,
-    share: float = 0.95,
-    confidence: float = 0.95,
+    limits: Limits | float = levels.PEAK,
+    share: float = levels.SHARE,
+    confidence: float = levels.CONFIDENCE,
     kind: str = "PI",
-    alpha: float = 0.1,
+    alpha: float = levels.ALPHA,
 ) -> UncertainTuning:
     """PI or ideal PID with the largest integral gain that keeps the limits for a share of all plants.
 
@@ -171,7 +167,7 @@ def tune_uncertain(
             ki = float(np.quantile(allowed, low, method="lower"))
             return min(ki, kp / (series_ratio(alpha) * td)) if td else ki
 
-        return best_kp(limit, top, zooms=3)
+        return best_kp(limit, top, zooms=levels.DRAWN_ZOOMS)
 
     td = best_td(lambda x: best(x)[1], ultimate(plant)[1]) if kind == "PID" else 0.0
     kp, ki = _proven(proving, *best(td), proving.shape(td, alpha), rank)
@@ -193,15 +189,15 @@ def tune_uncertain(
 
 
 def _proven(discs: Discs, kp: float, ki: float, shape: ComplexArray, rank: int) -> tuple[float, float]:
-    """The liveliest of these settings, slowed down step by step, that no more than `rank` plants fail; ki 0 if none.
+    """The fastest of these settings, slowed down step by step, that no more than `rank` plants fail; ki 0 if none.
 
     The steps are tested from the slowest on and the first failure ends it, so that testing many costs no
     confidence (fixed sequence). Slowing down keeps the damping: kp falls with the factor and ki with its square.
     """
     proven, edge = 0.0, discs.proportional_limit(shape)
-    for factor in np.linspace(_SLOWEST, 1.0, _SLOWDOWNS):
+    for factor in levels.ONE_ELEMENT_SLOWDOWNS:
         slower = kp * factor
-        holding = (edge > slower) & (discs.integral_limit(shape, slower) >= ki * factor**2 * (1 - 1e-9))
+        holding = (edge > slower) & (discs.integral_limit(shape, slower) >= ki * factor**2 * (1 - levels.ROUNDING))
         if np.sum(~holding) > rank:
             break
         proven = float(factor)

@@ -8,20 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.errors import Refused
+from trueplant.identify import levels
 from trueplant.identify.instrumental.noise import ArmaNoise, fit_arma
-from trueplant.identify.instrumental.open_loop import best_start
+from trueplant.identify.instrumental.open_loop import best_from_guesses
 from trueplant.identify.instrumental.order import Order
 from trueplant.identify.instrumental.refine import Refined, refine
 from trueplant.identify.instrumental.result import PolynomialFit, finished
 from trueplant.identify.instrumental.samples import Samples, samples_of
 from trueplant.record.types import Segment
-
-LISTED = ((1, 0, 0), (2, 0, 0), (2, 1, 0), (3, 1, 0), (3, 2, 0), (4, 1, 0), (1, 0, 1), (2, 0, 1))
-"""(poles, zeros, integrators) tried."""
-WHITENING = 8
-"""Order of the autoregressive model by which all candidates are weighed alike."""
-CLEAR = 10.0
-"""Difference in the Bayesian criterion that counts as clear (Kass and Raftery 1995: very strong)."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +47,7 @@ def choose_orders(
     output: int,
     columns: Sequence[int],
     dead_time: float | tuple[float, float] | None = None,
-    listed: Sequence[tuple[int, int, int]] = LISTED,
+    listed: Sequence[tuple[int, int, int]] = levels.ORDERS,
 ) -> OrderChoice:
     """Poles, zeros and integrators of the element from each of the `columns`, by a criterion over a short list.
 
@@ -87,7 +81,7 @@ def choose_orders(
             noise = _whitening(orders, samples)
         if orders == before:
             break
-    refined = refine(orders, best_start(orders, samples).theta, samples, noise=noise)
+    refined = refine(orders, best_from_guesses(orders, samples).theta, samples, noise=noise)
     reason = "; ".join(_said(table) for table in tables)
     return OrderChoice(tuple(orders), finished("RIVC", orders, samples, refined, noise), tuple(tables), reason)
 
@@ -98,13 +92,13 @@ def _listed(column: int, one: tuple[int, int, int], dead_time: float | tuple[flo
 
 
 def _whitening(orders: Sequence[Order], samples: Sequence[Samples]) -> ArmaNoise:
-    point = best_start(orders, samples).point
-    return fit_arma(point.raw, [s.valid for s in samples], WHITENING, 0)
+    point = best_from_guesses(orders, samples).point
+    return fit_arma(point.raw, [s.valid for s in samples], levels.ORDER_WHITENING, 0)
 
 
 def _weighed(orders: Sequence[Order], k: int, samples: Sequence[Samples], noise: ArmaNoise) -> Candidate | None:
     try:
-        begun = best_start(orders, samples)
+        begun = best_from_guesses(orders, samples)
         refined = refine(orders, begun.theta, samples, noise=noise)
     except (Refused, np.linalg.LinAlgError):
         return None
@@ -145,7 +139,7 @@ def _said(table: tuple[Candidate, ...]) -> str:
         return f"{first}, the only structure that could be fitted"
     second = table[1]
     gap = second.bic - best.bic
-    firm = "clearly better" if gap > CLEAR else "hardly better"
+    firm = "clearly better" if gap > levels.ORDER_CLEAR else "hardly better"
     return (
         f"{first}, {firm} than {_words(second.order)}: Bayesian criterion lower by {gap:.3g}, "
         f"fit {best.fit_percent:.3g} % against {second.fit_percent:.3g} %"

@@ -10,29 +10,25 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.errors import LoopError, Refused
-from trueplant.identify.instrumental.open_loop import best_start
+from trueplant.identify import levels
+from trueplant.identify.instrumental.open_loop import best_from_guesses
 from trueplant.identify.instrumental.order import Order, slices
-from trueplant.identify.instrumental.refine import SETTLED, Instruments, Refined, refine
+from trueplant.identify.instrumental.refine import Instruments, Refined, refine
 from trueplant.identify.instrumental.result import PolynomialFit, finished
 from trueplant.identify.instrumental.samples import Samples, common_sample_time, samples_of
+from trueplant.identify.levels import INSTRUMENT_SETTLED
 from trueplant.identify.row import Held
 from trueplant.loop.controller import Controller
 from trueplant.loop.simulate import simulate
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.record.types import Segment
 
-ROUNDS = 30
-LAG_GROWTH = 1.25
-"""Each block of set-point lags is that much longer than the one before."""
-MEMORY = 0.2
-"""Of a record: how far back set-points are remembered."""
-
 
 def clsrivc(
     segments: Sequence[Segment],
     orders: Mapping[int, Sequence[Order]],
     controller: Controller,
-    start: Mapping[int, Array] | None = None,
+    initial: Mapping[int, Array] | None = None,
     held: Mapping[int, Sequence[Held]] | None = None,
 ) -> dict[int, PolynomialFit]:
     """Closed-loop simplified refined instrumental variables, one result an output of `orders`.
@@ -43,10 +39,10 @@ def clsrivc(
     controller and white noise its covariance s2 (sum zeta zeta')^-1 is the least that instruments from r can have.
 
     `orders` names the elements of every output of the plant: the instrument needs the whole loop. It starts from the
-    two-stage method (that from `start`, the coefficients of each output, where given), which is also what is left where
-    the loop cannot be simulated (unstable, or no law that runs in time): a note says so. OP limits are ignored in the
-    instrument. `held` elements of each output keep their declared value. A record in open loop has OP itself for its
-    instrument, which no noise reaches there.
+    two-stage method (that from `initial`, the coefficients of each output, where given), which is also what is left
+    where the loop cannot be simulated (unstable, or no law that runs in time): a note says so. OP limits are ignored in
+    the instrument. `held` elements of each output keep their declared value. A record in open loop has OP itself for
+    its instrument, which no noise reaches there.
 
     Gilson, Garnier, Young and Van den Hof (2008), in Garnier and Wang (eds.), Identification of Continuous-time Models
     from Sampled Data, Springer.
@@ -60,11 +56,11 @@ def clsrivc(
     law = controller.linearised(np.nanmean(np.vstack([s.y for s in segments]), axis=0))
     parts, samples, projected = {}, {}, {}
     for i, row in orders.items():
-        parts[i], samples[i], projected[i] = _projected_start(
-            segments, i, row, None if start is None else start.get(i), held.get(i, ())
+        parts[i], samples[i], projected[i] = _projected(
+            segments, i, row, None if initial is None else initial.get(i), held.get(i, ())
         )
     notes: list[str] = []
-    for _ in range(ROUNDS):
+    for _ in range(levels.CLSRIVC_ROUNDS):
         plant = _matrix(orders, {i: refined.theta for i, refined in parts.items()}, held, n_y, n_u)
         try:
             inputs = [_noise_free(plant, law, segment) if segment.closed else segment.u for segment in segments]
@@ -80,7 +76,7 @@ def clsrivc(
             parts[i] = refine(row, before, samples[i], _always(instruments), rounds=2)
             moved, small = (
                 np.abs(parts[i].theta - before),
-                np.maximum(SETTLED * parts[i].point.std, 1e-9 * np.abs(before)),
+                np.maximum(INSTRUMENT_SETTLED * parts[i].point.std, 1e-9 * np.abs(before)),
             )
             settled &= bool(np.all(moved <= small))
         if settled:
@@ -97,7 +93,7 @@ def two_stage(
     segments: Sequence[Segment],
     output: int,
     orders: Sequence[Order],
-    start: Array | None = None,
+    initial: Array | None = None,
     held: Sequence[Held] = (),
 ) -> PolynomialFit:
     """The projection method: no controller needed, only that set-points were recorded and moved.
@@ -112,18 +108,18 @@ def two_stage(
 
     Raises Refused where set-points are not recorded or do not move.
     """
-    refined, samples, notes = _projected_start(segments, output, orders, start, held)
+    refined, samples, notes = _projected(segments, output, orders, initial, held)
     return finished("two-stage", orders, samples, refined, notes=notes)
 
 
-def _projected_start(
-    segments: Sequence[Segment], output: int, orders: Sequence[Order], start: Array | None, held: Sequence[Held]
+def _projected(
+    segments: Sequence[Segment], output: int, orders: Sequence[Order], initial: Array | None, held: Sequence[Held]
 ) -> tuple[Refined, tuple[Samples, ...], list[str]]:
     samples = samples_of(segments, output, held)
     common_sample_time(samples, "an instrument from set-points")
     inputs, shares = projected_inputs(segments)
     instruments = samples_of([replace(s, u=u) for s, u in zip(segments, inputs, strict=True)], output)
-    begun = best_start(orders, samples, start)
+    begun = best_from_guesses(orders, samples, initial)
     refined = refine(orders, begun.theta, samples, _always(instruments))
     said = ", ".join(f"{100 * share:.0f} %" for share in shares)
     return refined, samples, [f"set-points explain {said} of the variance of the inputs"]
@@ -164,8 +160,8 @@ def _blocks(r: Array) -> Array:
     """(N, n_blocks n_r): sums of each set-point over blocks of lags of growing length; all of its past at the end."""
     n = len(r)
     edges = [0]
-    while edges[-1] < MEMORY * n:
-        edges.append(max(edges[-1] + 1, int(edges[-1] * LAG_GROWTH)))
+    while edges[-1] < levels.SETPOINT_MEMORY * n:
+        edges.append(max(edges[-1] + 1, int(edges[-1] * levels.LAG_GROWTH)))
     total = np.vstack([np.zeros((1, r.shape[1])), np.cumsum(r, axis=0)])
     at = np.arange(1, n + 1)
 

@@ -9,13 +9,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.identify import levels
 from trueplant.identify.noise import fit_ar, lagged, whitened_valid
-
-FORGOTTEN = 1e-2
-"""Share of the start of a filter that no longer matters."""
-LISTED = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (3, 0), (3, 1), (3, 2), (4, 0), (6, 0), (8, 0))
-"""Orders (p, q) from which one is chosen."""
-LONGEST_AR = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +38,7 @@ class ArmaNoise:
     def memory(self) -> int:
         """Samples that the inverse filter needs to forget its start."""
         slowest = float(np.abs(np.roots(np.r_[1.0, self.c])).max()) if self.c.size else 0.0
-        tail = np.ceil(np.log(FORGOTTEN) / np.log(slowest)) if slowest > 0 else 0.0
+        tail = np.ceil(np.log(levels.FORGOTTEN) / np.log(slowest)) if slowest > 0 else 0.0
         return self.d.size + int(min(tail, 200))
 
     def __str__(self) -> str:
@@ -59,7 +54,7 @@ def fit_arma(signals: Sequence[Array], valid: Sequence[BoolArray], p: int, q: in
     """
     if q == 0:
         return ArmaNoise(fit_ar(signals, valid, p)[0])
-    long = min(LONGEST_AR, max(20, 3 * (p + q)), min(s.size for s in signals) // 5)
+    long = min(levels.LONGEST_AR, max(20, 3 * (p + q)), min(s.size for s in signals) // 5)
     ar = fit_ar(signals, valid, long)[0]
     errors = [lfilter(np.r_[1.0, ar], [1.0], v) for v in signals]
     gram, moment = np.zeros((p + q, p + q)), np.zeros(p + q)
@@ -101,7 +96,7 @@ def choose_arma(signals: Sequence[Array], valid: Sequence[BoolArray]) -> ArmaNoi
     """The listed order with the least Bayesian criterion."""
     count = sum(int(ok.sum()) for ok in valid)
     best, chosen = np.inf, ArmaNoise()
-    for p, q in LISTED:
+    for p, q in levels.ARMA_ORDERS:
         if count < 20 * (p + q + 1):
             continue
         noise = fit_arma(signals, valid, p, q)
@@ -113,7 +108,7 @@ def choose_arma(signals: Sequence[Array], valid: Sequence[BoolArray]) -> ArmaNoi
 
 def colour(errors: Sequence[Array], valid: Sequence[BoolArray]) -> int:
     """Autoregressive order of errors by the Bayesian criterion; 0 where they are white."""
-    longest = max(0, min(LONGEST_AR, min(e.size for e in errors) // 10))
+    longest = max(0, min(levels.LONGEST_AR, min(e.size for e in errors) // 10))
     best, order = np.inf, 0
     for p in (*range(min(longest, 6) + 1), *range(8, longest + 1, 4)):
         _, variance, _ = fit_ar(errors, valid, p)

@@ -9,6 +9,14 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.errors import Refused
+from trueplant.identify import levels
+from trueplant.identify.instrumental.initial import (
+    by_equation_error,
+    filtered_regression,
+    initial_guesses,
+    scan,
+    solve_instrumental,
+)
 from trueplant.identify.instrumental.noise import (
     ArmaNoise,
     choose_arma,
@@ -19,23 +27,10 @@ from trueplant.identify.instrumental.noise import (
 )
 from trueplant.identify.instrumental.order import Order, slices
 from trueplant.identify.instrumental.refine import Point, Refined, bounded, evaluate, refine
-from trueplant.identify.instrumental.result import PolynomialFit, finished, sandwich
+from trueplant.identify.instrumental.result import PolynomialFit, finished, instrument_covariance
 from trueplant.identify.instrumental.samples import Samples, common_sample_time, samples_of
-from trueplant.identify.instrumental.start import (
-    by_equation_error,
-    filtered_regression,
-    scan,
-    solve_instrumental,
-    starts,
-)
 from trueplant.identify.row import Held
 from trueplant.record.types import Segment
-
-NOISE_ROUNDS = 20
-NOISE_SETTLED = 0.03
-"""Steps, in standard errors, that no longer matter when plant and noise model take turns."""
-NEIGHBOURS = (-2, -1, 1, 2)
-"""Sample intervals beside that of a dead time in which a lower minimum is looked for."""
 
 
 def state_variable_filter(
@@ -77,7 +72,7 @@ def state_variable_filter(
     errors = [y - x @ solution for x, y in zip(regressors, targets, strict=True)]
     cost, count = float(sum(e @ e for e in errors)), target.size
     moment, _ = coloured_moment(zetas, errors, [np.ones(e.size, dtype=bool) for e in errors])
-    covariance = sandwich(zeta.T @ phi, moment, zeta.T @ zeta)
+    covariance = instrument_covariance(zeta.T @ phi, moment, zeta.T @ zeta)
     return PolynomialFit(
         "state-variable filter, instrument" if instrument else "equation error",
         (order,),
@@ -97,13 +92,13 @@ def srivc(
     segments: Sequence[Segment],
     output: int,
     orders: Sequence[Order],
-    start: Array | None = None,
+    initial: Array | None = None,
     held: Sequence[Held] = (),
 ) -> PolynomialFit:
     """Simplified refined instrumental variables: the least output error, as an iteration of linear problems.
 
     `orders` has one entry an element of the row, each with its own denominator and dead time. It starts from equation
-    errors and a grid over dead times, or from `start` (stacked coefficients). `held` elements keep their value.
+    errors and a grid over dead times, or from `initial` (stacked coefficients). `held` elements keep their value.
     Unbiased in open loop whatever the noise, and efficient if that is white (Young, Garnier and Gilson 2008). In closed
     loop it is unbiased only if the noise is white: use rivc or clsrivc there. Sample times need not be constant.
 
@@ -113,7 +108,7 @@ def srivc(
     """
     samples = samples_of(segments, output, held)
     _check_inputs(orders, samples)
-    refined = best_start(orders, samples, start)
+    refined = best_from_guesses(orders, samples, initial)
     return finished("SRIVC", orders, samples, refined, notes=_closed_loop_note(segments, refined.point))
 
 
@@ -122,7 +117,7 @@ def rivc(
     output: int,
     orders: Sequence[Order],
     noise_order: tuple[int, int] | None = None,
-    start: Array | None = None,
+    initial: Array | None = None,
     held: Sequence[Held] = (),
 ) -> PolynomialFit:
     """Refined instrumental variables with a noise model: SRIVC with a prefilter D/C for noise v = C(q)/D(q) e.
@@ -136,10 +131,10 @@ def rivc(
     samples = samples_of(segments, output, held)
     common_sample_time(samples, "a discrete noise model")
     _check_inputs(orders, samples)
-    refined = best_start(orders, samples, start)
+    refined = best_from_guesses(orders, samples, initial)
     noise = ArmaNoise()
     valid = [s.valid for s in samples]
-    for _ in range(NOISE_ROUNDS):
+    for _ in range(levels.NOISE_ROUNDS):
         if noise_order is None:
             noise = choose_arma(refined.point.raw, valid)
             noise_order = noise.d.size, noise.c.size
@@ -147,7 +142,7 @@ def rivc(
             noise = fit_arma(refined.point.raw, valid, *noise_order)
         before = refined.theta
         refined = _polished(orders, samples, refine(orders, refined.theta, samples, noise=noise), noise)
-        if np.all(np.abs(refined.theta - before) <= NOISE_SETTLED * refined.point.std):
+        if np.all(np.abs(refined.theta - before) <= levels.NOISE_SETTLED * refined.point.std):
             break
     point = refined.point
     zetas = without_noise_directions(noise, point.instruments, point.raw, point.errors, point.usable)
@@ -156,13 +151,13 @@ def rivc(
     return finished("RIVC", orders, samples, joint, noise, [f"noise model {noise}"])
 
 
-def best_start(orders: Sequence[Order], samples: Sequence[Samples], start: Array | None = None) -> Refined:
-    """The least cost over all starts, its dead times compared with those of neighbouring sample intervals."""
-    if start is not None and len(start) != slices(orders)[-1].stop:
+def best_from_guesses(orders: Sequence[Order], samples: Sequence[Samples], initial: Array | None = None) -> Refined:
+    """The least cost from all initial guesses, its dead times compared with those of neighbouring sample intervals."""
+    if initial is not None and len(initial) != slices(orders)[-1].stop:
         raise Refused(
-            f"start must have {slices(orders)[-1].stop} coefficients, not {len(start)}: one a name of each order"
+            f"initial must have {slices(orders)[-1].stop} coefficients, not {len(initial)}: one a name of each order"
         )
-    candidates = [np.asarray(start, dtype=float)] if start is not None else starts(orders, samples)
+    candidates = [np.asarray(initial, dtype=float)] if initial is not None else initial_guesses(orders, samples)
     found = [refine(orders, theta, samples) for theta in candidates]
     best = min(found, key=lambda refined: refined.point.cost)
     return _polished(orders, samples, best, None)
@@ -177,7 +172,7 @@ def _polished(
         if order.keeps_dead_time:
             continue
         trials = []
-        for shift in NEIGHBOURS:
+        for shift in levels.NEIGHBOUR_INTERVALS:
             theta = refined.theta.copy()
             theta[part.stop - 1] = (np.floor(theta[part.stop - 1] / step) + shift + 0.5) * step
             trials.append(evaluate(orders, bounded(orders, theta, samples), samples, noise=noise))

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.identify import levels
 from trueplant.identify.instrumental.noise import ArmaNoise
 from trueplant.identify.instrumental.order import Order, nuisance, nuisance_gradient, slices
 from trueplant.identify.instrumental.samples import Samples
@@ -28,13 +29,6 @@ from trueplant.identify.linear_algebra import orthonormal
 
 Instruments = Callable[[Array], Sequence[Samples]]
 """The records with the inputs of the instrument in place of the recorded ones, from the present parameters."""
-
-SETTLED = 1e-3
-"""Steps, in standard errors, that no longer matter."""
-PSEUDO = 12
-"""Rounds after which the errors are left out of phi: Gauss-Newton steps, which converge from near by."""
-LONGEST_DEAD_TIME = 0.1
-"""Of the record."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +136,9 @@ def refine(
 ) -> Refined:
     """Iterate from theta until steps are small against the standard errors, at most `rounds` times.
 
-    A step that more than doubles the cost is halved; unstable poles are reflected into the left half-plane. From round
-    PSEUDO on every step has to lower the cost (with instruments of their own: the moments they leave), as at dead times
-    of whole samples, where the slope jumps and full steps would go to and fro.
+    A step that more than doubles the cost is halved; unstable poles are reflected into the left half-plane. After
+    PSEUDOLINEAR_ROUNDS every step has to lower the cost (with instruments of their own: the moments they leave), as at
+    dead times of whole samples, where the slope jumps and full steps would go to and fro.
     """
 
     def at(p: Array) -> Point:
@@ -157,7 +151,7 @@ def refine(
     point = at(theta)
     done = 0
     for done in range(1, rounds + 1):
-        late = done > PSEUDO
+        late = done > levels.PSEUDOLINEAR_ROUNDS
         step = _solve(point.cross if late else point.pseudo, point.moment)
         for _ in range(12):
             trial = bounded(orders, theta + step, samples)
@@ -172,7 +166,7 @@ def refine(
             return Refined(theta, point, late, done)
         moved = np.abs(trial - theta)
         theta, point = trial, candidate
-        if np.all(moved <= np.maximum(SETTLED * point.std, 1e-9 * np.abs(theta))):
+        if np.all(moved <= np.maximum(levels.INSTRUMENT_SETTLED * point.std, 1e-9 * np.abs(theta))):
             return Refined(theta, point, True, done)
     return Refined(theta, point, False, done)
 
@@ -180,7 +174,7 @@ def refine(
 def bounded(orders: Sequence[Order], theta: Array, samples: Sequence[Samples]) -> Array:
     """theta with stable poles, and dead times inside their ranges."""
     theta = theta.copy()
-    longest = LONGEST_DEAD_TIME * max(s.span for s in samples)
+    longest = levels.LONGEST_DEAD_TIME * max(s.span for s in samples)
     for order, part in zip(orders, slices(orders), strict=True):
         p = order.stable(theta[part])
         if not order.keeps_dead_time:

@@ -136,7 +136,7 @@ def finished(
     """
     point, said = refined.point, list(notes)
     moment, order = coloured_moment(point.instruments, point.errors, point.usable)
-    covariance = sandwich(point.cross, moment, point.power)
+    covariance = instrument_covariance(point.cross, moment, point.power)
     if order:
         said.append(f"the errors are coloured (autoregressive of order {order}): the standard errors count that")
     if not refined.converged:
@@ -158,7 +158,7 @@ def finished(
     )
 
 
-def sandwich(cross: Array, moment: Array, power: Array) -> Array:
+def instrument_covariance(cross: Array, moment: Array, power: Array) -> Array:
     """cross^-1 moment cross^-T, rows and columns levelled by the power (n, n) of the instruments."""
     scale = np.sqrt(np.maximum(np.diag(power), 1e-300))
     level = np.outer(scale, scale)

@@ -1,4 +1,4 @@
-"""A start for rows of several inputs, in closed loop too: step responses of a long ARX model, element by element."""
+"""Initial guesses for rows of several inputs, in closed loop too: step responses of a long ARX model for each."""
 
 from __future__ import annotations
 
@@ -10,15 +10,9 @@ from scipy.signal import lfilter
 
 from trueplant.arrays import Array
 from trueplant.errors import Refused
+from trueplant.identify import levels
 from trueplant.identify.instrumental.order import Order
 from trueplant.identify.instrumental.samples import Samples
-
-LONGEST = (8, 16, 32, 64)
-"""Lags tried."""
-MOST_SAMPLES = 6000
-"""Longer records are thinned out: the start need not be efficient."""
-HORIZON = 4
-"""The step responses are followed for that many times the lags."""
 
 
 def step_records(orders: Sequence[Order], samples: Sequence[Samples]) -> list[Samples]:
@@ -28,7 +22,7 @@ def step_records(orders: Sequence[Order], samples: Sequence[Samples]) -> list[Sa
     model of plant and noise that is long enough for either, and so consistent in closed loop.
     """
     total = sum(s.t.size for s in samples)
-    thin = max(1, -(-total // MOST_SAMPLES))
+    thin = max(1, -(-total // levels.ARX_MOST_SAMPLES))
     columns = [order.column for order in orders]
     steps = {s.h for s in samples}
     if None in steps:
@@ -36,8 +30,8 @@ def step_records(orders: Sequence[Order], samples: Sequence[Samples]) -> list[Sa
     h = thin * float(max(x for x in steps if x is not None))
     series = [_thinned(s, columns, thin) for s in samples]
     best: tuple[float, Array, int] | None = None
-    longest = max(LONGEST)
-    for lags in LONGEST:
+    longest = max(levels.ARX_LAGS)
+    for lags in levels.ARX_LAGS:
         phi, target = _regression(series, lags, longest)
         if len(target) < 3 * phi.shape[1]:
             break
@@ -50,7 +44,7 @@ def step_records(orders: Sequence[Order], samples: Sequence[Samples]) -> list[Sa
         raise Refused("the records are too short for a first look at several inputs: give a start, or fewer elements")
     _, weights, lags = best
     past = np.r_[1.0, -weights[:lags]]
-    count = HORIZON * lags
+    count = levels.ARX_HORIZON * lags
     found = []
     for j, order in enumerate(orders):
         ahead = np.r_[0.0, weights[(1 + j) * lags : (2 + j) * lags]]

@@ -1,4 +1,4 @@
-"""A start for the fit through named structures with leads: SRIVC, whose problems are linear in the coefficients."""
+"""An initial guess for the fit of structures with leads: SRIVC, whose problems are linear in the coefficients."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from trueplant.identify.row import Held, Spec
 from trueplant.record.types import Segment
 
 
-def started(
+def with_initial_guess(
     segments: Sequence[Segment], output: int, specs: Sequence[Spec], held: Sequence[Held] = ()
 ) -> tuple[Spec, ...]:
-    """The elements of one output, those with leads with SRIVC's estimate as their start.
+    """The elements of one output, those with leads with SRIVC's estimate as their initial guess.
 
     A search that begins with the wrong sign of a lead, or with a lead that is far too short, ends in a minimum of its
     own; SRIVC estimates the coefficients of numerator and denominator, in which there is no sign to get wrong.
-    Elements without leads need no such start. Those whose poles come out of another kind than the structure asks for
+    Elements without leads need no such guess. Those whose poles come out of another kind than the structure asks for
     stay as they are, as do all where SRIVC fails.
     """
     if not any(spec.structure.leads for spec in specs):
@@ -35,7 +35,7 @@ def started(
         if spec.structure.leads:
             try:
                 value, _ = fit.as_structure(spec.structure, k)
-                spec = replace(spec, start=tuple(float(x) for x in value))
+                spec = replace(spec, initial=tuple(float(x) for x in value))
             except FormulaError:
                 pass
         found.append(spec)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,18 @@ FILLED_IN = 0.3
 does not show yet in simulated Wood-Berry records, two thirds are a bias (benchmarks/bench_compression.py)."""
 BANK, OWN_PAST, LARGEST = 6, 10, 20_000
 """Lags tried, samples of PV's own past, samples looked at."""
+
+
+def doubts(study: Study) -> tuple[Reason, ...]:
+    """Why nothing, or not everything, can be answered, as far as that shows before any estimate."""
+    names = [plan.name for plan in study.project.experiments]
+    refusals = [Reason("record", s.refusal, names[k]) for k, s in enumerate(study.screened) if s.refusal]
+    return (*refusals, *why_not_informative(study))
+
+
+def blocked(reasons: Sequence[Reason]) -> bool:
+    """Do these reasons leave nothing to be answered?"""
+    return any(reason.code == "no-excitation" for reason in reasons)
 
 
 def why_not_informative(study: Study) -> list[Reason]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
+from typing import Any
 
 import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.errors import ProjectError, UnstableLoop
 from trueplant.identify import Spec
-from trueplant.identify.search import lag_of
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.lti.structure import Structure, structure_of
 from trueplant.project import Project
@@ -22,14 +23,16 @@ from trueplant.study.data.setpoints import computed_setpoints
 from trueplant.study.study import Progress, Records, Study, quiet
 
 
-def prepare(project: Project, say: Progress = quiet) -> Study:
+def prepare(project: Project, say: Progress = quiet, frames: Sequence[Any] | None = None) -> Study:
     """Read and screen every record, and lay down what is to be estimated.
+
+    `frames` (polars, pandas, dicts of arrays), one an experiment, stand in for the files.
 
     Raises ProjectError for a project that names no data or nothing to estimate, and what the readers raise.
     """
     if not project.experiments:
         raise ProjectError(f"{project.source}: names no data: set data.files or add [[experiment]]")
-    records = Records.of(project, _screened(project, say))
+    records = Records.of(project, _screened(project, say, frames))
     model = _full_model(project)
     specs = {
         (i, j): _spec(project, model[i, j], i, j)
@@ -51,11 +54,12 @@ def prepare(project: Project, say: Progress = quiet) -> Study:
     )
 
 
-def _screened(project: Project, say: Progress) -> tuple[Screened, ...]:
+def _screened(project: Project, say: Progress, frames: Sequence[Any] | None) -> tuple[Screened, ...]:
     layout = project.layout()
     found = []
     for k, plan in enumerate(project.experiments):
-        record = read_record(plan.path, layout, name=plan.name, closed=plan.closed)
+        source = plan.path if frames is None else frames[k]
+        record = read_record(source, layout, name=plan.name, closed=plan.closed)
         limits = {name: lim for name, lim in zip(project.input_names, plan.limits, strict=True) if lim is not None}
         spans = [(_moment(e.start, record, project), _moment(e.end, record, project)) for e in plan.exclude]
         say(f"screening {plan.name}")
@@ -118,22 +122,11 @@ def _spec(project: Project, system: TransferFunction, i: int, j: int) -> Spec:
 def translated(own: Structure, values: Array, wanted: Structure) -> tuple[float, ...]:
     """Parameters of one structure as a start for another: shared names keep their values, new lags are short."""
     known = dict(zip(own.names, values, strict=True))
-    first = {"gain": known.get("gain", known.get("gain1", known.get("slope", 1.0)))}
-    lag = lag_of(own.names, values) or known.get("dead_time", 1.0) or 1.0
-    start = []
-    for name in wanted.names:
-        if name in known:
-            start.append(float(known[name]))
-        elif name.startswith(("gain", "slope")):
-            start.append(float(first["gain"]) if name in ("gain", "gain1", "slope") else 0.0)
-        elif name.startswith("tau"):
-            start.append(lag / (1 if own.lags == 0 and name == "tau1" else 10 * int(name[3:])))
-        elif name.startswith("lead"):
-            start.append(lag / 10)
-        elif name.startswith("omega0"):
-            start.append(1 / lag)
-        elif name.startswith("zeta"):
-            start.append(0.7)
-        else:
-            start.append(float(known.get("dead_time", known.get("dead_time1", 0.0))))
-    return tuple(start)
+    dead_time = own.dead_times(values)[0]
+    lag = own.lag(values) or dead_time or 1.0
+    gains = np.where(np.arange(wanted.delayed) == 0, values[0], 0.0)
+    shares = 10.0 * np.arange(1, wanted.lags + 1)
+    if own.lags == 0:
+        shares[:1] = 1.0
+    new = wanted.parameters(gains, lag / shares, 1 / lag, 0.7, lag / 10, dead_time)
+    return tuple(float(known.get(name, value)) for name, value in zip(wanted.names, new, strict=True))

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from trueplant.identify import OutputEstimate
+import numpy as np
+
+from trueplant.identify import OutputEstimate, Unanswered, WhyUnanswered
 from trueplant.project.tables import Controller
 from trueplant.study.data.op_law import written_from_samples
 from trueplant.study.study import Records
@@ -13,14 +15,6 @@ from trueplant.study.study import Records
 EXACT = 5e-4
 """Share of OP's movement that rounding apart is left where OP was written from the recorded samples: a law that also
 acts in between leaves little more, as most of what it answers to shows in the next sample."""
-FASTER = (
-    "the controller scans faster than the record, and its derivative action answers noise between the samples: "
-    "export the record at the controller's scan"
-)
-UNDECLARED = (
-    "no controller that scans as the record does can have written OP, and derivative action answers noise between the "
-    "samples: declare the controller's scan (sample_time), or export the record faster"
-)
 
 
 def faster_scan(records: Records) -> bool:
@@ -42,30 +36,30 @@ def written_between(records: Records) -> bool:
     return False
 
 
-def hidden_dynamics(records: Records) -> dict[int, str]:
-    """The outputs with derivative action that turns noise of PV into OP between the samples, and what to do.
+def hidden_dynamics(records: Records) -> dict[int, WhyUnanswered]:
+    """The outputs with derivative action that turns noise of PV into OP between the samples, and why that matters.
 
     What the controller then does within a sample looks like a plant without dead time, and no residual shows it.
     """
     project = records.project
-    hidden: dict[int, str] = {}
+    hidden: dict[int, WhyUnanswered] = {}
     for k, law in _closed_laws(records):
         i, j = project.output_names.index(law.output), project.input_names.index(law.input)
         if not (law.Td or law.Kd):
             continue
         if _faster(records, law):
-            hidden[i] = FASTER
+            hidden[i] = WhyUnanswered.CONTROLLER_FASTER_THAN_RECORD
         elif law.sample_time is None and not written_from_samples(records, k, j):
-            hidden.setdefault(i, UNDECLARED)
+            hidden.setdefault(i, WhyUnanswered.CONTROLLER_SCAN_UNDECLARED)
     return hidden
 
 
-def without_hidden_dynamics(hidden: Mapping[int, str], i: int, found: OutputEstimate) -> OutputEstimate:
-    """The estimate of output i without the dynamics that the record cannot tell."""
+def without_hidden_dynamics(hidden: Mapping[int, WhyUnanswered], i: int, found: OutputEstimate) -> OutputEstimate:
+    """The estimate of output i, its dynamics withheld where the record does not determine them."""
     if i not in hidden:
         return found
-    moved = {k: hidden[i] for k, n in enumerate(found.row.names) if not n.startswith(("gain", "slope"))}
-    return replace(found, order_dependence=moved | found.order_dependence)
+    why = Unanswered.because(hidden[i])
+    return replace(found, withheld={int(k): why for k in np.flatnonzero(~found.row.is_gain)})
 
 
 def _closed_laws(records: Records) -> Iterator[tuple[int, Controller]]:

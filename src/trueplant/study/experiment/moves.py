@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,9 +10,9 @@ from scipy.signal import lfilter
 
 from trueplant.arrays import Array
 from trueplant.identify import OutputEstimate, RowFit
+from trueplant.identify.levels import SHARED_FACTOR
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.row import Piece
-from trueplant.identify.shared_disturbance import TIMES
 from trueplant.loop import Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.study.study import Study
@@ -94,12 +94,12 @@ def noise_of(study: Study, estimates: Mapping[int, OutputEstimate], samples: int
     return out
 
 
-def fit_at(estimate: OutputEstimate, open_ones: Mapping[int, str]) -> RowFit:
+def fit_at(estimate: OutputEstimate, open_ones: Collection[int]) -> RowFit:
     """The fit at its parameters, at the model's where an element is not answered at all."""
     theta = estimate.theta.copy()
     for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
-        if spec.start is not None and all(k in open_ones for k in range(part.start, part.stop)):
-            theta[part] = spec.start
+        if spec.initial is not None and all(k in open_ones for k in range(part.start, part.stop)):
+            theta[part] = spec.initial
     low, high = estimate.row.bounds()
     return replace(estimate.fit, theta=np.clip(theta, low, high))
 
@@ -133,7 +133,7 @@ def information(fit: RowFit, u: Array, h: float, n_columns: int, known: bool) ->
     within = within + 1e-12 * np.eye(within.shape[1])
     told = total[:, :size, :size] - across @ np.linalg.solve(within, np.swapaxes(across, 1, 2))
     ends = np.minimum(np.arange(1, count + 1) * length, len(columns)) * h * row.stride
-    return told * np.outer(scale, scale) / fit.variance / (1.0 if known else TIMES**2), ends
+    return told * np.outer(scale, scale) / fit.variance / (1.0 if known else SHARED_FACTOR**2), ends
 
 
 def combined(existing: Array, told: Array) -> Array:

@@ -16,7 +16,6 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.errors import LoopError
 from trueplant.identify import OutputEstimate, unanswered
-from trueplant.identify.search import dead_time_of, lag_of
 from trueplant.lti import TransferMatrix
 from trueplant.project.simulation import steps_per_sample
 from trueplant.project.tables import Simulate
@@ -37,8 +36,6 @@ MOST_SAMPLES = 100_000
 """Of a plan that is tried out."""
 MARGIN = 3.0
 """Standard deviations of what noise does to PV and OP that are kept from their limits."""
-BEYOND = ("the loop answers within", "it depends on the noise model")
-"""Reasons for an open parameter that no further data of this kind remove."""
 
 
 @dataclass(frozen=True)
@@ -98,16 +95,16 @@ def _open_parameters(study: Study, estimates: Mapping[int, OutputEstimate], conf
         for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
             if spec.column >= len(project.inputs):
                 continue  # nobody moves a disturbance
-            names, p = spec.structure.names, theta[part]
-            units = spec.structure.units(project.outputs[i].unit, project.inputs[spec.column].unit, project.time_unit)
-            for k, name in enumerate(names):
+            structure, p = spec.structure, theta[part]
+            units = structure.units(project.outputs[i].unit, project.inputs[spec.column].unit, project.time_unit)
+            for k, name in enumerate(structure.names):
                 index = part.start + k
-                model = abs(spec.start[k]) if spec.start is not None else 0.0
-                size = max(abs(p[k]), model if name.startswith(("gain", "slope")) else 0.0)
-                size += lag_of(names, p) if name.startswith("dead") else 0.0
+                model = abs(spec.initial[k]) if spec.initial is not None else 0.0
+                size = max(abs(p[k]), model if structure.is_gain[k] else 0.0)
+                size += structure.lag(p) if structure.is_dead_time[k] else 0.0
                 low, high = estimate.intervals[index]
                 now = max(z * float(sigma[index]), (high - low) / 2 if np.isfinite(high - low) else np.inf)
-                hopeless = reasons.get(index, "").startswith(BEYOND)
+                hopeless = index in reasons and not reasons[index].why.more_data_helps
                 if size > 0 and not hopeless and (index in reasons or now > WANTED * size):
                     value, wanted = float(p[k]), float(WANTED * size)
                     found.append(Open(i, spec.column, index, name, units[k], value, wanted, float(now)))
@@ -143,9 +140,9 @@ def _slowest(study: Study, estimates: Mapping[int, OutputEstimate]) -> float:
         reasons = unanswered(estimate)
         theta = fit_at(estimate, reasons).theta
         for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
-            names, p = spec.structure.names, theta[part]
-            if spec.start is not None or not all(k in reasons for k in range(part.start, part.stop)):
-                times.append(lag_of(names, p) + dead_time_of(names, p))
+            p = theta[part]
+            if spec.initial is not None or not all(k in reasons for k in range(part.start, part.stop)):
+                times.append(spec.structure.lag(p) + spec.structure.longest_dead_time(p))
     return float(max(times))
 
 
@@ -245,7 +242,7 @@ def _shortest(
         if one.output not in rows:
             estimate = estimates[one.output]
             fit = fit_at(estimate, unanswered(estimate))
-            told, ends = information(fit, u, bench.h, n_columns, not estimate.foretold_by)
+            told, ends = information(fit, u, bench.h, n_columns, not estimate.predicted_by)
             rows[one.output] = z * combined(estimate.covariance, told)
         widths.append(rows[one.output][:, one.index])
     after = np.array(widths)  # (asked, lengths)

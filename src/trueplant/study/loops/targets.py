@@ -120,7 +120,7 @@ def _not_known(study: Study, identified: Identified, i: int, j: int, g: Transfer
             names = spec.structure.names
             for index in range(part.start, part.stop):
                 if index in reasons:
-                    return f"{name}: {names[index - part.start].replace('_', ' ')} is not known: {reasons[index]}"
+                    return f"{name}: {names[index - part.start].replace('_', ' ')} is not known: {reasons[index].text}"
     return ""
 
 
@@ -173,10 +173,9 @@ def _dead_time_error(estimates: Mapping[int, OutputEstimate], i: int, j: int) ->
     found = estimates[j]
     longest = 0.0
     for spec, part in zip(found.row.specs, found.row.slices, strict=True):
-        for k, name in enumerate(spec.structure.names):
-            if spec.column == i and name.startswith("dead"):
-                end = found.intervals[part.start + k, 1] - found.theta[part.start + k]
-                longest = max(longest, float(end)) if np.isfinite(end) else longest
+        if spec.column == i:
+            ends = (found.intervals[part, 1] - found.theta[part])[spec.structure.is_dead_time]
+            longest = float(np.max(ends[np.isfinite(ends)], initial=longest))
     return longest
 
 

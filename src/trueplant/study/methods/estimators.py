@@ -222,7 +222,7 @@ def _fits(name: str, task: Task, rows: Sequence[int]) -> dict[int, PolynomialFit
         return clsrivc(segments, orders, task.controller, given or None, held)
     estimators: Mapping[str, Callable[[int], PolynomialFit]] = {
         "srivc": lambda i: srivc(segments, i, orders[i], task.start(i), held[i]),
-        "rivc": lambda i: rivc(segments, i, orders[i], start=task.start(i), held=held[i]),
+        "rivc": lambda i: rivc(segments, i, orders[i], initial=task.start(i), held=held[i]),
         "two-stage": lambda i: two_stage(segments, i, orders[i], task.start(i), held[i]),
         "equation-error": lambda i: _equation_error(segments, i, orders[i], held[i]),
     }

@@ -11,8 +11,8 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.disturbance import DisturbedFit, Part, Recovered, fit_with_disturbance, likelihood_p, recover
 from trueplant.identify import OutputEstimate
+from trueplant.identify.covariance import least_variance
 from trueplant.identify.intervals import normal_intervals
-from trueplant.identify.output import least_variance
 from trueplant.loop import Controller
 from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
 from trueplant.record import Segment
@@ -122,19 +122,27 @@ def with_jumps(study: Study, fits: Mapping[int, DisturbedFit], plant: TransferMa
 
 
 def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float, confidence: float) -> OutputEstimate:
-    """The estimate with parameters and intervals of the fit that takes the declared disturbance along.
+    """The estimate with parameters, intervals and likelihood of the fit that takes the declared disturbance along.
 
     It stays as it is where that fit does not describe the record, and where it has been widened for what the fit does
-    not know: experiments that disagree, disturbances that reach several outputs. `timing` as in `identify_output`.
+    not know: experiments that disagree, disturbances that reach several outputs. `timing` as in `identify.Sampling`.
     """
-    known = estimate.foretold_by or estimate.jointly or estimate.disputed
+    known = estimate.predicted_by or estimate.jointly or estimate.disputed
     if fit is None or fit.whiteness_p < MISDESCRIBED or known:
         return estimate
     if not _same_elements(fit, estimate):
         return estimate
     covariance = fit.covariance + np.diag(least_variance(fit.row, fit.theta, timing))
     intervals = normal_intervals(fit.row, fit.theta, covariance, confidence)
-    return replace(estimate, theta=fit.theta, covariance=covariance, intervals=intervals, order_dependence={})
+    return replace(
+        estimate,
+        theta=fit.theta,
+        covariance=covariance,
+        intervals=intervals,
+        order_dependence={},
+        unprofiled=None,
+        rise=fit.rise,
+    )
 
 
 def _same_elements(fit: DisturbedFit, estimate: OutputEstimate) -> bool:
@@ -225,9 +233,9 @@ def _notes(study: Study, estimate: OutputEstimate, i: int, fit: DisturbedFit) ->
     notes = []
     plain = np.sqrt(np.diag(estimate.fit.covariance))
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        if spec.start is None or not _same_elements(fit, estimate):
+        if spec.initial is None or not _same_elements(fit, estimate):
             continue
-        model = np.array(spec.start, dtype=float)
+        model = np.array(spec.initial, dtype=float)
         index = np.arange(part.start, part.stop)
         z = np.abs(estimate.fit.theta[index] - model) / np.maximum(plain[index], 1e-300)
         alone = float(np.min(2 * norm.sf(z))) * index.size

@@ -148,15 +148,15 @@ def _reason(found: Found, answered: Sequence[bool]) -> str:
     names = found.spec.structure.names
     grouped: dict[str, list[str]] = {}
     for k, why in found.reasons.items():
-        grouped.setdefault(why, []).append(names[k].replace("_", " "))
+        grouped.setdefault(why.text, []).append(names[k].replace("_", " "))
     return "; ".join(f"{', '.join(which)}: {why}" for why, which in grouped.items())
 
 
 def _half_widths(found: Found) -> list[float]:
     """Half of each interval relative to the parameter, of a dead time to dead time plus lag."""
-    names = found.spec.structure.names
-    lag = sum(v for name, v in zip(names, found.theta, strict=True) if name.startswith("tau"))
-    sizes = [abs(v) + (lag if n.startswith("dead") else 0.0) for n, v in zip(names, found.theta, strict=True)]
+    structure = found.spec.structure
+    lag = np.sum(found.theta[structure.is_lag])
+    sizes = np.abs(found.theta) + np.where(structure.is_dead_time, lag, 0.0)
     half = (found.intervals[:, 1] - found.intervals[:, 0]) / 2
     return [float(h / s) if s > 0 else np.inf for h, s in zip(half, sizes, strict=True)]
 

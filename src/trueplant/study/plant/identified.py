@@ -71,8 +71,7 @@ def _resting_on_disturbances(
     study: Study, estimates: Mapping[int, OutputEstimate], fits: Mapping[int, DisturbedFit]
 ) -> dict[int, OutputEstimate]:
     timing, confidence = timing_error(study), study.project.analysis.confidence
-    resting = {i: resting_on(found, fits.get(i), timing, confidence) for i, found in estimates.items()}
-    return {i: without_hidden_dynamics(study.hidden, i, found) for i, found in resting.items()}
+    return {i: resting_on(found, fits.get(i), timing, confidence) for i, found in estimates.items()}
 
 
 def _missing(study: Study, taken: Mapping[Place, Spec]) -> tuple[Reason, ...]:

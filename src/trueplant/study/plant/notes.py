@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from trueplant.identify.estimate import UNDERMODELLED
-from trueplant.identify.shared_disturbance import TIMES
+from trueplant.identify.levels import SHARED_FACTOR, UNDERMODELLED
 from trueplant.result import ControllerCheck, Reason
 from trueplant.study.data.excitation import compression_notes, setpoint_rank_note
 from trueplant.study.data.scan import faster_scan
@@ -45,13 +44,13 @@ def notes_of(
     names = study.project.output_names
     experiments = {segment.experiment for segment in study.segments}
     for i, estimate in found.estimates.items():
-        if estimate.foretold_by:
-            told = ", ".join(names[j] for j in estimate.foretold_by)
+        if estimate.predicted_by:
+            told = ", ".join(names[j] for j in estimate.predicted_by)
             cost = (
                 "all outputs were estimated together with a noise model that allows for it"
                 if estimate.jointly
                 else f"estimates for {names[i]} may be off by that, and their standard errors were multiplied by "
-                f"{TIMES:g}. A measured disturbance (or an experiment in open loop) would cure it"
+                f"{SHARED_FACTOR:g}. A measured disturbance (or an experiment in open loop) would cure it"
             )
             notes.append(
                 Reason(
@@ -61,7 +60,7 @@ def notes_of(
                     names[i],
                 )
             )
-        if estimate.sandwiched:
+        if estimate.robust_covariance:
             notes.append(
                 Reason(
                     "uneven-noise",

@@ -29,7 +29,7 @@ def parameters_of(found: Found, verdict: Verdict, units: Sequence[str]) -> tuple
                 p_value=judged.p_value,
                 p_adjusted=judged.p_adjusted,
                 changed=judged.changed,
-                reason=found.reasons.get(k, ""),
+                reason=found.reasons[k].text if k in found.reasons else "",
             )
         )
     return tuple(parameters)

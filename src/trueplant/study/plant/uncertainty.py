@@ -29,7 +29,7 @@ def element_errors(known: UncertainPlant, w: Array, confidence: float) -> Array:
                 continue
             # the joint region seen from these parameters alone: their ellipsoid, with the radius of all
             larger = covariance * reach / float(chi2.ppf(confidence, int(free.sum())))
-            dead = np.array([name.startswith("dead") for name in structure.names])
+            dead = structure.is_dead_time
             steady = np.where(dead[:, None] | dead[None, :], 0.0, larger)
             linear, limited = (
                 _first_order(structure, theta, free, spread, w, confidence) for spread in (larger, steady)

@@ -1,4 +1,4 @@
-"""Where the iterations begin: equation errors with state-variable filters, dead times on a grid."""
+"""Initial guesses of the iterations: equation errors with state-variable filters, dead times on a grid."""
 
 from __future__ import annotations
 
@@ -9,31 +9,21 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.errors import Refused
+from trueplant.identify import levels
 from trueplant.identify.instrumental.order import Order, nuisance, slices
-from trueplant.identify.instrumental.refine import LONGEST_DEAD_TIME, refine
+from trueplant.identify.instrumental.refine import refine
 from trueplant.identify.instrumental.samples import Samples
 from trueplant.identify.instrumental.several import step_records
+from trueplant.identify.levels import LONGEST_DEAD_TIME
 from trueplant.identify.linear_algebra import orthonormal
-
-FILTERS = 6
-"""Cut-off frequencies tried."""
-GRID = 60
-"""Dead times tried for an element."""
-COARSE = 6
-"""Of these, at each sixth the filter is chosen; the one that was best of all serves for the rest."""
-SCAN_ROUNDS = 4
-KEPT = 4
-"""Minima over dead time from which the whole fit is tried."""
-HOPELESS = 3.0
-"""A minimum on the grid that costs so many times the best one is not tried."""
 
 
 def filter_range(samples: Sequence[Samples]) -> Array:
-    """(FILTERS,) cut-off frequencies from a few periods a record to a quarter of the sampling frequency."""
+    """(FILTER_CUTOFFS,) cut-off frequencies from a few periods a record to a quarter of the sampling frequency."""
     span = max(s.span for s in samples)
     step = min(float(np.median(np.diff(s.t))) for s in samples)
     fastest = np.pi / step / 4
-    return np.geomspace(min(30 / span, fastest), fastest, FILTERS)
+    return np.geomspace(min(30 / span, fastest), fastest, levels.FILTER_CUTOFFS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +118,11 @@ def scan(order: Order, samples: Sequence[Samples], share: float = LONGEST_DEAD_T
     longest = share * max(s.span for s in samples)
     low, high = order.dead_time_range(longest)
     step = min(float(np.median(np.diff(s.t))) for s in samples)
-    count = 1 if high <= low else int(np.clip(np.ceil((high - low) / step) + 1, 2, GRID))
+    count = 1 if high <= low else int(np.clip(np.ceil((high - low) / step) + 1, 2, levels.DEAD_TIME_GRID))
     tried = [replace(order, dead_time=float(dead_time)) for dead_time in np.linspace(low, high, count)]
-    looks = [look for fixed in tried[::COARSE] if (look := _attempt(fixed, samples, None)) is not None]
+    looks = [
+        look for fixed in tried[:: levels.DEAD_TIME_COARSE] if (look := _attempt(fixed, samples, None)) is not None
+    ]
     if not looks:
         raise Refused(f"no dead time of input {order.column + 1} gave a stable model: lower the order")
     lam = min(looks, key=lambda look: look.cost).lam
@@ -139,7 +131,7 @@ def scan(order: Order, samples: Sequence[Samples], share: float = LONGEST_DEAD_T
         begun = _attempt(fixed, samples, lam)
         if begun is None:
             continue
-        better = refine([fixed], begun.theta, samples, rounds=SCAN_ROUNDS if count > 1 else 10)
+        better = refine([fixed], begun.theta, samples, rounds=levels.SCAN_ROUNDS if count > 1 else 10)
         p = better.theta if order.keeps_dead_time else np.append(better.theta, fixed.delay(better.theta))
         found.append((better.point.cost, p))
     if not found:
@@ -147,8 +139,8 @@ def scan(order: Order, samples: Sequence[Samples], share: float = LONGEST_DEAD_T
     costs = np.array([cost for cost, _ in found])
     padded = np.r_[np.inf, costs, np.inf]
     lowest = np.flatnonzero((costs <= padded[:-2]) & (costs <= padded[2:]))
-    near = lowest[costs[lowest] <= HOPELESS * costs.min()]
-    return [found[k] for k in sorted(near, key=lambda k: costs[k])[:KEPT]]
+    near = lowest[costs[lowest] <= levels.HOPELESS * costs.min()]
+    return [found[k] for k in sorted(near, key=lambda k: costs[k])[: levels.MINIMA_KEPT]]
 
 
 def _attempt(order: Order, samples: Sequence[Samples], lam: float | None) -> EquationError | None:
@@ -158,7 +150,7 @@ def _attempt(order: Order, samples: Sequence[Samples], lam: float | None) -> Equ
         return None
 
 
-def starts(orders: Sequence[Order], samples: Sequence[Samples]) -> list[Array]:
+def initial_guesses(orders: Sequence[Order], samples: Sequence[Samples]) -> list[Array]:
     """Parameters of all elements from which to refine.
 
     One element: the minima over its dead time. Several: each from the step response that a long ARX model of the row

@@ -1,0 +1,40 @@
+"""The limits of formulas and the tolerances of transfer functions, each with its reason.
+
+"Judgement" says that a number was chosen by hand.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# -- formulas as text ----------------------------------------------------------------------------------------
+
+LONGEST_FORMULA = 2000
+"""Characters of a formula. Judgement: what is longer is another file, and parsing takes time that a server lends
+out."""
+DEEPEST_NESTING = 40
+"""Parentheses within each other: the parser is recursive, and Python's stack is not."""
+HIGHEST_POWER = 20
+"""Of s or a bracket, and ..."""
+HIGHEST_ORDER = 60
+"""... order of one fraction: the coefficients of higher ones lose all digits in double precision."""
+MOST_TERMS = 100
+"""Products of a sum that are multiplied out, and dead times that differ."""
+
+# -- equal up to rounding ------------------------------------------------------------------------------------
+
+ROUNDING = 1e-12
+"""What is below this share of the size that it would have if nothing cancelled is rounding, and becomes an exact zero:
+some thousand times double precision, for the products before it."""
+SAME_FACTOR = 1e-9
+"""Two factors whose roots agree to this are one factor."""
+SAME_DEAD_TIME = 1e-12
+"""Relative difference of dead times that are one."""
+SCATTER = (np.inf, 1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 0.0)
+"""A root of multiplicity m comes back scattered by about eps^(1/m); these are the circles tried, widest first: all
+roots the same one, and so on down to all different."""
+MULTIPLIED_OUT = 1e-13
+"""Share of a coefficient's natural scale by which the product of the roots may miss it."""
+WHOLE_SAMPLE = 1e-9
+"""A dead time this close to whole samples (relative to one) is taken as whole samples: decimal fractions such as
+0.3/0.1."""

@@ -1,0 +1,143 @@
+"""A project made from the columns of a frame: loops, a model by the loops' names, and their controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from trueplant.errors import UsageError
+from trueplant.loop import PID
+from trueplant.lti import TransferFunction, TransferMatrix, from_control, to_formula
+from trueplant.project import Project
+
+LAW_KEYS = {
+    "form": "ideal",
+    "Kc": None,
+    "Ti": None,
+    "Td": 0.0,
+    "alpha": 0.1,
+    "Kp": None,
+    "Ki": 0.0,
+    "Kd": 0.0,
+    "Tf": 0.0,
+    "action": None,
+    "gain_unit": "engineering",
+    "setpoint_weight": 1.0,
+    "derivative_on": "error",
+    "sample_time": None,
+}
+"""Keys of a [[controller]] table that a `PID` has by the same name, with what they are where it says nothing."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One control loop: its columns in the frame, and what is known of it. The OP of loop TIC101 is "TIC101 OP".
+
+    limits: instrument range of PV; op_limits: of OP, at which its samples are saturated; controller: the law from this
+    loop's PV to its OP, as a `PID` or as the keys of a [[controller]] table.
+    """
+
+    name: str
+    pv: str
+    op: str
+    sp: str | None = None
+    unit: str = ""
+    op_unit: str = ""
+    limits: tuple[float, float] | None = None
+    op_limits: tuple[float, float] | None = None
+    controller: PID | Mapping[str, Any] | None = None
+
+    @property
+    def input(self) -> str:
+        """Name of the input in the project."""
+        return f"{self.name} OP"
+
+
+Model = Mapping[tuple[str, str], Any] | TransferMatrix | Any
+"""By (output, input), both named by their loops: a formula, a number, a `TransferFunction` or a python-control system;
+or a whole matrix of either, rows and columns in the order of the loops."""
+
+
+def project_of(
+    files: Sequence[str],
+    loops: Sequence[Loop],
+    model: Model | None,
+    time: str | None,
+    time_unit: str,
+    tables: Mapping[str, Any],
+) -> Project:
+    """The project for frames called `files`; `tables` are further tables and keys of a project file.
+
+    Raises UsageError for a model that names no loop, ProjectError for what a project file could not say either.
+    """
+    if not loops:
+        raise UsageError('name at least one loop: loops=[Loop("TIC101", pv="...", sp="...", op="...")]')
+    data = {"files": list(files), "time": time, "time_unit": time_unit} | tables.get("data", {})
+    outputs = [_given(name=p.name, pv=p.pv, sp=p.sp, unit=p.unit, limits=p.limits) for p in loops]
+    inputs = [_given(name=p.input, op=p.op, unit=p.op_unit, limits=p.op_limits) for p in loops]
+    laws = [_law(loop) for loop in loops if loop.controller is not None]
+    own = {"data": _given(**data), "output": outputs, "input": inputs, "model": _elements(loops, model)}
+    own |= {"controller": laws} if laws else {}
+    return Project(**({"time_unit": time_unit} | {k: v for k, v in tables.items() if k != "data"} | own))
+
+
+def _given(**keys: Any) -> dict[str, Any]:
+    return {key: value for key, value in keys.items() if value is not None and value != ""}
+
+
+def _elements(loops: Sequence[Loop], model: Model | None) -> list[dict[str, Any]]:
+    if model is None:
+        # nothing is known: look for a response of first order with dead time everywhere
+        return [
+            {"output": row.name, "input": column.input, "tf": "0", "structure": "fopdt"}
+            for row in loops
+            for column in loops
+        ]
+    given = model if isinstance(model, Mapping) else _of_matrix(loops, model)
+    inputs = {loop.name: loop.input for loop in loops}
+    found = []
+    for (output, source), system in given.items():
+        if output not in inputs or source not in inputs:
+            raise UsageError(
+                f"the model names the element ({output!r}, {source!r}), and the loops are {', '.join(inputs)}: name "
+                "output and input by their loops"
+            )
+        element = dict(system) if isinstance(system, Mapping) else {"tf": _formula(system)}
+        found.append({"output": output, "input": inputs[source]} | element)
+    return found
+
+
+def _of_matrix(loops: Sequence[Loop], model: Any) -> dict[tuple[str, str], Any]:
+    matrix = model if isinstance(model, TransferMatrix) else from_control(model)
+    if matrix.shape != (len(loops), len(loops)):
+        raise UsageError(f"the model is {matrix.shape[0]} by {matrix.shape[1]}, and there are {len(loops)} loops")
+    return {
+        (row.name, column.name): matrix[i, j]
+        for i, row in enumerate(loops)
+        for j, column in enumerate(loops)
+        if not matrix[i, j].is_zero
+    }
+
+
+def _formula(system: Any) -> str | float:
+    if isinstance(system, str | int | float):
+        return system if isinstance(system, str) else float(system)
+    if not isinstance(system, TransferFunction):
+        system = from_control(system)[0, 0]
+    return to_formula(system, 17)
+
+
+def _law(loop: Loop) -> dict[str, Any]:
+    place = {"input": loop.input, "output": loop.name}
+    law = loop.controller
+    if not isinstance(law, PID):
+        return place | dict(law or {})
+    if law.pv_transform is not None:
+        raise UsageError(f"the controller of {loop.name} has a pv_transform: give its keys, with pv_transform as text")
+    keys = {key: getattr(law, key) for key, usual in LAW_KEYS.items() if getattr(law, key) != usual}
+    if law.setpoint_filter is not None:
+        keys["setpoint_filter"] = to_formula(law.setpoint_filter, 17)
+    if loop.op_limits is not None or law.limits is not None:
+        keys["anti_windup"] = law.anti_windup
+    return place | {"form": law.form} | keys

@@ -1,0 +1,53 @@
+"""The bytes of a data file on their way to a table."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from trueplant.errors import DataError
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """One file as it lies on disk, and what the user said about it."""
+
+    name: str
+    """Without its folder, for messages."""
+    data: bytes = field(repr=False)
+    separator: str | None = None
+    """Between the columns of a text file; None: to be found."""
+    sheet: str | None = None
+    """Of a workbook; None: the first."""
+
+    @cached_property
+    def sha256(self) -> str:
+        """Of the bytes, in hexadecimal digits."""
+        return hashlib.sha256(self.data).hexdigest()
+
+    @property
+    def ending(self) -> str:
+        """Such as ".csv", in lower case."""
+        return Path(self.name).suffix.lower()
+
+
+def source_of(path: str | Path, separator: str | None = None, sheet: str | None = None) -> Source:
+    """The bytes of a file. Raises DataError (what to do) where it is missing, empty or cannot be read."""
+    file = Path(path)
+    try:
+        if file.is_dir():
+            raise DataError(f"{file} is a folder; name a file in it")
+        data = file.read_bytes()
+    except FileNotFoundError:
+        raise DataError(
+            f"{file} does not exist; correct the path (in a project file it is relative to that file)"
+        ) from None
+    except OSError as error:
+        raise DataError(
+            f"{file} cannot be read ({error.strerror or error}); check the file and its permissions"
+        ) from None
+    if not data.strip():
+        raise DataError(f"{file.name} is empty; export the data again")
+    return Source(file.name, data, separator, sheet)
