@@ -13,20 +13,25 @@ endif
 # One thread a process: the tests run on all cores already.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test check bench docs lowest oracle lock clean
+.PHONY: demo test test-all check bench docs lowest oracle lock clean
 .DELETE_ON_ERROR:
 
 demo: .venv/ready
 	$(BIN)/trueplant demo splitter
 
+# Below five minutes on two idle cores: all but what pytest's marker `slow` names.
 test: .venv/ready-dev
-	$(BIN)/python -m pytest -q -n 2
+	$(BIN)/python -m pytest -q -n 2 --dist loadscope -m "not slow"
+
+# Quick and slow tests, each once.
+test-all: .venv/ready-dev
+	$(BIN)/python -m pytest -q -n 2 --dist worksteal
 
 check: .venv/ready-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
-	$(BIN)/python -m pytest -q -n 2 --doctest-modules tests src
+	$(BIN)/python -m pytest -q -n 2 --dist loadscope -m "not slow" --doctest-modules tests src
 
 bench: .venv/ready-dev
 	@set -e; for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python "$$file"; done
@@ -46,7 +51,7 @@ oracle: .venv/ready-dev
 	$(PIP) install uv
 	$(BIN)/uv venv --quiet --clear --python $(BIN)/python .venv-oracle
 	$(BIN)/uv pip install --quiet --python .venv-oracle/bin/python -e '.[test,hinf]'
-	.venv-oracle/bin/python -m pytest -q tests/test_mu.py tests/test_tune_state_space.py
+	.venv-oracle/bin/python -m pytest -q tests/robust/test_mu.py tests/tune/test_state_space.py
 
 # Pinned versions with hashes; no address of a package index gets into them.
 COMPILE := $(BIN)/python -m piptools compile --quiet --strip-extras --allow-unsafe --generate-hashes \

@@ -28,8 +28,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from bench_wood_berry import COLOURS, FOPDT, STD, bound
 
-from historian import swinging_door
-from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
+from support.historian import swinging_door
+from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant.identify import identify_matrix, specs_of
 from trueplant.loop import simulate
 from trueplant.lti import TransferMatrix

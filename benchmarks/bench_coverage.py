@@ -20,7 +20,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
+from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant import plants
 from trueplant.identify import identify_matrix, specs_of, unanswered
 from trueplant.loop import simulate
@@ -74,13 +74,23 @@ CONDITIONS = (
     "saturated",
     "missing",
     "crossed",
+    "gaps",
 )
+
+
+def pieces(record: Segment, condition: str) -> list[Segment]:
+    """The record whole, or without 8 of every 60 samples."""
+    if condition != "gaps":
+        return [record]
+    names = ("t", "r", "u", "y", "d", "free")
+    spans = [slice(first, first + 52) for first in range(0, len(record.t), 60)]
+    return [replace(record, **{name: getattr(record, name)[span] for name in names}) for span in spans]
 
 
 def run(job: tuple[int, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Errors, hits of the intervals, and which parameters were answered."""
     seed, condition = job
-    record = segment(seed, condition)
+    records = pieces(segment(seed, condition, 1000 if condition == "gaps" else 4000), condition)
     wrong = [[1.3, 0.7, 1.5], [1.3, 0.7, 1.5]]
     truth = [[structure_of(WOOD_BERRY[i, j])[1] for j in range(2)] for i in range(2)]
     lacks = [(0, 1), (1, 0)] if condition == "missing" else []
@@ -92,7 +102,7 @@ def run(job: tuple[int, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         "min",
     )
     errors, hits, told = np.full((3, 12), np.nan)
-    for i, estimate in identify_matrix([record], model, specs_of(model)).items():
+    for i, estimate in identify_matrix(records, model, specs_of(model)).items():
         reasons = unanswered(estimate)
         for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
             true = truth[i][spec.column]

@@ -26,7 +26,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
+from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant import detect, plants
 from trueplant.loop import Controller, simulate, unstable_poles
 from trueplant.lti import TransferMatrix

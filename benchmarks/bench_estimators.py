@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from bench_wood_berry import arma_bound
 
-from benchmark_records import (
+from support.benchmark_records import (
     CLOSED_LOOP,
     DELAYED,
     RAO_GARNIER,
@@ -30,7 +30,7 @@ from benchmark_records import (
     rao_garnier_record,
     tustin,
 )
-from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
+from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant.errors import Refused
 from trueplant.identify import Row, RowFit, Spec, estimate_row, fit_row, identify_matrix, pieces_of, specs_of
 from trueplant.identify.estimate import fit_noise, largest_order

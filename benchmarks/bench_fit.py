@@ -34,7 +34,7 @@ from scipy.signal import cont2discrete, lfilter
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from simulated import WOOD_BERRY, segment_of, wood_berry
+from support.simulated import WOOD_BERRY, segment_of, wood_berry
 from trueplant import Project
 from trueplant.errors import SourceError
 from trueplant.identify import Row, Spec, choose_stride, estimate_row, fit_percent, fit_row, pieces_of

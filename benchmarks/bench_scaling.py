@@ -25,7 +25,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from simulated import WOOD_BERRY, coloured, random_switching, segment_of
+from support.simulated import WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant.identify import identify_matrix, specs_of
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix

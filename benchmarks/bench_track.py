@@ -4,7 +4,7 @@
 
 Every record has 6,000 samples of 1 min, BLT controllers, set-points that switch at random every 20 min on average,
 an AR(1) disturbance of standard deviation 0.3 in each output; seeds 0, 1, 2, ... The process itself changes
-(tests/changing.py), so that its state runs on over the change.
+(tests/support/changing.py), so that its state runs on over the change.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from changing import changing_wood_berry, write_project
-from simulated import Simulation
+from support.changing import changing_wood_berry, write_project
+from support.simulated import Simulation
 from trueplant import Project
 from trueplant.result import Track
 from trueplant.tracking.track import track

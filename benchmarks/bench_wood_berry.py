@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
+from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant import plants
 from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
 from trueplant.loop import Controller, simulate

@@ -1,0 +1,54 @@
+"""Elements with leads, as every analysis searches for them: found whatever the start. All records are simulated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from support.simulated import WOOD_BERRY, coloured, random_switching, segment_of
+from trueplant.identify import Row, Spec, estimate_row, identify_matrix, pieces_of
+from trueplant.loop import PID, Controller, simulate
+from trueplant.lti import Structure, TransferMatrix, tf
+from trueplant.lti.structure import structure_of
+
+LAW = Controller.diagonal([PID(Kc=0.2, Ti=12, sample_time=1.0), PID(Kc=-0.05, Ti=25, sample_time=1.0)])
+STRUCTURE = Structure.parse("sopdt+lead")
+KNOWN = structure_of(WOOD_BERRY[1, 1])
+INVERSE = "6.6 (-8 s + 1) exp(-3 s)/((10.9 s + 1)(5 s + 1))"
+OVERSHOOT = "6.6 (25 s + 1) exp(-7 s)/((10.9 s + 1)(5 s + 1))"
+LEADLESS = (6.6, 10.9, 0.545, 1.09, 7.4)
+"""Where the search begins for a first-order model under this structure."""
+CASES = {
+    "inverse response, model without a lead": (INVERSE, LEADLESS, True),
+    "inverse response, no model": (INVERSE, None, False),
+    "overshoot, model without a lead": (OVERSHOOT, LEADLESS, True),
+    "overshoot, no model": (OVERSHOOT, None, True),
+}
+"""Plant, start, and whether the search from that start alone ends in another minimum."""
+
+
+def plant_with(element: str) -> TransferMatrix:
+    return TransferMatrix((WOOD_BERRY.elements[0], (tf(element), WOOD_BERRY[1, 1])), "min")
+
+
+def record(seed: int, element: str):
+    rng = np.random.default_rng(seed)
+    r, v = random_switching(rng, 3000, 2, 20.0), coloured(rng, 3000, 2, [1, -0.8], [1], 0.3)
+    return segment_of(simulate(plant_with(element), LAW, r, 1.0, v=v))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_lead_is_found(case):
+    element, start, hard = CASES[case]
+    segment = record(0, element)
+    truth = structure_of(tf(element))[1]
+    specs = {(1, 0): Spec(0, STRUCTURE, start), (1, 1): Spec(1, KNOWN[0], tuple(KNOWN[1]))}
+    model = plant_with("0" if start is None else "6.6 exp(-7.4 s)/(10.9 s + 1)")
+    found = identify_matrix([segment], model, specs)[1]
+    error = np.sqrt(np.diag(found.covariance))
+    assert np.all(np.abs(found.theta - np.r_[truth, KNOWN[1]]) < 3.5 * error)
+    # the sign of the lead is told for certain, and the start still says what the model was
+    assert error[3] < 0.2 * abs(truth[3])
+    assert found.row.specs[0].initial == start
+    alone = estimate_row(Row(found.row.specs, pieces_of([segment], 1)), KNOWN[1][1])
+    assert (abs(alone.theta[3] - truth[3]) > 5 * error[3]) == hard
