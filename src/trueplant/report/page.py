@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trueplant.report import loops, retuned, tables
+from trueplant.report import levels, loops, retuned, tables
 from trueplant.report.detected import detected
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.labels import label
@@ -18,8 +18,6 @@ from trueplant.result import Curves, Residuals, Result, RetuningCurves, Trend
 
 if TYPE_CHECKING:
     import jinja2
-
-MOST_POINTS, ALL_POINTS, MOST_ROWS = 4000, 200_000, 60
 
 
 def render(result: Result) -> str:
@@ -39,7 +37,7 @@ def render(result: Result) -> str:
             result=result,
             headline=result.headline.replace("->", "→"),  # a line must not break inside the arrow
             confidence=_confidence(result),
-            most_rows=MOST_ROWS,
+            most_rows=levels.MOST_ROWS,
             provenance=plain(result.provenance),
             data=plain(result.data),
             fits=tables.fit_tables(plain(result.fit)),
@@ -173,7 +171,7 @@ def _retuning_figures(curves: RetuningCurves, pv: str, op: str, time_unit: str, 
         cut = {role: values[:count] for role, values in responses.items()}
         figures.append(book.add(draw.before_after(t, cut, time_unit, unit, goal), title, said))
     if curves.replay_t.size:
-        figure = draw.replay(curves.replay_t, curves.replay, time_unit, pv, MOST_POINTS)
+        figure = draw.replay(curves.replay_t, curves.replay, time_unit, pv, levels.MOST_POINTS)
         title = "The record again: control error with the disturbances that were in it"
         figures.append(book.add(figure, title, draw.replay_caption(curves.replay, pv)))
     return figures
@@ -294,4 +292,4 @@ def _trend_figures(curves: Curves, trend: Trend, book: Book, limit: int) -> list
 def _points(curves: Curves) -> int:
     """Points a trace, so that many long experiments together stay small enough to open quickly."""
     traces = len(curves.trends) * (4 * len(curves.outputs) + len(curves.inputs)) + len(curves.residuals)
-    return max(400, min(MOST_POINTS, ALL_POINTS // max(1, traces)))
+    return max(400, min(levels.MOST_POINTS, levels.ALL_POINTS // max(1, traces)))

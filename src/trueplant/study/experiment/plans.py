@@ -252,9 +252,7 @@ def _entry(study: Study, bench: Bench, plan: Plan, asked: Sequence[Open]) -> Mor
     found = MoreData(
         sentence="",
         moves=tuple(
-            PlannedMove(
-                "set-point" if closed else "OP", channels[c].name, size, channels[c].unit, plan.moves.interval[c]
-            )
+            PlannedMove(signal, channels[c].name, size, channels[c].unit, plan.moves.interval[c])
             for c, size in plan.moves.size.items()
         ),
         length=plan.length,
