@@ -17,6 +17,7 @@ from scipy.signal import csd
 from scipy.stats import norm
 
 from trueplant.result import (
+    Code,
     ControllerCheck,
     Curves,
     DataFinding,
@@ -129,7 +130,7 @@ def sample(
                 ControllerCheck("run_1", inputs[0], "%", True, 0.021, "the declared controller reproduces OP"),
             ),
         ),
-        notes=(Reason("one-disturbance", "The spread between runs was added to the intervals."),),
+        notes=(Reason(Code.ONE_EXPERIMENT, "The spread between runs was added to the intervals."),),
         curves=curves,
     )
 
@@ -332,7 +333,7 @@ def refused(curves: bool = False) -> Result:
     )
     return Result(
         status="refused",
-        reasons=(Reason("no-excitation", "The valve never moved: make set-point steps, record again.", "run_1.csv"),),
+        reasons=(Reason(Code.NO_EXCITATION, "The valve never moved: step its set-point, record again.", "run_1.csv"),),
         provenance=Provenance("0.1.0", "project", "0" * 64, {}, {}, "min", 0, Settings("auto", 0.95, 0.0)),
         data=(),
         elements=(element,) if curves else (),

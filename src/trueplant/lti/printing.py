@@ -90,3 +90,25 @@ def _sum(pieces: Sequence[str]) -> str:
 def _number(value: float, digits: int) -> str:
     # Beyond 16 digits the shortest text that reads back exactly is the better one.
     return repr(float(value)).removesuffix(".0") if digits > 16 else f"{value:.{digits}g}"
+
+
+def to_latex(g: TransferFunction, digits: int = 4) -> str:
+    """LaTeX of ``g`` in time-constant form, without dollar signs: ``\\frac{3.2}{18 s + 1} e^{-3 s}``."""
+    parts = [_latex_term(term, digits) for term in g.terms]
+    return _sum(parts) or "0"
+
+
+def _latex_term(term: Term, digits: int) -> str:
+    (gain, above), (scale, below) = _factored(term.num, digits), _factored(term.den, digits)
+    number = _number(gain / scale, digits)
+    sign, number = ("-", number[1:]) if number.startswith("-") else ("", number)
+    top = " ".join(([] if number == "1" and above else [number]) + above)
+    text = f"\\frac{{{top}}}{{{_bare(below)}}}" if below else top
+    return f"{sign}{text} e^{{{_delay(term.dead_time, digits)[4:-1]}}}" if term.dead_time else f"{sign}{text}"
+
+
+def _bare(factors: Sequence[str]) -> str:
+    """The factors side by side; one alone needs no brackets."""
+    if len(factors) == 1 and factors[0].startswith("(") and factors[0].endswith(")"):
+        return factors[0][1:-1]
+    return " ".join(factors)

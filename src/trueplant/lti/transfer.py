@@ -143,9 +143,14 @@ class TransferFunction:
         return np.concatenate([np.roots(d).astype(complex) for d in dens]) if dens else np.zeros(0, complex)
 
     def __str__(self) -> str:
-        from trueplant.lti.formula import to_formula
+        from trueplant.lti.printing import to_formula
 
         return to_formula(self)
+
+    def _repr_latex_(self) -> str:
+        from trueplant.lti.printing import to_latex
+
+        return f"${to_latex(self)}$"
 
 
 def _integrators(den: tuple[float, ...]) -> int:
@@ -228,6 +233,15 @@ class TransferMatrix:
 
     def __sub__(self, other: TransferMatrix) -> TransferMatrix:
         return self._combine(other, -1.0)
+
+    def __str__(self) -> str:
+        return "\n".join(", ".join(str(element) for element in row) for row in self.elements)
+
+    def _repr_latex_(self) -> str:
+        from trueplant.lti.printing import to_latex
+
+        rows = r" \\ ".join(" & ".join(to_latex(element) for element in row) for row in self.elements)
+        return rf"$\begin{{bmatrix}} {rows} \end{{bmatrix}}$"
 
     @property
     def dc_gain(self) -> Array:

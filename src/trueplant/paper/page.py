@@ -12,8 +12,9 @@ from trueplant.paper.compute import Paper
 from trueplant.paper.entry import Entry, Value
 from trueplant.paper.records import KINDS, STEP_TIMES
 from trueplant.report.frame import Book, Drawn, frame
+from trueplant.report.levels import MOST_ROWS
 from trueplant.report.numbers import number
-from trueplant.report.page import MOST_ROWS, environment
+from trueplant.report.page import environment
 from trueplant.version import __version__
 
 Legend = tuple[tuple[str, str], ...]

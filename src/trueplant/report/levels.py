@@ -10,3 +10,5 @@ MOST_ROWS = 60
 """Rows of a table that are shown open."""
 MOST_PERCENT = 300.0
 """Widest scale on which changes are drawn; larger ones become arrowheads."""
+MOST_LINEAR = 8.0
+"""Highest mu that is drawn on a linear axis; beyond it the axis is logarithmic."""

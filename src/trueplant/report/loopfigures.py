@@ -8,6 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from trueplant.arrays import Array
+from trueplant.report import levels
 from trueplant.report.decimate import compact, min_max
 from trueplant.report.figures import axis_range, decades, log_ticks, outline
 from trueplant.report.loops import place
@@ -16,7 +17,6 @@ from trueplant.report.style import LIGHT, area, framed, inert, line, shortened, 
 from trueplant.result import MuCurves, RetuningCurves
 
 NAMES = {"model": "model", "plant": "plant", "estimate": "plant, what the data leave open"}
-MOST_LINEAR = 8.0
 
 
 def mu_span(curves: Sequence[MuCurves]) -> tuple[float, float]:
@@ -60,7 +60,7 @@ def mu_test(curves: Sequence[MuCurves], test: str, time_unit: str) -> go.Figure:
         type="log", range=frequencies, title_text=f"Frequency (rad/{inert(time_unit)})", **log_ticks(frequencies)
     )
     title = "σ<sub>max</sub>(w<sub>P</sub>S)" if test == "NP" else "µ"
-    if max(top, 1.0) > MOST_LINEAR:
+    if max(top, 1.0) > levels.MOST_LINEAR:
         values = decades(np.concatenate([[1.0], *(one.bounds[test][:, 1] for one in shown)]))
         figure.update_yaxes(type="log", range=values, title_text=title, **log_ticks(values))
     else:

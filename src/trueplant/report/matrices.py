@@ -12,7 +12,7 @@ from trueplant.report import figures, levels, loopfigures
 from trueplant.report.style import LIGHT, inert
 from trueplant.result import Curves
 
-PANEL, GAP = 210, 0.08
+PANEL, SPACING = 210, 52
 
 
 def steps(curves: Curves) -> go.Figure:
@@ -70,7 +70,9 @@ def combined(rows: Sequence[Sequence[go.Figure]], titles: Sequence[str]) -> go.F
     wide, high = len(rows[0]), len(rows) * deep
     heads = iter(titles)
     named = [inert(next(heads)) if k % deep == 0 else "" for k in range(high) for _ in range(wide)]
-    out = make_subplots(high, wide, subplot_titles=named, vertical_spacing=GAP / high * 2.5, horizontal_spacing=0.09)
+    out = make_subplots(
+        high, wide, subplot_titles=named, vertical_spacing=SPACING / (PANEL * high), horizontal_spacing=0.09
+    )
     shown: set[str] = set()
     for i, row in enumerate(rows):
         for j, figure in enumerate(row):
@@ -82,12 +84,14 @@ def combined(rows: Sequence[Sequence[go.Figure]], titles: Sequence[str]) -> go.F
             for panel in range(_panels(figure)):
                 place = {"row": i * deep + panel + 1, "col": j + 1}
                 out.update_xaxes(_axis(figure, "xaxis", panel), **place)
+                if i < len(rows) - 1:
+                    out.update_xaxes(title_text="", **place)  # that of the lowest row serves all
                 out.update_yaxes(_axis(figure, "yaxis", panel), **place)
     paper = {"paper_bgcolor": LIGHT["paper"], "plot_bgcolor": LIGHT["paper"], "hovermode": "closest"}
-    legend = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 1.0, "xanchor": "right", "yref": "container"}
+    legend = {"orientation": "h", "y": 1.0, "yanchor": "top", "x": 0.0, "xanchor": "left", "yref": "container"}
     font = rows[0][0].layout.font
     out.update_layout(template=go.layout.Template(), height=PANEL * high + 80, font=font, showlegend=True, **paper)
-    out.update_layout(legend=legend, margin={"l": 70, "r": 20, "t": 70, "b": 50})
+    out.update_layout(legend=legend, margin={"l": 70, "r": 20, "t": 76, "b": 50})
     return out
 
 

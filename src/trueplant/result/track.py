@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 from trueplant.result.changes import Change, TrackedElement, TrackedExperiment, Window
@@ -38,3 +39,12 @@ class Track:
 
     def __repr__(self) -> str:
         return f"Track({self.status}: {self.headline})"
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{escape(e.input)} → {escape(e.output)}</td><td>{escape(e.history)}</td><td>{e.windows}</td></tr>"
+            for e in self.elements
+        )
+        head = "<tr><th>element</th><th>history</th><th>windows</th></tr>"
+        table = f"<table>{head}{rows}</table>" if rows else ""
+        return f"<p><b>{escape(self.headline)}</b></p>{table}"

@@ -1,0 +1,152 @@
+"""From a frame to verdict, figures and settings, and back from a folder."""
+
+from __future__ import annotations
+
+import control
+import numpy as np
+import pandas as pd
+import polars as pl
+import pytest
+
+import trueplant as tp
+from trueplant.loop import Controller, alternating_steps, simulate
+
+PLANT = tp.TransferMatrix.of(
+    [["2.6 exp(-3 s)/(9 s + 1)", "0.5 exp(-4 s)/(12 s + 1)"], ["0", "-1.2 exp(-2 s)/(6 s + 1)"]], "min"
+)
+MODEL = {
+    ("TIC101", "TIC101"): "2 exp(-3 s)/(10 s + 1)",
+    ("TIC101", "FIC7"): "0.5 exp(-4 s)/(12 s + 1)",
+    ("FIC7", "FIC7"): "-1.2 exp(-2 s)/(6 s + 1)",
+}
+LAWS = (tp.PID(Kc=0.6, Ti=9.0, sample_time=0.5), tp.PID(Kc=-0.5, Ti=6.0, sample_time=0.5))
+LOOPS = [
+    tp.Loop("TIC101", pv="t.pv", sp="t.sp", op="t.op", unit="degC", op_unit="%", controller=LAWS[0]),
+    tp.Loop("FIC7", pv="f.pv", sp="f.sp", op="f.op", unit="t/h", op_unit="%", controller=LAWS[1]),
+]
+
+
+def simulated(seed: int = 1, samples: int = 1600) -> pl.DataFrame:
+    """A simulated record of both loops, their set-points moved at different times."""
+    r = alternating_steps(samples, 0.5, 70.0, [2.0, 1.0])
+    r[:, 1] = np.roll(r[:, 1], samples // 7)
+    done = simulate(PLANT, Controller.diagonal(LAWS), r, 0.5, noise=0.05, seed=seed)
+    columns = {"t": done.t}
+    for k, name in enumerate("tf"):
+        columns |= {f"{name}.sp": done.r[:, k], f"{name}.op": done.u[:, k], f"{name}.pv": done.y[:, k]}
+    return pl.DataFrame(columns)
+
+
+@pytest.fixture(scope="module")
+def analysis() -> tp.Analysis:
+    return tp.run(simulated(), loops=LOOPS, model=MODEL, tuning={"methods": ["certain-share", "simc"]})
+
+
+def test_the_change_is_found_by_the_names_of_the_loops(analysis):
+    assert analysis.status == "ok" and analysis.mismatch
+    changed = analysis.elements["TIC101", "TIC101"]
+    assert changed.verdict == "changed"
+    gain = changed.parameters[0]
+    assert gain.plant == pytest.approx(2.6, abs=4 * gain.std_error)
+    assert analysis.elements["FIC7", "FIC7 OP"].verdict == "unchanged"
+    with pytest.raises(KeyError, match="no element"):
+        analysis.elements["FIC7", "nowhere"]
+    assert repr(analysis).startswith("Analysis(ok: The plant has changed: TIC101 OP -> TIC101")
+    assert "<table>" in analysis._repr_html_()
+
+
+def test_parameters_are_a_frame(analysis):
+    frame = analysis.parameters
+    row = frame.row(by_predicate=(pl.col("output") == "FIC7") & (pl.col("parameter") == "gain"), named=True)
+    assert row["model"] == -1.2 and row["low"] < row["plant"] < row["high"] and not row["changed"]
+    assert frame.height == sum(len(e.parameters) for e in analysis.elements)
+
+
+def test_settings_are_those_of_the_recommended_proposals(analysis):
+    frame = analysis.settings
+    loop = analysis.controllers[0]
+    assert loop.chosen is not None and loop.chosen.settings is not None
+    row = frame.row(by_predicate=(pl.col("output") == "TIC101") & (pl.col("key") == "Kc"), named=True)
+    assert row["new"] == loop.chosen.settings.Kc and row["now"] == 0.6
+
+
+def test_figures_show_every_element(analysis):
+    steps, bode, trends = analysis.plot_steps(), analysis.plot_bode(), analysis.plot_trends()
+    titles = {note.text for note in steps.layout.annotations}
+    assert {"TIC101 OP → TIC101", "FIC7 OP → FIC7"} <= titles
+    drawn = next(t for t in steps.data if t.name == "plant")
+    np.testing.assert_allclose(drawn.y, analysis.result.curves.step_plant[:, 0, 0])
+    assert sum(t.name == "model" for t in bode.data) == 8  # magnitude and phase of four elements
+    assert len({t.yaxis for t in trends.data}) == 4
+    retuned = analysis.plot_retuning()
+    assert sum(t.name == "after" for t in retuned.data) == 8  # PV and OP, set-point and load, of two loops
+    shown = [t.name for t in retuned.data if t.showlegend]
+    assert len(shown) == len(set(shown))
+
+
+def test_a_saved_analysis_is_drawn_and_reported_without_its_data(analysis, tmp_path):
+    written = analysis.save(tmp_path / "out")
+    assert set(written) == {"result.json", "curves.json", "plant.toml", "report.html"}
+    again = tp.load(tmp_path / "out")
+    assert again.to_dict() == analysis.to_dict()
+    assert again.plant is not None and analysis.plant is not None
+    np.testing.assert_allclose(again.plant.nominal(0.1j), analysis.plant.nominal(0.1j))
+    for one, other in zip(again.plot_steps().data, analysis.plot_steps().data, strict=True):
+        np.testing.assert_allclose(one.y, other.y)
+    assert again.report().count("<figure") == analysis.report().count("<figure")
+
+
+def test_check_and_track_take_the_same_frames():
+    found = tp.check(simulated(), loops=LOOPS, model=MODEL)
+    assert found.status == "ok" and "1 record can be used" in found.headline
+    still = simulated().with_columns(pl.lit(0.0).alias("t.sp"), pl.lit(0.0).alias("f.sp"))
+    refused = tp.check(still, loops=LOOPS, model=MODEL)
+    assert refused.status == "refused" and refused.reasons[0].code == "no-excitation"
+    followed = tp.track(simulated(samples=3000), loops=LOOPS[1:], model={("FIC7", "FIC7"): MODEL["FIC7", "FIC7"]})
+    assert followed.status == "ok" and "<b>" in followed._repr_html_()
+
+
+def test_models_may_be_systems_of_python_control_or_a_matrix(analysis):
+    own = {place: tp.tf(formula) for place, formula in MODEL.items()}
+    matrix = tp.TransferMatrix.of(
+        [[MODEL["TIC101", "TIC101"], MODEL["TIC101", "FIC7"]], [0.0, MODEL["FIC7", "FIC7"]]], "min"
+    )
+    for model in (own, matrix):
+        same = tp.run(simulated(), loops=LOOPS, model=model, tuning={"methods": ["simc"]})
+        assert [p.plant for e in same.elements for p in e.parameters] == pytest.approx(
+            [p.plant for e in analysis.elements for p in e.parameters], rel=1e-9
+        )
+    lag = control.tf([2.0], [10.0, 1.0])
+    found = tp.check(simulated(), loops=LOOPS[:1], model={("TIC101", "TIC101"): lag})
+    assert found.status == "ok"
+
+
+def test_several_frames_are_several_experiments():
+    found = tp.run([simulated(1, 800), pd.DataFrame(simulated(2, 800).to_dict(as_series=False))], loops=LOOPS, model=MODEL)
+    assert [one.name for one in found.result.data] == ["frame 1", "frame 2"]
+
+
+def test_what_cannot_be_meant_is_said():
+    with pytest.raises(tp.UsageError, match="name at least one loop"):
+        tp.run(simulated(), model=MODEL)
+    with pytest.raises(tp.UsageError, match="name output and input by their loops"):
+        tp.run(simulated(), loops=LOOPS, model={("TIC101", "TIC102"): "1/(s + 1)"})
+    with pytest.raises(tp.UsageError, match="the model is 1 by 1, and there are 2 loops"):
+        tp.run(simulated(), loops=LOOPS, model=tp.TransferMatrix.of([["1/(s + 1)"]]))
+    with pytest.raises(tp.UsageError, match="a project says them itself"):
+        tp.run("project.toml", loops=LOOPS)
+    with pytest.raises(tp.UsageError, match="nothing was retuned"):
+        tp.run(simulated(), loops=LOOPS, model=MODEL).plot_retuning()
+    with pytest.raises(tp.UsageError, match="holds no result.json"):
+        tp.load("/nowhere")
+
+
+def test_transfer_functions_have_latex_and_text():
+    assert tp.tf("3.2 exp(-3 s)/(18 s + 1)")._repr_latex_() == r"$\frac{3.2}{18 s + 1} e^{-3 s}$"
+    assert tp.tf("-2 (3 s + 1) exp(-s)/(s (5 s + 1)^2)")._repr_latex_() == (
+        r"$-\frac{2 (3 s + 1)}{s (5 s + 1)^2} e^{-s}$"
+    )
+    assert tp.tf("0")._repr_latex_() == "$0$"
+    matrix = tp.TransferMatrix.of([["1/(s + 1)", "0"], ["2", "1/s"]])
+    assert str(matrix) == "1/(s + 1), 0\n2, 1/s"
+    assert matrix._repr_latex_() == r"$\begin{bmatrix} \frac{1}{s + 1} & 0 \\ 2 & \frac{1}{s} \end{bmatrix}$"
