@@ -8,9 +8,13 @@ import pytest
 import trueplant
 
 PUBLIC = [
+    "PID",
+    "Analysis",
+    "Check",
     "DataError",
     "FormulaError",
     "IllPosedLoop",
+    "Loop",
     "LoopError",
     "OutputError",
     "Project",
@@ -22,15 +26,20 @@ PUBLIC = [
     "Segment",
     "SignConflict",
     "SourceError",
+    "Track",
     "TransferFunction",
     "TransferMatrix",
     "TrueplantError",
     "UnstableLoop",
     "UsageError",
     "__version__",
+    "check",
     "datasets",
+    "load",
     "run",
+    "simulate",
     "tf",
+    "track",
 ]
 
 

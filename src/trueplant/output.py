@@ -65,7 +65,7 @@ def write_results(
     repair(folder)
     texts: dict[str, str] = {}
     if result.curves is not None:
-        texts[CURVES] = _json(plain(result.curves.decimated(MOST_SAMPLES)), indent=None)
+        texts[CURVES] = as_json(plain(result.curves.decimated(MOST_SAMPLES)), indent=None)
     if result.plant is not None and result.status != "refused":
         plant = result.plant
         updated = {(i, j): plant.nominal[i, j] for i, row in plant.rows.items() for j in row.columns}
@@ -81,7 +81,7 @@ def to_json(result: Result, beside: Mapping[str, str] | None = None) -> str:
     document = result.to_dict()
     if beside is not None:
         document["files"] = {name: _sha256(text.encode("utf-8")) for name, text in sorted(beside.items())}
-    return _json(document, indent=1)
+    return as_json(document, indent=1)
 
 
 def write_files(folder: Path, contents: Mapping[str, str | bytes], gone: list[str] | None = None) -> dict[str, Path]:
@@ -201,7 +201,8 @@ def read_results(path: str | os.PathLike[str]) -> Result:
     return result
 
 
-def _json(value: Any, indent: int | None) -> str:
+def as_json(value: Any, indent: int | None = 1) -> str:
+    """Plain Python as JSON text that ends with a line end."""
     return json.dumps(value, indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trueplant.errors import UsageError
-from trueplant.output import prepare_output, to_json, write_files, write_results
+from trueplant.output import RESULT, prepare_output, write_files, write_results
 from trueplant.project.project import Project
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def _analyse(project: Project, folder: Path, json: bool) -> Result:
         say("writing the report")
         written = write_results(result, project, folder, render(result))
     if json:
-        sys.stdout.write(to_json(result))
+        sys.stdout.write(written[RESULT].read_text(encoding="utf-8"))
     else:
         from trueplant.cli.show import show
 

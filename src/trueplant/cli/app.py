@@ -25,6 +25,7 @@ OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Fil
 Json = Annotated[bool, typer.Option("--json", help="Print result.json, and nothing else.")]
 PaperJson = Annotated[bool, typer.Option("--json", help="Print paper.json, and nothing else.")]
 Seeds = Annotated[int, typer.Option("--seeds", min=2, help="Simulated records of the splitter for each kind of noise.")]
+CheckJson = Annotated[bool, typer.Option("--json", help="Print check.json, and nothing else.")]
 TrackJson = Annotated[bool, typer.Option("--json", help="Print track.json, and nothing else.")]
 Precision = Annotated[
     float, typer.Option("--precision", metavar="PERCENT", help="Standard error that windows are made long enough for.")
@@ -64,11 +65,11 @@ def track(project: ProjectFile, out: OutFolder = None, json: TrackJson = False, 
 
 
 @app.command(short_help="Screen the data only: what can be used, and why not.")
-def check(project: ProjectFile) -> int:
+def check(project: ProjectFile, json: CheckJson = False) -> int:
     """Read and screen the data only: what is usable, what is not and why."""
     from trueplant.cli.data import check
 
-    return check(project)
+    return check(project, json)
 
 
 @app.command(short_help="Write a first project file for a data file.")

@@ -3,40 +3,46 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 from trueplant.errors import OutputError, UsageError
-from trueplant.output import write_files
+from trueplant.output import as_json, write_files
+from trueplant.result import Check, Code
 
 REFUSED = 3
 
 
-def check(path: Path) -> int:
+def check(path: Path, json: bool) -> int:
     """Say of each record what can be used and what cannot, and whether it moves enough to learn from."""
     from trueplant.cli.analyse import saying
-    from trueplant.project.project import Project
-    from trueplant.study.data.excitation import why_not_informative
-    from trueplant.study.data.prepare import prepare
+    from trueplant.project import Project
+    from trueplant.study.check import check
 
     with saying() as say:
-        study = prepare(Project.load(path), say)
-        doubts = why_not_informative(study)
-    for screened in study.screened:
-        record = screened.record
-        span = f"{record.t[0]:g} to {record.t[-1]:g} {record.time_unit}"
-        print(f"{record.name}: {record.t.size} samples, {span}, one every {record.sample_time:g} {record.time_unit}")
-        if screened.refusal:
-            print(f"  cannot be used: {screened.refusal}")
-        for k, name in enumerate(record.outputs):
-            share = float(screened.usable_y[:, k].mean())
+        found = check(Project.load(path), say)
+    if json:
+        sys.stdout.write(as_json(found.to_dict()))
+    else:
+        show_check(found)
+    return 0 if found.status == "ok" else REFUSED
+
+
+def show_check(found: Check) -> None:
+    """Record by record, then what the data cannot answer."""
+    unit = found.provenance.time_unit
+    for record in found.data:
+        span = f"{record.span[0]:g} to {record.span[1]:g} {unit}"
+        print(f"{record.name}: {record.samples} samples, {span}, one every {record.sample_time:g} {unit}")
+        if record.refused:
+            print(f"  cannot be used: {record.refused}")
+        for name, share in record.usable_share.items():
             print(f"  {name}: {100 * share:.0f} % of the samples can be used")
-        for finding in screened.findings:
+        for finding in record.findings:
             print(f"  {finding.message}")
-    for reason in doubts:
-        print(f"{reason.where}: {reason.message}" if reason.where else reason.message)
-    usable = any(screened.refusal is None for screened in study.screened)
-    blocked = any(reason.code == "no-excitation" for reason in doubts)
-    return 0 if usable and not blocked else REFUSED
+    for reason in found.reasons:
+        if reason.code != Code.RECORD:
+            print(f"{reason.where}: {reason.message}" if reason.where else reason.message)
 
 
 def init(data: Path, out: Path | None, force: bool) -> int:

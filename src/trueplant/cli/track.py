@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as codec
 import sys
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from rich.text import Text
 
 from trueplant.cli.analyse import REFUSED, saying
 from trueplant.cli.show import console
-from trueplant.output import prepare_output, write_files
+from trueplant.output import as_json, prepare_output, write_files
 from trueplant.project.project import Project
 from trueplant.result import Change, ElementHistory, Track
 from trueplant.result.track_words import moved_words, refused_stretches, time_text
@@ -30,7 +29,7 @@ def track(path: Path, out: Path | None, json: bool, precision: float) -> int:
     with saying() as say:
         found = track(project, precision / 100, progress=say)
         say("writing the page")
-        text = codec.dumps(found.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        text = as_json(found.to_dict())
         written = write_files(folder, {JSON: text, PAGE: render(found)})
     if json:
         sys.stdout.write(text)

@@ -38,3 +38,6 @@ MULTIPLIED_OUT = 1e-13
 WHOLE_SAMPLE = 1e-9
 """A dead time this close to whole samples (relative to one) is taken as whole samples: decimal fractions such as
 0.3/0.1."""
+
+MOST_DRAW_ROUNDS = 500
+"""Times that as many plants are drawn as were asked for, before it is said that almost none can be. Judgement."""

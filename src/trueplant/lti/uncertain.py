@@ -12,10 +12,9 @@ import numpy as np
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
+from trueplant.lti import levels
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
-
-_MOST_ROUNDS = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +90,7 @@ class UncertainPlant:
         low, high = (np.concatenate(ends) for ends in zip(*bounds, strict=True))
         kept: list[Array] = []
         have = 0
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(levels.MOST_DRAW_ROUNDS):
             draws = row.theta + rng.standard_normal((count, row.theta.size)) @ root.T
             inside = np.all((draws >= low) & (draws <= high), axis=1)
             for j, structure, part in zip(row.columns, row.structures, row.slices, strict=True):

@@ -8,12 +8,11 @@ from collections.abc import Callable, Sequence
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from trueplant.report import figures, loopfigures
+from trueplant.report import figures, levels, loopfigures
 from trueplant.report.style import LIGHT, inert
 from trueplant.result import Curves
 
 PANEL, GAP = 210, 0.08
-MOST_POINTS = 4000
 
 
 def steps(curves: Curves) -> go.Figure:
@@ -31,7 +30,7 @@ def trends(curves: Curves, experiment: int) -> go.Figure:
     """PVs and OPs of one record, one above the other."""
     trend = curves.trends[experiment]
     panels = [panel for group in figures.trend_panels(curves) for panel in group]
-    drawn = [figures.trends(curves, trend, [panel], MOST_POINTS) for panel in panels]
+    drawn = [figures.trends(curves, trend, [panel], levels.MOST_POINTS) for panel in panels]
     names = [curves.outputs[k] if kind == "y" else curves.inputs[k] for kind, k in panels]
     return combined([[one] for one in drawn], names)
 

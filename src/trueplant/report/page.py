@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trueplant.report import loops, retuned, tables
+from trueplant.report import levels, loops, retuned, tables
 from trueplant.report.detected import detected
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.labels import label
 from trueplant.report.numbers import number, probability
-from trueplant.result import Curves, Result, RetuningCurves, Trend
+from trueplant.result import Curves, Residuals, Result, RetuningCurves, Trend
 
 if TYPE_CHECKING:
     import jinja2
-
-MOST_POINTS, ALL_POINTS, MOST_ROWS = 4000, 200_000, 60
 
 
 def render(result: Result) -> str:
@@ -39,7 +37,7 @@ def render(result: Result) -> str:
             result=result,
             headline=result.headline.replace("->", "→"),  # a line must not break inside the arrow
             confidence=_confidence(result),
-            most_rows=MOST_ROWS,
+            most_rows=levels.MOST_ROWS,
             provenance=plain(result.provenance),
             data=plain(result.data),
             fits=tables.fit_tables(plain(result.fit)),
@@ -173,7 +171,7 @@ def _retuning_figures(curves: RetuningCurves, pv: str, op: str, time_unit: str, 
         cut = {role: values[:count] for role, values in responses.items()}
         figures.append(book.add(draw.before_after(t, cut, time_unit, unit, goal), title, said))
     if curves.replay_t.size:
-        figure = draw.replay(curves.replay_t, curves.replay, time_unit, pv, MOST_POINTS)
+        figure = draw.replay(curves.replay_t, curves.replay, time_unit, pv, levels.MOST_POINTS)
         title = "The record again: control error with the disturbances that were in it"
         figures.append(book.add(figure, title, draw.replay_caption(curves.replay, pv)))
     return figures
@@ -196,52 +194,20 @@ def _figures(curves: Curves, book: Book, z: float) -> dict[str, Any]:
     from trueplant.report import captions, figures
 
     limit = _points(curves)
-    pairs = [[(i, j) for j in range(len(curves.inputs))] for i in range(len(curves.outputs))]
-
-    def matrix(model: Any, plant: Any, draw: Any, say: Any) -> list[tuple[str, list[Drawn], list[str]]]:
-        rows = []
-        for i, row in enumerate(pairs):
-            active = [(i, j) for _, j in row if figures.has_response(model[:, i, j], plant[:, i, j])]
-            drawn = [
-                book.add(draw(i, j), f"{curves.inputs[j]} → {curves.outputs[i]}", say(curves, i, j)) for i, j in active
-            ]
-            rows.append((curves.outputs[i], drawn, [curves.inputs[j] for _, j in row if (i, j) not in active]))
-        return rows
-
-    steps = matrix(
-        curves.step_model,
-        curves.step_plant,
-        lambda i, j: figures.step_response(curves, i, j),
-        captions.step_response,
+    steps = _matrix(
+        curves,
+        (curves.step_model, curves.step_plant),
+        lambda i, j: (figures.step_response(curves, i, j), captions.step_response(curves, i, j)),
+        book,
     )
     shown = [(t, _trend_figures(curves, t, book, limit)) for t in curves.trends]
-    bodes = matrix(
-        curves.bode_model,
-        curves.bode_plant,
-        lambda i, j: figures.bode(curves, i, j, z),
-        captions.bode,
+    bodes = _matrix(
+        curves,
+        (curves.bode_model, curves.bode_plant),
+        lambda i, j: (figures.bode(curves, i, j, z), captions.bode(curves, i, j)),
+        book,
     )
-    residuals = []
-    for found in curves.residuals:
-        unit = dict(zip(curves.outputs, curves.output_units, strict=True)).get(found.output, "")
-        over_time = book.add(
-            figures.residuals_over_time(found, unit, curves.time_unit, limit),
-            f"Prediction errors of {found.output}",
-            captions.residuals_over_time(found, unit),
-        )
-        pairs_of_lags = [("Autocorrelation", found.lags, found.acf, found.acf_bound, found.lags != 0)] + [
-            (f"Correlation with {name}", found.ccf_lags, value, found.ccf_bound, np.ones(value.size, dtype=bool))
-            for name, value in found.ccf.items()
-        ]
-        correlations = [
-            book.add(
-                figures.correlation(lags, value, bound),
-                title,
-                captions.correlation(lags[told], value[told], bound),
-            )
-            for title, lags, value, bound, told in pairs_of_lags
-        ]
-        residuals.append((found.output, over_time, correlations))
+    residuals = [_residual_figures(curves, found, book, limit) for found in curves.residuals]
     explained = curves.coherence
     coherences = [
         book.add(figures.coherence(curves, explained, i), name, captions.coherence(curves, explained, i))
@@ -269,6 +235,49 @@ def _figures(curves: Curves, book: Book, z: float) -> dict[str, Any]:
     }
 
 
+def _matrix(
+    curves: Curves, both: tuple[Any, Any], draw: Callable[[int, int], tuple[Any, str]], book: Book
+) -> list[tuple[str, list[Drawn], list[str]]]:
+    """For each output its figures, and the inputs that neither model nor plant answers to.
+
+    both: the curves (n, n_y, n_u) of model and plant; draw: figure and caption of an element.
+    """
+    from trueplant.report import figures
+
+    rows = []
+    for i, output in enumerate(curves.outputs):
+        drawn, still = [], []
+        for j, name in enumerate(curves.inputs):
+            if figures.has_response(both[0][:, i, j], both[1][:, i, j]):
+                figure, caption = draw(i, j)
+                drawn.append(book.add(figure, f"{name} → {output}", caption))
+            else:
+                still.append(name)
+        rows.append((output, drawn, still))
+    return rows
+
+
+def _residual_figures(curves: Curves, found: Residuals, book: Book, limit: int) -> tuple[str, Drawn, list[Drawn]]:
+    """The prediction errors of one output over time, and their correlations."""
+    from trueplant.report import captions, figures
+
+    unit = dict(zip(curves.outputs, curves.output_units, strict=True)).get(found.output, "")
+    over_time = book.add(
+        figures.residuals_over_time(found, unit, curves.time_unit, limit),
+        f"Prediction errors of {found.output}",
+        captions.residuals_over_time(found, unit),
+    )
+    pairs_of_lags = [("Autocorrelation", found.lags, found.acf, found.acf_bound, found.lags != 0)] + [
+        (f"Correlation with {name}", found.ccf_lags, value, found.ccf_bound, np.ones(value.size, dtype=bool))
+        for name, value in found.ccf.items()
+    ]
+    correlations = [
+        book.add(figures.correlation(lags, value, bound), title, captions.correlation(lags[told], value[told], bound))
+        for title, lags, value, bound, told in pairs_of_lags
+    ]
+    return found.output, over_time, correlations
+
+
 def _trend_figures(curves: Curves, trend: Trend, book: Book, limit: int) -> list[Drawn]:
     from trueplant.report import captions, figures
 
@@ -283,4 +292,4 @@ def _trend_figures(curves: Curves, trend: Trend, book: Book, limit: int) -> list
 def _points(curves: Curves) -> int:
     """Points a trace, so that many long experiments together stay small enough to open quickly."""
     traces = len(curves.trends) * (4 * len(curves.outputs) + len(curves.inputs)) + len(curves.residuals)
-    return max(400, min(MOST_POINTS, ALL_POINTS // max(1, traces)))
+    return max(400, min(levels.MOST_POINTS, levels.ALL_POINTS // max(1, traces)))

@@ -9,11 +9,11 @@ from typing import Any
 
 from markupsafe import Markup
 
+from trueplant.report import levels
 from trueplant.report.numbers import MISSING, interval, number, percentage, probability, to_precision
 from trueplant.result import Element, Parameter
 
 WIDTH, HALF = 132, 60
-MOST_PERCENT = 300.0
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def percent_scale(elements: Sequence[Element]) -> float:
     spans = [span for e in elements for p in e.parameters if (span := _percent_interval(p))]
     ends = sorted(max(abs(low), abs(high)) for _, low, high in spans)
     needed = max([abs(change) for change, _, _ in spans] + ends[3 * len(ends) // 4 :][:1], default=10.0)
-    return next((r for r in (5.0, 10.0, 20.0, 30.0, 50.0, 100.0, 200.0) if r >= needed), MOST_PERCENT)
+    return next((r for r in (5.0, 10.0, 20.0, 30.0, 50.0, 100.0, 200.0) if r >= needed), levels.MOST_PERCENT)
 
 
 def _drawing(p: Parameter, scale: float, kind: str) -> Markup:

@@ -9,7 +9,8 @@ import numpy as np
 
 from trueplant.report.figures import GAP, PANEL, axis_range
 from trueplant.report.frame import Book, Drawn, frame
-from trueplant.report.page import MOST_ROWS, environment
+from trueplant.report.levels import MOST_ROWS
+from trueplant.report.page import environment
 from trueplant.report.style import BOTTOM, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
 from trueplant.result import Change, ChangeKind, Parameter, Track, TrackedElement, Window, WindowStatus
 from trueplant.result.numbers import counted

@@ -56,7 +56,7 @@ from trueplant.result.methods import (
 )
 from trueplant.result.plans import MoreData, PlannedMove, Settled
 from trueplant.result.provenance import Provenance, Settings
-from trueplant.result.reason import Reason
+from trueplant.result.reason import Code, Reason
 from trueplant.result.result import Result
 from trueplant.result.robustness import (
     DrawnLoop,
@@ -81,6 +81,7 @@ __all__ = [
     "Change",
     "ChangeKind",
     "Check",
+    "Code",
     "CoherenceCurves",
     "CoherenceTable",
     "ControllerCheck",

@@ -3,12 +3,65 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Code(StrEnum):
+    """What a `Reason` is about; other programs match these, and sentences may change."""
+
+    meaning: str
+
+    def __new__(cls, value: str, meaning: str) -> Code:
+        member = str.__new__(cls, value)
+        member._value_ = value
+        member.meaning = meaning
+        return member
+
+    RECORD = "record", "a record cannot be used"
+    NO_DATA = "no-data", "no usable data are left after screening"
+    NO_EXCITATION = "no-excitation", "nothing moves the plant from outside, or not enough"
+    NOTHING_TO_ESTIMATE = "nothing-to-estimate", "no output has both an element to estimate and usable data"
+    NOT_IDENTIFIABLE = "not-identifiable", "a parameter cannot be told from these data"
+    NO_WINDOW = "no-window", "no stretch of a long record can be estimated"
+    PILOT = "pilot", "the first estimate of a long record answers nothing"
+    UNSTABLE_MODEL = "unstable-model", "the declared loop is unstable on the model"
+    MISSING_ELEMENT = "missing-element", "an element that the model lacks was found"
+    SETPOINT_COMPUTED = "setpoint-computed", "a set-point follows PV and moves nothing from outside"
+    SETPOINT_STILL = "setpoint-still", "a set-point never moves"
+    SETPOINT_RANK = "setpoint-rank", "the set-points move in the same proportion"
+    COMPRESSED = "compressed", "a historian stored only part of a signal"
+    CONTROLLER = "controller", "a declared controller does not reproduce OP"
+    SCAN = "scan", "OP was written between the recorded samples"
+    SHARED_DISTURBANCE = "crossed", "a disturbance reaches several outputs"
+    UNEVEN_NOISE = "uneven-noise", "the noise is not of one size and colour"
+    RUNS_DISAGREE = "runs-disagree", "the experiments disagree"
+    ONE_EXPERIMENT = "one-experiment", "the spread between runs is not known"
+    UNDERMODELLED = "undermodelled", "the structure is simpler than the plant"
+    OUTSIDE_BAND = "outside-band", "the plant lies outside of the band of the estimate without a structure"
+    MISMATCH_OR_DISTURBANCE = "mismatch-or-disturbance", "mismatch and disturbance cannot be told apart"
+    DISTURBANCE_MODEL = "disturbance-model", "a declared disturbance does not describe the record"
+    CASCADE = "cascade", "what a slave loop does"
+    METHODS = "methods", "a method and the fit disagree"
+    MARGINS = "margins", "a loop is unstable or close to it on the plant"
+    ROBUST_PERFORMANCE = "robust-performance", "the performance asked for does not hold on the plant"
+    PAIRING = "pairing", "a relative gain is negative"
+    DRAWN = "drawn", "plants that the data leave open are unstable"
+    TUNING = "tuning", "nothing, or not all, can be retuned"
+    MORE_DATA = "more-data", "moves that would settle what is open"
+    CAUSE_PLANT = "cause-plant", "the plant itself"
+    CAUSE_SENSOR_SPAN = "cause-sensor-span", "a sensor's span"
+    CAUSE_ACTUATOR_GAIN = "cause-actuator-gain", "a valve or actuator"
+    CAUSE_VALVE_STICKING = "cause-valve-sticking", "a valve that sticks"
+    CAUSE_VALVE_SATURATED = "cause-valve-saturated", "an actuator at its limit"
+    CAUSE_OPERATING_POINT = "cause-operating-point", "a sensor's bias, or a load that came to stay"
+    CAUSE_DISTURBANCE = "cause-disturbance", "the disturbance, not the plant"
+    CAUSE_UNKNOWN = "cause-unknown", "the data cannot say which"
 
 
 @dataclass(frozen=True)
 class Reason:
     """Why something was refused or limited."""
 
-    code: str
+    code: Code
     message: str
     where: str = ""

@@ -9,6 +9,7 @@ from trueplant.lti import UncertainPlant, to_formula
 from trueplant.mismatch import Coherence
 from trueplant.result import (
     CascadeCheck,
+    Code,
     ControllerCheck,
     Detection,
     Element,
@@ -88,7 +89,7 @@ def assemble(study: Study, checked: Checked, found: Found) -> Result:
 
 def refused(study: Study, checked: Checked) -> Result:
     """The result where nothing can be answered."""
-    reasons = checked.reasons or (Reason("no-data", "no usable data are left after screening"),)
+    reasons = checked.reasons or (Reason(Code.NO_DATA, "no usable data are left after screening"),)
     elements = tuple(
         Element(
             output=study.project.output_names[i],
@@ -119,9 +120,9 @@ def refused(study: Study, checked: Checked) -> Result:
 
 
 def _unanswered(elements: Sequence[Element]) -> list[Reason]:
-    reasons = [Reason("not-identifiable", "no parameter of any element can be told from these data")]
+    reasons = [Reason(Code.NOT_IDENTIFIABLE, "no parameter of any element can be told from these data")]
     return reasons + [
-        Reason("not-identifiable", p.reason, f"{p.name} of {e.input} -> {e.output}")
+        Reason(Code.NOT_IDENTIFIABLE, p.reason, f"{p.name} of {e.input} -> {e.output}")
         for e in elements
         for p in e.parameters
         if p.reason
@@ -164,6 +165,6 @@ def _notes(study: Study, checked: Checked, found: Found) -> tuple[Reason, ...]:
     notes += cascade_notes(checked.cascades)
     notes += found.compared.outside_band if found.judged.answered else ()
     notes += found.judged.causes
-    notes += [Reason("methods", sentence) for sentence in found.compared.disagreements]
-    notes += [Reason("more-data", f"to settle what is open: {plan.sentence}") for plan in found.plans[:1]]
+    notes += [Reason(Code.METHODS, sentence) for sentence in found.compared.disagreements]
+    notes += [Reason(Code.MORE_DATA, f"to settle what is open: {plan.sentence}") for plan in found.plans[:1]]
     return grouped(notes)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from trueplant.project import Project
-from trueplant.result import Check, Reason
+from trueplant.result import Check, Code, Reason
 from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.prepare import prepare
 from trueplant.study.data.tables import data_tables, provenance
@@ -22,5 +22,5 @@ def check(project: Project, say: Progress = quiet, frames: Sequence[Any] | None 
     reasons = doubts(study)
     refused = not study.segments or blocked(reasons)
     if refused and not reasons:
-        reasons = (Reason("no-data", "no usable data are left after screening"),)
+        reasons = (Reason(Code.NO_DATA, "no usable data are left after screening"),)
     return Check("refused" if refused else "ok", reasons, study.notes, provenance(study), data_tables(study))

@@ -14,14 +14,12 @@ from trueplant.lti.sampled import sampled_response
 from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.record import excitation
 from trueplant.result import Curves, Residuals, Trend
+from trueplant.study import levels
 from trueplant.study.data.nonparametric import label_of
 from trueplant.study.plant.elements import model_frequencies
 from trueplant.study.plant.fit import simulate_row
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
-
-POINTS = 200
-DRAWS = 200
 
 
 def curves_of(
@@ -87,7 +85,7 @@ def _step_times(study: Study, plant: TransferMatrix) -> Array:
     dead = [term.dead_time for e in both for term in e.terms]
     span = max(segment.t[-1] - segment.t[0] for segment in study.segments)
     end = min(5 * max(slow, default=span / 10) + max(dead, default=0.0), 2 * span)
-    return np.linspace(0, end, POINTS + 1)
+    return np.linspace(0, end, levels.STEP_POINTS + 1)
 
 
 def _steps(matrix: TransferMatrix, t: Array) -> Array:
@@ -106,7 +104,7 @@ def _step_bands(study: Study, plant: UncertainPlant, t: Array) -> tuple[Array, A
     high = low.copy()
     tail = (1 - study.project.analysis.confidence) / 2
     try:
-        drawn = plant.draw(DRAWS, study.project.analysis.seed).parameters
+        drawn = plant.draw(levels.STEP_DRAWS, study.project.analysis.seed).parameters
     except LoopError:
         for i, row in plant.rows.items():
             low[:, i, row.columns] = high[:, i, row.columns] = np.nan

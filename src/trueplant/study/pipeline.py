@@ -7,7 +7,7 @@ from typing import Any
 
 from trueplant.lti import TransferMatrix
 from trueplant.project import Project
-from trueplant.result import Reason, Result
+from trueplant.result import Code, Reason, Result
 from trueplant.study.assemble import Checked, Found, assemble, refused
 from trueplant.study.data.cascade import check_cascades
 from trueplant.study.data.excitation import blocked, doubts
@@ -37,7 +37,7 @@ def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
         return refused(study, _checked(study, reasons))
     identified = identify(study, say)
     if not identified.estimates:
-        reasons += (Reason("nothing-to-estimate", "no output has both an element to estimate and usable data"),)
+        reasons += (Reason(Code.NOTHING_TO_ESTIMATE, "no output has both an element to estimate and usable data"),)
         return refused(study, _checked(study, reasons))
     plant = updated_plant(study.model, identified.estimates)
     judged = judge(study, identified, plant.nominal)

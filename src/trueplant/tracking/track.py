@@ -11,7 +11,7 @@ import numpy as np
 from trueplant.errors import DataError, UsageError
 from trueplant.project.project import Project
 from trueplant.record.times import unit_seconds
-from trueplant.result import Reason, Track, TrackedExperiment, Window, WindowElement, WindowStatus
+from trueplant.result import Code, Reason, Track, TrackedExperiment, Window, WindowElement, WindowStatus
 from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.prepare import prepare
 from trueplant.study.data.tables import provenance
@@ -43,7 +43,7 @@ def track(
     experiments = lay_out(study)
     reasons = list(doubts(study))
     if not study.segments or blocked(reasons):
-        reasons = reasons or [Reason("no-data", "no usable data are left after screening")]
+        reasons = reasons or [Reason(Code.NO_DATA, "no usable data are left after screening")]
         return _refused(study, experiments, reasons, precision)
     offsets = {k: e.offset for k, e in enumerate(experiments)}
     settings = project.analysis
@@ -53,7 +53,7 @@ def track(
     if not any(w.status == WindowStatus.OK for w in windows):
         why = [w.reason for w in windows]
         longest = max(windows, key=lambda w: w.end - w.start).reason if why else "no output can be followed"
-        reasons.append(Reason("no-window", f"no stretch of the record can be estimated: {longest}"))
+        reasons.append(Reason(Code.NO_WINDOW, f"no stretch of the record can be estimated: {longest}"))
     windows += [
         Window(output, e.name, e.span[0], e.span[1], WindowStatus.REFUSED, s.refusal)
         for s, e in zip(study.screened, experiments, strict=True)
@@ -127,9 +127,9 @@ def _notes(followed: list[Followed]) -> list[Reason]:
         if one.row.pilot.predicted_by:
             told = ", ".join(one.row.study.project.output_names[j] for j in one.row.pilot.predicted_by)
             text = f"a disturbance reaches {told} before it reaches {output}: standard errors were widened for that"
-            notes.append(Reason("crossed", text, output))
+            notes.append(Reason(Code.SHARED_DISTURBANCE, text, output))
         if one.plan.demand.precision and not np.isfinite(one.plan.demand.limits).any():
-            notes.append(Reason("pilot", "the first estimate answers no parameter of this output", output))
+            notes.append(Reason(Code.PILOT, "the first estimate answers no parameter of this output", output))
     return notes
 
 

@@ -11,12 +11,10 @@ from trueplant.identify import Spec
 from trueplant.lti import TransferMatrix
 from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.mismatch.band import within_band
-from trueplant.result import BandTest, Reason
+from trueplant.result import BandTest, Code, Reason
+from trueplant.study import levels
 from trueplant.study.data.nonparametric import label_of
 from trueplant.study.study import Place, Study
-
-SIGNIFICANT = 0.01
-"""Of a plant outside the band, over the whole matrix."""
 
 
 def band_test(
@@ -31,7 +29,7 @@ def band_test(
     rows, notes = [], []
     for place, adjusted in zip(places, holm([test.p_value[place] for place in places]), strict=True):
         i, j = place
-        within = bool(adjusted >= SIGNIFICANT)
+        within = bool(adjusted >= levels.OUTSIDE_BAND)
         row = BandTest(
             output=study.project.output_names[i],
             input=study.project.input_names[j],
@@ -46,7 +44,7 @@ def band_test(
         if not within:
             notes.append(
                 Reason(
-                    "outside-band",
+                    Code.OUTSIDE_BAND,
                     "the plant as estimated lies outside of the band of the estimate that assumes no structure, most "
                     f"of all at {row.worst_frequency:.3g} rad/{study.project.time_unit}: the structure "
                     f"{specs[place].structure} is too simple for this element, or the plant is not linear",

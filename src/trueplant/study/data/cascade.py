@@ -20,24 +20,10 @@ from trueplant.errors import LoopError, Refused, UnstableLoop
 from trueplant.lti import TransferMatrix
 from trueplant.mismatch import FrequencyResponse, hold_response, local_response
 from trueplant.record import Record, Segment
-from trueplant.result import CascadeCheck, Reason
+from trueplant.result import CascadeCheck, Code, Reason
 from trueplant.robust import margins
+from trueplant.study import levels
 from trueplant.study.study import Study
-
-FOLLOWS = 0.25
-"""Largest |T - 1| that counts as about 1: a slave with a lag of a quarter of the master's 1/w_c."""
-KNOWN = 0.25
-"""Standard error of T beyond which a frequency says nothing of that."""
-PLATEAU = 10
-"""Samples for which a slave has to stay at a level to count as held there."""
-HELD = 0.02
-"""Share of such samples from which it is said."""
-STUCK = 0.05
-"""Share of samples at which a slave stands still while its set-point moves, from which it is said to stick."""
-WORKING = 0.9
-"""Share of the power of the slave's set-point below the band's end, where no controller says how fast the master is."""
-OWN_SETPOINT = 0.1
-"""Share of the slave's set-point that OP may leave unexplained."""
 
 
 def check_cascades(study: Study, plant: TransferMatrix) -> tuple[CascadeCheck, ...]:
@@ -58,7 +44,7 @@ def check_cascades(study: Study, plant: TransferMatrix) -> tuple[CascadeCheck, .
 
 def cascade_notes(entries: Sequence[CascadeCheck]) -> list[Reason]:
     """What the reader has to know of the slaves."""
-    return [Reason("cascade", e.message, f"{e.experiment}, {e.input}") for e in entries]
+    return [Reason(Code.CASCADE, e.message, f"{e.experiment}, {e.input}") for e in entries]
 
 
 def _segments(record: Record, segments: Sequence[Segment], j: int) -> list[Segment]:
@@ -101,7 +87,7 @@ def _checked(study: Study, k: int, j: int, plant: TransferMatrix, segments: list
     unit = study.project.time_unit
     inside = response.w <= max(top, response.w[response.points - 1])
     T, std = response.value[:, 0, 0], response.std[:, 0, 0] / np.abs(hold_response(response.w, response.h))
-    known = inside & (std < KNOWN)
+    known = inside & (std < levels.T_KNOWN)
     (high, low), stuck = _held(segments), _stuck(segments)
     said = partial(said, band=(float(response.w[0]), float(top)), basis=basis, held_share=high + low, stuck_share=stuck)
     if known.sum() < max(1, inside.sum() // 2):
@@ -113,7 +99,7 @@ def _checked(study: Study, k: int, j: int, plant: TransferMatrix, segments: list
     lag = float(np.sum(weight * -np.angle(T) / response.w) / np.sum(weight))
     gain = float(np.abs(T[int(np.argmax(known))]))
     measured = _Slave(gain, lag, float(deviation[worst]), float(response.w[worst]), high, low, stuck)
-    follows = bool(np.max(clear) <= FOLLOWS) and high + low < HELD and stuck < STUCK
+    follows = bool(np.max(clear) <= levels.FOLLOWS) and high + low < levels.HELD and stuck < levels.STUCK
     band = f"up to {top:.3g} rad/{unit} ({basis})"
     text = "" if _asked(segments) else "its set-point is not OP (in other units): was the slave in cascade mode? "
     if follows:
@@ -140,25 +126,25 @@ class _Slave:
 
 
 def _why(slave: _Slave, unit: str) -> str:
-    if slave.high + slave.low >= HELD:
-        both = min(slave.high, slave.low) >= HELD / 4
+    if slave.high + slave.low >= levels.HELD:
+        both = min(slave.high, slave.low) >= levels.HELD / 4
         end = "both ends" if both else "its upper end" if slave.high > slave.low else "its lower end"
         return (
             f"it is at {end} for {100 * (slave.high + slave.low):.2g} % of the record while more is asked of it. OP "
             "did not reach the plant then: the gain found is too small and is no property of the plant. Leave these "
             "stretches out"
         )
-    if abs(slave.gain - 1) > FOLLOWS:
+    if abs(slave.gain - 1) > levels.FOLLOWS:
         return (
             f"at low frequency it does {slave.gain:.2g} of what is asked. A slave without integral action, another "
             "span or a valve that sticks or is closed would do that; the gains found include it"
         )
-    if slave.deviation > FOLLOWS and slave.lag * slave.at > FOLLOWS / 2:
+    if slave.deviation > levels.FOLLOWS and slave.lag * slave.at > levels.FOLLOWS / 2:
         return (
             f"it is too slow, with a lag of about {slave.lag:.2g} {unit}. The plant seen from OP includes that lag: "
             "tuning the slave will look like a change of the plant, and the master cannot be tuned without it"
         )
-    if slave.stuck >= STUCK:
+    if slave.stuck >= levels.STUCK:
         share = 100 * slave.stuck
         return (
             f"it sticks: it stands still for {share:.2g} % of the record while its set-point moves. OP is not "
@@ -190,7 +176,7 @@ def _bandwidth(study: Study, k: int, j: int, plant: TransferMatrix, segments: Se
             return float(np.nanmax(crossovers)), "where the master's loop gain is 1"
     longest = max(segments, key=len)
     power = np.abs(np.fft.rfft(longest.u[:, 0] - longest.u[:, 0].mean())) ** 2
-    below = np.searchsorted(np.cumsum(power) / np.sum(power), WORKING)
+    below = np.searchsorted(np.cumsum(power) / np.sum(power), levels.WORKING)
     return float(2 * np.pi * max(int(below), 1) / (len(longest) * longest.h)), "where OP moves"
 
 
@@ -200,14 +186,14 @@ def _asked(segments: Sequence[Segment]) -> bool:
     if np.ptp(op) == 0 or np.ptp(sp) == 0:
         return True
     # one scan later is still the same signal
-    return bool(max(np.corrcoef(sp, op)[0, 1] ** 2, np.corrcoef(sp[1:], op[:-1])[0, 1] ** 2) > 1 - OWN_SETPOINT)
+    return bool(max(np.corrcoef(sp, op)[0, 1] ** 2, np.corrcoef(sp[1:], op[:-1])[0, 1] ** 2) > 1 - levels.OWN_SETPOINT)
 
 
 def _held(segments: Sequence[Segment]) -> tuple[float, float]:
     """Share of samples at which the slave stays at its highest, and at its lowest level, while more is asked of it."""
     sp, pv = np.concatenate([s.u[:, 0] for s in segments]), np.concatenate([s.y[:, 0] for s in segments])
     good = np.isfinite(pv)
-    if good.sum() < PLATEAU:
+    if good.sum() < levels.PLATEAU:
         return 0.0, 0.0
     noise = _noise(pv[good])
     near = 0.02 * float(np.ptp(sp)) + 3 * noise
@@ -222,12 +208,12 @@ def _stuck(segments: Sequence[Segment]) -> float:
     for segment in segments:
         good = np.isfinite(segment.y[:, 0])
         sp, pv = segment.u[good, 0], segment.y[good, 0]
-        if sp.size < PLATEAU:
+        if sp.size < levels.PLATEAU:
             continue
         span = float(np.ptp(sp))
         flat = max(1e-3 * span, 4 * _noise(pv))
         stuck = np.zeros(sp.size, dtype=bool)
-        for window in (PLATEAU, 3 * PLATEAU, 10 * PLATEAU):
+        for window in (levels.PLATEAU, 3 * levels.PLATEAU, 10 * levels.PLATEAU):
             moved, stood = (maximum_filter1d(x, window) - minimum_filter1d(x, window) for x in (sp, pv))
             stuck |= (moved > max(0.02 * span, 5 * flat)) & (stood < flat)
         still, size = still + int(np.sum(stuck)), size + sp.size
@@ -244,5 +230,5 @@ def _share(sp: Array, pv: Array, near: float) -> float:
     level = float(np.nanmax(pv))
     held = (sp > level + near) & (np.nan_to_num(pv, nan=-np.inf) > level - 2 * near)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(int), [0]])))
-    stretches = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= PLATEAU]
+    stretches = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= levels.PLATEAU]
     return float(sum(b - a for a, b in stretches if np.ptp(sp[a:b]) > 5 * near) / pv.size)

@@ -11,29 +11,22 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.record import Segment
-from trueplant.result import Reason
+from trueplant.result import Code, Reason
+from trueplant.study import levels
 from trueplant.study.data.setpoints import unexplained
 from trueplant.study.study import Study
-
-SIGNIFICANT = 1e-3
-"""Of the answer of PV to set-points, for a record to count as excited at all."""
-FILLED_IN = 0.3
-"""Share of a signal that its historian may fill in before the reader is told that the estimate suffers. Half of it
-does not show yet in simulated Wood-Berry records, two thirds are a bias (benchmarks/bench_compression.py)."""
-BANK, OWN_PAST, LARGEST = 6, 10, 20_000
-"""Lags tried, samples of PV's own past, samples looked at."""
 
 
 def doubts(study: Study) -> tuple[Reason, ...]:
     """Why nothing, or not everything, can be answered, as far as that shows before any estimate."""
     names = [plan.name for plan in study.project.experiments]
-    refusals = [Reason("record", s.refusal, names[k]) for k, s in enumerate(study.screened) if s.refusal]
+    refusals = [Reason(Code.RECORD, s.refusal, names[k]) for k, s in enumerate(study.screened) if s.refusal]
     return (*refusals, *why_not_informative(study))
 
 
 def blocked(reasons: Sequence[Reason]) -> bool:
     """Do these reasons leave nothing to be answered?"""
-    return any(reason.code == "no-excitation" for reason in reasons)
+    return any(reason.code == Code.NO_EXCITATION for reason in reasons)
 
 
 def why_not_informative(study: Study) -> list[Reason]:
@@ -46,11 +39,11 @@ def why_not_informative(study: Study) -> list[Reason]:
         return []
     closed = [segment for segment in segments if segment.closed]
     if not closed:
-        return [Reason("no-excitation", "no input moves in these data: record a stretch in which OP is moved")]
+        return [Reason(Code.NO_EXCITATION, "no input moves in these data: record a stretch in which OP is moved")]
     if all(not np.isfinite(segment.r).any() for segment in closed):
         return [
             Reason(
-                "no-excitation",
+                Code.NO_EXCITATION,
                 "no set-point was recorded. Without it nothing tells the plant from the controller's inverse, however "
                 "well a model fits: add the set-point columns (sp = ...), or an experiment in open loop",
             )
@@ -60,7 +53,7 @@ def why_not_informative(study: Study) -> list[Reason]:
     if moved.any() and not (moved & ~computed).any():
         return [
             Reason(
-                "no-excitation",
+                Code.NO_EXCITATION,
                 f"{_follow(study, computed)}, so that nothing moves the loop from outside. What PV then does shows the "
                 "controllers as much as the plant: use a record in which someone moved the set-points, the master's in "
                 "a cascade",
@@ -69,7 +62,7 @@ def why_not_informative(study: Study) -> list[Reason]:
     if moved.any():
         return [
             Reason(
-                "no-excitation",
+                Code.NO_EXCITATION,
                 "the set-points move too little: what PV does after their changes cannot be told from what "
                 "disturbances do to it anyway, and in closed loop these show the controller (-1/Q) as much as the "
                 "plant. Use a record with larger or more set-point changes",
@@ -77,7 +70,7 @@ def why_not_informative(study: Study) -> list[Reason]:
         ]
     return [
         Reason(
-            "no-excitation",
+            Code.NO_EXCITATION,
             "no set-point changes in these data. In closed loop a model that fits them may be the inverse of the "
             "controller (-1/Q) instead of the plant: use a record in which the set-points were moved",
         )
@@ -104,7 +97,7 @@ def excited(segment: Segment, computed: BoolArray) -> bool:
     if sources.shape[1] == 0:
         return False
     p = [_answer_p(segment.y[:, i], sources) for i in range(segment.y.shape[1])]
-    return min(p) * len(p) < SIGNIFICANT
+    return min(p) * len(p) < levels.EXCITED
 
 
 def _answer_p(y: Array, sources: Array) -> float:
@@ -112,11 +105,11 @@ def _answer_p(y: Array, sources: Array) -> float:
     good = np.isfinite(y)
     if good.sum() < 10 or np.ptp(y[good]) == 0:
         return 1.0
-    step = max(1, y.size // LARGEST)
+    step = max(1, y.size // levels.ANSWER_SAMPLES)
     filled = np.interp(np.arange(y.size), np.flatnonzero(good), y[good])[::step]
     x = (sources - sources[0])[::step]
-    n, order = filled.size, min(OWN_PAST, filled.size // 10)
-    poles = np.exp(-1 / np.geomspace(2.0, max(n / 10, 4.0), BANK))
+    n, order = filled.size, min(levels.ANSWER_PAST, filled.size // 10)
+    poles = np.exp(-1 / np.geomspace(2.0, max(n / 10, 4.0), levels.ANSWER_LAGS))
     bank = np.column_stack([lfilter([0.0, 1 - a], [1.0, -a], x, axis=0) for a in poles])[order:]
     past = np.column_stack([filled[order - k : n - k] for k in range(1, order + 1)] + [np.ones(n - order)])
     now = filled[order:]
@@ -171,7 +164,7 @@ def setpoint_rank_note(study: Study) -> list[Reason]:
     if computed.any():
         return [
             Reason(
-                "setpoint-computed",
+                Code.SETPOINT_COMPUTED,
                 f"{_follow(study, computed)}, at least in a part of the data. That moves nothing from outside: the "
                 "answer rests on what else does",
             )
@@ -189,7 +182,7 @@ def setpoint_rank_note(study: Study) -> list[Reason]:
     if still:
         return [
             Reason(
-                "setpoint-still",
+                Code.SETPOINT_STILL,
                 f"the set-point of {', '.join(still)} never moves: the inputs move only as the loops let them, and "
                 "the intervals are as wide as that makes them; move every set-point for a sharper answer",
             )
@@ -198,7 +191,7 @@ def setpoint_rank_note(study: Study) -> list[Reason]:
     if values[-1] < 1e-3 * values[0]:
         return [
             Reason(
-                "setpoint-rank",
+                Code.SETPOINT_RANK,
                 "the set-points always move in the same proportion, so the closed form (17)-(20) cannot be used: "
                 "one direction of the plant is seen only through the dynamics of the loops",
             )
@@ -213,12 +206,12 @@ def compression_notes(study: Study) -> list[Reason]:
         if s.refusal is not None:
             continue
         share = {f.signal: 1 - f.value for f in s.findings if f.kind == "compressed" and f.value is not None}
-        told = {name: part for name, part in share.items() if part > FILLED_IN}
+        told = {name: part for name, part in share.items() if part > levels.FILLED_IN}
         if told:
             named = ", ".join(f"{name} ({100 * part:.2g} %)" for name, part in told.items())
             notes.append(
                 Reason(
-                    "compressed",
+                    Code.COMPRESSED,
                     f"a historian stored only part of {named} and filled in the share in brackets on straight lines: "
                     "gains, time constants and above all dead times may be off by more than their intervals say, and a "
                     "change that is small against them may be the historian's. Export the record without compression",

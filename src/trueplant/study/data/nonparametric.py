@@ -11,10 +11,8 @@ from trueplant.arrays import Array
 from trueplant.errors import TrueplantError
 from trueplant.mismatch import Coherence, FrequencyResponse, coherence
 from trueplant.result import CoherenceCurves, CoherenceTable, PartialCoherence, SignalCoherence
+from trueplant.study import levels
 from trueplant.study.study import Study
-
-LISTED, DRAWN = 100, 400
-"""Frequencies kept of a coherence, spread evenly over the logarithm: in result.json, and to be drawn."""
 
 LABELS = {
     "joint": "joint form",
@@ -61,7 +59,7 @@ def coherence_of(study: Study) -> Coherence | None:
 
 def coherence_table(study: Study, found: Coherence) -> CoherenceTable:
     """As the result has it."""
-    keep, project = _kept(found, LISTED), study.project
+    keep, project = _kept(found, levels.COHERENCE_LISTED), study.project
     references = project.output_names if found.which == "r" else project.input_names
     signals = (*project.output_names, *(project.input_names if found.which == "r" else ()))
     return CoherenceTable(
@@ -87,7 +85,7 @@ def coherence_table(study: Study, found: Coherence) -> CoherenceTable:
 
 def coherence_curves(study: Study, found: Coherence) -> CoherenceCurves:
     """What the report draws: the outputs alone."""
-    keep, n_y = _kept(found, DRAWN), len(study.project.outputs)
+    keep, n_y = _kept(found, levels.COHERENCE_DRAWN), len(study.project.outputs)
     return CoherenceCurves(
         found.w[keep], found.multiple[keep, :n_y], found.level, found.significance, found.which == "r"
     )

@@ -10,22 +10,12 @@ from trueplant.arrays import Array
 from trueplant.loop import PID, Controller
 from trueplant.record import Record, Segment
 from trueplant.record.sensor import quantum
-from trueplant.study.data.replay import CLOSE, recorded_pv
+from trueplant.study import levels
+from trueplant.study.data.replay import recorded_pv
 from trueplant.study.study import Records
 
-PAST = 4
-"""Samples that a law reaches back: two for integral and filtered derivative, two for a set-point filter."""
-READ = 50_000
-"""Samples that are enough to tell."""
-ROUNDED = 1.5
-"""Times what rounding would leave if all rounding errors were independent."""
-FEWEST = 10
-"""Samples for each coefficient, below which nothing can be told."""
-PARTS = 10
-"""Parts of the record that are judged on their own: a change of tuning concerns one of them."""
 
-
-def written_from_samples(records: Records, k: int, i: int, close: float = CLOSE) -> bool:
+def written_from_samples(records: Records, k: int, i: int, close: float = levels.CONFIRMED) -> bool:
     """Could a linear law have written input i of experiment k from the recorded samples, whatever its tuning?
 
     OP is regressed on its own past and on set-points and PVs now and before, where it is at no limit: those of the
@@ -34,19 +24,20 @@ def written_from_samples(records: Records, k: int, i: int, close: float = CLOSE)
     because it is written less often than it is recorded. `close` is the share of OP's movement that may be left.
     """
     controller, screened = records.declared[k], records.screened[k]
-    segments = [s for s in screened.segments if len(s) > PAST]
+    segments = [s for s in screened.segments if len(s) > levels.LAW_PAST]
     if not segments:
         return True
     columns = [_columns(controller, s, screened.record, i) for s in segments]
-    rows = np.concatenate([_windows(c, controller, i) for c in columns])[:READ]
-    if len(rows) < FEWEST * rows.shape[1] or np.mean(rows[:, 0] != rows[:, 1]) < 0.5:
+    rows = np.concatenate([_windows(c, controller, i) for c in columns])[: levels.LAW_SAMPLES]
+    if len(rows) < levels.FEWEST_PER_COEFFICIENT * rows.shape[1] or np.mean(rows[:, 0] != rows[:, 1]) < 0.5:
         return True
     steps = [
         0.0 if given else quantum(np.concatenate([c[m][0] for c in columns])) for m, (_, given) in enumerate(columns[0])
     ]
-    quanta = np.repeat(steps, PAST + 1)
+    quanta = np.repeat(steps, levels.LAW_PAST + 1)
     scale = np.maximum(rows.std(axis=0), np.finfo(float).tiny)
-    parts = np.array_split((rows - rows.mean(axis=0)) / scale, min(PARTS, len(rows) // (FEWEST * rows.shape[1])))
+    count = min(levels.LAW_PARTS, len(rows) // (levels.FEWEST_PER_COEFFICIENT * rows.shape[1]))
+    parts = np.array_split((rows - rows.mean(axis=0)) / scale, count)
     return bool(np.median([_left(part, quanta / scale, close) for part in parts]) <= 1)
 
 
@@ -58,7 +49,7 @@ def _left(rows: Array, quanta: Array, close: float) -> float:
     rows = rows - rows.mean(axis=0)
     coefficients = np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0]
     rounding = np.linalg.norm(np.r_[1.0, coefficients] * quanta) / np.sqrt(12)
-    return float(np.std(rows[:, 0] - rows[:, 1:] @ coefficients) / max(close, ROUNDED * rounding))
+    return float(np.std(rows[:, 0] - rows[:, 1:] @ coefficients) / max(close, levels.LAW_ROUNDED * rounding))
 
 
 def _columns(controller: Controller | None, segment: Segment, record: Record, i: int) -> list[tuple[Array, bool]]:
@@ -78,7 +69,7 @@ def _columns(controller: Controller | None, segment: Segment, record: Record, i:
 def _windows(columns: Sequence[tuple[Array, bool]], controller: Controller | None, i: int) -> Array:
     """(n, m) of all columns the samples now and before, where OP is at no limit."""
     signals = np.column_stack([x for x, _ in columns])
-    windows = np.lib.stride_tricks.sliding_window_view(signals, PAST + 1, axis=0)[..., ::-1]
+    windows = np.lib.stride_tricks.sliding_window_view(signals, levels.LAW_PAST + 1, axis=0)[..., ::-1]
     low, high = (-np.inf, np.inf) if controller is None else controller.limits[i]
     free = np.all((windows[:, 0] > low) & (windows[:, 0] < high), axis=1)
     rows = windows.reshape(len(windows), -1)

@@ -17,7 +17,7 @@ from trueplant.project import Project
 from trueplant.project.controllers import check_signs
 from trueplant.record import Record, Screened, read_record, screen
 from trueplant.record.times import unit_seconds
-from trueplant.result import Reason
+from trueplant.result import Code, Reason
 from trueplant.study.data.scan import hidden_dynamics, written_between
 from trueplant.study.data.setpoints import computed_setpoints
 from trueplant.study.study import Progress, Records, Study, quiet
@@ -81,7 +81,7 @@ def _check_loop(records: Records, model: TransferMatrix) -> tuple[Reason, ...]:
         try:
             check_signs(project, plan.controllers, plant, law)
         except UnstableLoop as error:
-            notes.append(Reason("unstable-model", str(error), plan.name))
+            notes.append(Reason(Code.UNSTABLE_MODEL, str(error), plan.name))
     return tuple(notes)
 
 

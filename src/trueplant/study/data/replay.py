@@ -13,16 +13,8 @@ from trueplant.loop import Controller, replay
 from trueplant.record import Segment
 from trueplant.record.sensor import quantum
 from trueplant.result import ControllerCheck
+from trueplant.study import levels
 from trueplant.study.study import Study
-
-START = 20
-"""Samples from which the start of the integral is read."""
-CLOSE = 0.02
-"""A controller is confirmed if the OP it writes differs by less than this share of OP's own movement (rms)."""
-ROUNDED = 1.5
-"""Times the rounding error of OP that a replay may miss it by."""
-ROUNDING = 1e-6
-"""A difference below this share of OP's own movement (rms) is called rounding."""
 
 
 def check_controllers(study: Study) -> tuple[ControllerCheck, ...]:
@@ -57,12 +49,13 @@ def _entry(
     rms = float(np.sqrt(np.mean(e**2)))
     scale = float(np.std(u)) or 1.0
     rounding = quantum(u) / np.sqrt(12)
-    confirmed = rms <= max(CLOSE * scale, ROUNDED * rounding)
+    confirmed = rms <= max(levels.CONFIRMED * scale, levels.REPLAY_ROUNDED * rounding)
     checked = partial(ControllerCheck, name, signal.name, unit, confirmed, rms, relative=rms / scale)
     if confirmed:
-        to = "rounding" if rms < max(ROUNDING * scale, ROUNDED * rounding) else f"{rms:.3g} {unit}".rstrip() + " rms"
+        exact = rms < max(levels.ROUNDING * scale, levels.REPLAY_ROUNDED * rounding)
+        to = "rounding" if exact else f"{rms:.3g} {unit}".rstrip() + " rms"
         return checked(message=f"the declared controller reproduces OP to {to}")
-    since = _since(e, t, CLOSE * scale)
+    since = _since(e, t, levels.CONFIRMED * scale)
     where = "throughout" if since is None else f"from t = {since:g} on"
     return checked(
         message=f"the declared controller does not reproduce OP: {rms:.3g} {unit} rms, {100 * rms / scale:.0f} % of "
@@ -104,9 +97,9 @@ def _replay_error(controller: Controller, segment: Segment, study: Study, k: int
 
     # What the integral held before the record is not known: it shifts OP by a constant until a limit is met.
     unlimited = np.tile([-np.inf, np.inf], (controller.n_u, 1))
-    start = float(np.median(error_with(0.0, unlimited)[:START]))
+    start = float(np.median(error_with(0.0, unlimited)[: levels.REPLAY_START]))
     best = error_with(start, controller.limits)
-    for shift in (float(np.median(best)), float(np.median(best[:START])), -start):
+    for shift in (float(np.median(best)), float(np.median(best[: levels.REPLAY_START])), -start):
         error = error_with(start + shift, controller.limits)
         if np.mean(error**2) < np.mean(best**2):
             best = error

@@ -9,12 +9,9 @@ import numpy as np
 
 from trueplant.identify import OutputEstimate, Unanswered, WhyUnanswered
 from trueplant.project.tables import Controller
+from trueplant.study import levels
 from trueplant.study.data.op_law import written_from_samples
 from trueplant.study.study import Records
-
-EXACT = 5e-4
-"""Share of OP's movement that rounding apart is left where OP was written from the recorded samples: a law that also
-acts in between leaves little more, as most of what it answers to shows in the next sample."""
 
 
 def faster_scan(records: Records) -> bool:
@@ -31,7 +28,7 @@ def written_between(records: Records) -> bool:
         if plan.closed:
             declared = {records.project.input_names.index(law.input): law.sample_time for law in plan.controllers}
             for j in range(len(records.project.inputs)):
-                if declared.get(j) is None and not written_from_samples(records, k, j, EXACT):
+                if declared.get(j) is None and not written_from_samples(records, k, j, levels.EXACT_LAW):
                     return True
     return False
 

@@ -9,19 +9,7 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.record import Segment
-
-UNEXPLAINED = 1e-3
-"""Share of a set-point's moves (squared) that the PVs may leave unexplained if it is computed from them: rounding."""
-SURPRISE = 0.25
-"""The largest unexplained move, in root mean squares of all: beyond it someone else moved the set-point, if rarely."""
-FORETOLD = 1e-12
-"""Share of its moves, unexplained by its own past, below which a set-point is a sine or the like: no PV is needed."""
-LAGS, LEVELS, LARGEST = 10, 4, 20_000
-"""Past samples of every PV, past levels of the set-point, moves looked at."""
-COINCIDENT = 4.0
-"""Ratio of PV's changes (squared) at the moves to those elsewhere, beyond which PV answers within the sample."""
-ALONG = 0.5
-"""Correlation of PV's changes with those of its set-point, beyond which it does where the set-point always moves."""
+from trueplant.study import levels
 
 
 def computed_setpoints(segments: Sequence[Segment]) -> BoolArray:
@@ -49,31 +37,31 @@ def _follows(segments: Sequence[Segment], i: int, few: bool) -> bool:
         return False
     energy = float(np.mean(move**2))
     foretold = float(np.mean(unexplained(move, past) ** 2))
-    if foretold <= FORETOLD * energy:
+    if foretold <= levels.PREDICTED * energy:
         return False
     left = unexplained(move, np.hstack([own, pvs]))
     largest = float(np.max(np.abs(left)))
     share = float(np.sum(left**2)) / (moves - columns) / foretold
-    return share < UNEXPLAINED and largest < SURPRISE * float(np.sqrt(energy))
+    return share < levels.UNEXPLAINED and largest < levels.SURPRISE * float(np.sqrt(energy))
 
 
 def _rows(segment: Segment, i: int, few: bool) -> tuple[Array, Array, Array, Array] | None:
     """At each move of set-point i: its size, its last levels, a longer past of it, and the PVs."""
     r, y = segment.r[:, i], segment.y
-    lags, levels, before = (1, 1, 0) if few else (LAGS, LEVELS, 2)
+    lags, past_levels, before = (1, 1, 0) if few else (levels.SETPOINT_LAGS, levels.SETPOINT_LEVELS, 2)
     scale = 1e-9 * (1 + np.max(np.abs(r)))
     at = np.flatnonzero(np.abs(np.diff(r)) > scale) + 1
-    width = 2 + levels + y.shape[1] * (lags + 2 + 2 * before)
-    first = max(levels, before, 1)
+    width = 2 + past_levels + y.shape[1] * (lags + 2 + 2 * before)
+    first = max(past_levels, before, 1)
     if len(at) <= first:
         return None
     held = np.concatenate([r[at[:1] - 1], r[at]])  # level before and after each move
     k = np.arange(first, len(at))
-    k = k[at[k - before] > lags][-LARGEST:]
+    k = k[at[k - before] > lags][-levels.SETPOINT_MOVES :]
     if k.size == 0:
         return None
     t, one = at[k], np.ones((k.size, 1))
-    own = np.hstack([one, *[held[k - j, None] for j in range(levels)]])
+    own = np.hstack([one, *[held[k - j, None] for j in range(past_levels)]])
     longer = np.hstack([own, *[r[np.maximum(t - 1 - j, 0), None] for j in range(width)]])
     pvs = []
     since = at[k - 1]
@@ -98,12 +86,12 @@ def _in_time(column: Array, r: Array | None, at: NDArray[np.intp]) -> bool:
     moved = np.zeros(len(column), dtype=bool)
     moved[at] = True
     if moved.mean() <= 0.5:
-        return bool(np.nanmean(change[moved] ** 2) <= COINCIDENT * np.nanmean(change[~moved] ** 2))
+        return bool(np.nanmean(change[moved] ** 2) <= levels.COINCIDENT * np.nanmean(change[~moved] ** 2))
     if r is None:
         return True
     both = moved & np.isfinite(change)
     step, asked = change[both], np.diff(r, prepend=r[0])[both]
-    return float(step @ asked) < ALONG * float(np.linalg.norm(step) * np.linalg.norm(asked))
+    return float(step @ asked) < levels.ALONG * float(np.linalg.norm(step) * np.linalg.norm(asked))
 
 
 def unexplained(now: Array, columns: Array, rcond: float = 1e-12) -> Array:

@@ -15,11 +15,9 @@ from trueplant.result import (
     Settings,
     SignalExcitation,
 )
+from trueplant.study import levels
 from trueplant.study.study import Study
 from trueplant.version import __version__
-
-MOST_SPANS = 20
-"""Stretches that a finding lists."""
 
 
 def provenance(study: Study, precision_percent: float | None = None) -> Provenance:
@@ -68,7 +66,7 @@ def _shares(names: tuple[str, ...], where: BoolArray) -> dict[str, float]:
 
 
 def _finding(f: Finding) -> DataFinding:
-    return DataFinding(f.kind, f.signal, f.message, f.samples, f.excludes, f.value, f.spans[:MOST_SPANS])
+    return DataFinding(f.kind, f.signal, f.message, f.samples, f.excludes, f.value, f.spans[: levels.MOST_SPANS])
 
 
 def _excitation(study: Study, screened: Screened) -> Excitation:

@@ -15,12 +15,8 @@ from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.row import Piece
 from trueplant.loop import Controller, simulate
 from trueplant.lti import TransferMatrix
+from trueplant.study import levels
 from trueplant.study.study import Study
-
-GOLDEN = (1 + 5**0.5) / 2
-"""Loops that are moved at once change at intervals in this ratio, so that their moves never fall into step."""
-LENGTHS = 500
-"""Lengths of a plan at which its information is looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +58,23 @@ class Bench:
 
 
 @dataclass(frozen=True, eq=False)
+class Moves:
+    """How far each channel goes to each side of where it is now, how often, and which limit keeps it there."""
+
+    size: Mapping[int, float]
+    """By channel."""
+    interval: Mapping[int, float]
+    limited_by: str
+
+
+@dataclass(frozen=True, eq=False)
 class Plan:
     """Moves, how long they take, and what each open parameter would then be known to (half-width)."""
 
-    size: Mapping[int, float]
-    """By channel: the set-point goes this far to each side of where it is now."""
-    interval: Mapping[int, float]
+    moves: Moves
     length: float
     suffices: bool
     then: tuple[float, ...]
-    limited_by: str
 
 
 def pattern(samples: int, h: float, intervals: Mapping[int, float], channels: int) -> Array:
@@ -123,7 +126,7 @@ def information(fit: RowFit, u: Array, h: float, n_columns: int, known: bool) ->
     scale = np.linalg.norm(whiten(fit.ar, gradient), axis=0).clip(1e-300)
     # Rows with noise models of other orders are to have the same lengths.
     columns = np.vstack([np.zeros((fit.ar.size, columns.shape[1])), columns])
-    length = -(-len(columns) // LENGTHS)
+    length = -(-len(columns) // levels.PLAN_LENGTHS)
     count, size = -(-len(columns) // length), fit.theta.size
     padded = np.zeros((count * length, columns.shape[1]))
     padded[: len(columns)] = columns

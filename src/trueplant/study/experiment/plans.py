@@ -21,21 +21,9 @@ from trueplant.project.simulation import steps_per_sample
 from trueplant.project.tables import Simulate
 from trueplant.result import MoreData, PlannedMove, Settled
 from trueplant.result.plan_words import plan_sentence
-from trueplant.study.experiment.moves import GOLDEN, Bench, Plan, combined, fit_at, information, noise_of, pattern
+from trueplant.study import levels
+from trueplant.study.experiment.moves import Bench, Moves, Plan, combined, fit_at, information, noise_of, pattern
 from trueplant.study.study import Study
-
-WANTED = 0.10
-"""Half-width of an interval relative to its parameter (of a dead time to dead time and lag): that of grade A."""
-INTERVALS = (0.5, 1.0, 2.0, 4.0)
-"""Times from one move to the next that are tried, in lags and dead time of the slowest element."""
-LONGEST = 150.0
-"""Longest plan, in the same unit."""
-LARGER = 2.0
-"""A plan may move a set-point by so many times what the record saw."""
-MOST_SAMPLES = 100_000
-"""Of a plan that is tried out."""
-MARGIN = 3.0
-"""Standard deviations of what noise does to PV and OP that are kept from their limits."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +57,7 @@ def more_data(study: Study, estimates: Mapping[int, OutputEstimate], plant: Tran
     plans = _plans(study, estimates, bench, asked, confidence)
     best: dict[tuple[int, ...], Plan] = {}
     for plan in plans:
-        key = tuple(plan.size)
+        key = tuple(plan.moves.size)
         if key not in best or _rank(plan, asked) < _rank(best[key], asked):
             best[key] = plan
     ranked = sorted(best.values(), key=lambda plan: _rank(plan, asked))
@@ -80,7 +68,7 @@ def more_data(study: Study, estimates: Mapping[int, OutputEstimate], plant: Tran
 def _rank(plan: Plan, asked: Sequence[Open]) -> tuple[bool, float, int]:
     """Plans that suffice by their length, fewer loops first where equal; others by how far they fall short."""
     short = max(then / one.wanted for then, one in zip(plan.then, asked, strict=True))
-    return (not plan.suffices, plan.length if plan.suffices else short, len(plan.size))
+    return (not plan.suffices, plan.length if plan.suffices else short, len(plan.moves.size))
 
 
 def _open_parameters(study: Study, estimates: Mapping[int, OutputEstimate], confidence: float) -> list[Open]:
@@ -105,8 +93,8 @@ def _open_parameters(study: Study, estimates: Mapping[int, OutputEstimate], conf
                 low, high = estimate.intervals[index]
                 now = max(z * float(sigma[index]), (high - low) / 2 if np.isfinite(high - low) else np.inf)
                 hopeless = index in reasons and not reasons[index].why.more_data_helps
-                if size > 0 and not hopeless and (index in reasons or now > WANTED * size):
-                    value, wanted = float(p[k]), float(WANTED * size)
+                if size > 0 and not hopeless and (index in reasons or now > levels.WANTED_PRECISION * size):
+                    value, wanted = float(p[k]), float(levels.WANTED_PRECISION * size)
                     found.append(Open(i, spec.column, index, name, units[k], value, wanted, float(now)))
     return found
 
@@ -155,17 +143,20 @@ def _plans(
     channels = range(bench.channels)
     sets = [(c,) for c in channels] + ([tuple(channels)] if len(channels) > 1 else [])
     for which in sets:
-        for factor in INTERVALS:
+        for factor in levels.MOVE_INTERVALS:
             unit = max(bench.h, round(factor * slowest / bench.h) * bench.h)
-            intervals = {c: max(bench.h, round(unit * GOLDEN**n / bench.h) * bench.h) for n, c in enumerate(which)}
-            samples = min(int(LONGEST * slowest / bench.h), MOST_SAMPLES)
+            intervals = {
+                c: max(bench.h, round(unit * levels.MOVE_RATIO**n / bench.h) * bench.h) for n, c in enumerate(which)
+            }
+            samples = min(int(levels.LONGEST_PLAN * slowest / bench.h), levels.PLAN_SAMPLES)
             moves = pattern(samples, bench.h, intervals, bench.channels)
             sizes, limited = _largest(study, bench, which, moves, spread)
             if sizes is None:
                 continue
             scaled = moves * np.array([sizes.get(c, 0.0) for c in channels])
             _, u = bench.run(scaled)
-            yield _shortest(study, estimates, asked, u, bench, sizes, intervals, limited, confidence)
+            told = _widths(study, estimates, asked, u, bench, confidence)
+            yield _shortest(asked, told, Moves(sizes, intervals, limited))
 
 
 def _largest(
@@ -174,7 +165,7 @@ def _largest(
     """How far each channel may go to each side, and which limit says so; None where there is no room at all."""
     project = study.project
     seen = _seen(study, bench.controller is not None)
-    wished = {c: LARGER * seen[c] for c in which if seen[c] > 0}
+    wished = {c: levels.LARGER_MOVES * seen[c] for c in which if seen[c] > 0}
     if len(wished) < len(which):
         return None, ""
     y, u = bench.run(moves * np.array([wished.get(c, 0.0) for c in range(bench.channels)]))
@@ -191,10 +182,10 @@ def _largest(
         if bounds is None:
             continue
         for room, reach in ((bounds[1] - today, excursion.max()), (today - bounds[0], -excursion.min())):
-            allowed = (room - MARGIN * noise) / max(reach, 1e-300)
+            allowed = (room - levels.LIMIT_MARGIN * noise) / max(reach, 1e-300)
             if reach > 0 and allowed < share:
                 share, why = allowed, f"{what} of {name}"
-    if share <= 0.02:
+    if share <= levels.LEAST_ROOM:
         return None, why
     return {c: _round(size * share) for c, size in wished.items()}, why
 
@@ -209,7 +200,7 @@ def _seen(study: Study, closed: bool) -> Array:
         limits = project.outputs[c].limits if closed else project.inputs[c].limits
         size = max(ranges, default=0.0)
         if size == 0 and limits is not None:
-            size = (limits[1] - limits[0]) / 20 / LARGER
+            size = (limits[1] - limits[0]) * levels.SPAN_PART / levels.LARGER_MOVES
         if size == 0 and closed:
             size = max(float(np.nanstd(s.y[:, c])) for s in study.segments)
         out.append(size)
@@ -222,54 +213,51 @@ def _round(value: float) -> float:
     return float(f"{np.floor(value / step * (1 + 1e-9)) * step:.10g}")
 
 
-def _shortest(
+def _widths(
     study: Study,
     estimates: Mapping[int, OutputEstimate],
     asked: Sequence[Open],
     u: Array,
     bench: Bench,
-    sizes: Mapping[int, float],
-    intervals: Mapping[int, float],
-    limited: str,
     confidence: float,
-) -> Plan:
-    """The pattern, as long as it has to be."""
+) -> tuple[Array, Array]:
+    """Half-widths (asked, n) of the open parameters after each of n lengths of a record with inputs u, and these."""
     z = float(norm.ppf(0.5 + confidence / 2))
-    n_columns = len(study.columns)
-    widths, ends = [], np.zeros(0)
+    ends: Array = np.zeros(0)
     rows: dict[int, Array] = {}
-    for one in asked:
-        if one.output not in rows:
-            estimate = estimates[one.output]
-            fit = fit_at(estimate, unanswered(estimate))
-            told, ends = information(fit, u, bench.h, n_columns, not estimate.predicted_by)
-            rows[one.output] = z * combined(estimate.covariance, told)
-        widths.append(rows[one.output][:, one.index])
-    after = np.array(widths)  # (asked, lengths)
-    whole = 2 * max(intervals.values())  # up and down once is the least
+    for i in {one.output for one in asked}:
+        estimate = estimates[i]
+        fit = fit_at(estimate, unanswered(estimate))
+        told, ends = information(fit, u, bench.h, len(study.columns), not estimate.predicted_by)
+        rows[i] = z * combined(estimate.covariance, told)
+    return np.array([rows[one.output][:, one.index] for one in asked]), ends
+
+
+def _shortest(asked: Sequence[Open], widths: tuple[Array, Array], moves: Moves) -> Plan:
+    """The moves, as long as they have to be."""
+    after, ends = widths
+    whole = 2 * max(moves.interval.values())  # up and down once is the least
     enough = np.all(after <= np.array([one.wanted for one in asked])[:, None], axis=0) & (ends >= whole)
     at = int(np.argmax(enough)) if enough.any() else ends.size - 1
-    unit = min(intervals.values())
+    unit = min(moves.interval.values())
     length = float(np.ceil(ends[at] / unit - 1e-9) * unit)
-    return Plan(sizes, intervals, length, bool(enough.any()), tuple(float(w) for w in after[:, at]), limited)
+    return Plan(moves, length, bool(enough.any()), tuple(float(w) for w in after[:, at]))
 
 
 def _entry(study: Study, bench: Bench, plan: Plan, asked: Sequence[Open]) -> MoreData:
     """A plan as the result has it."""
     project = study.project
     closed = bench.controller is not None
-    channels = project.outputs if closed else project.inputs
+    signal, channels = ("set-point", project.outputs) if closed else ("OP", project.inputs)
     found = MoreData(
         sentence="",
         moves=tuple(
-            PlannedMove(
-                "set-point" if closed else "OP", channels[c].name, plan.size[c], channels[c].unit, plan.interval[c]
-            )
-            for c in plan.size
+            PlannedMove(signal, channels[c].name, size, channels[c].unit, plan.moves.interval[c])
+            for c, size in plan.moves.size.items()
         ),
         length=plan.length,
         suffices=plan.suffices,
-        limited_by=plan.limited_by,
+        limited_by=plan.moves.limited_by,
         settles=tuple(
             Settled(
                 output=project.output_names[one.output],

@@ -26,18 +26,12 @@ from trueplant.result import (
 )
 from trueplant.robust import Full, generalised_plant, mu, robust_performance
 from trueplant.robust.generalised import uncertainty_blocks
+from trueplant.study import levels
 from trueplant.study.plant.fit import simulate_row
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Place, Study
 from trueplant.tune import StepMetrics, loop_metrics, step_response
 from trueplant.tune.drawn import Peaks, peaks
-
-NOISE_STEPS = 4000
-MOST_STEPS = 400_000
-FINE = 0.1
-"""Largest product of simulation step and crossover for continuous controllers."""
-MU_DRAWS = 100
-MU_POINTS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,13 +136,13 @@ def simulation_step(controller: Controller, wanted: float) -> float:
 def _noise(plant: TransferMatrix, controller: Controller, i: int, j: int, around: Surroundings) -> NoiseMetrics | None:
     """What white noise on all PVs, one value a scan (or a sample of the record), makes of OP."""
     h = simulation_step(controller, around.step)
-    still = np.zeros((NOISE_STEPS, plant.shape[0]))
+    still = np.zeros((levels.NOISE_STEPS, plant.shape[0]))
     wide = np.tile([-np.inf, np.inf], (plant.shape[1], 1))
     try:
         done = simulate(plant, controller, still, h, noise=around.noise, limits=wide, seed=1)
     except LoopError:
         return None
-    late = done.u[NOISE_STEPS // 5 :, i]
+    late = done.u[levels.NOISE_STEPS // 5 :, i]
     return NoiseMetrics(float(around.noise[j]), *_moves(late, h))
 
 
@@ -164,7 +158,7 @@ def replayed(plant: TransferMatrix, controller: Controller, around: Surroundings
         return None
     h = simulation_step(controller, min(seen.h, around.step))
     end = seen.h * (len(seen.v) - 1)
-    if end / h > MOST_STEPS:
+    if end / h > levels.REPLAY_STEPS:
         return None
     t = h * np.arange(int(end / h + 1e-9) + 1)
     recorded = seen.h * np.arange(len(seen.v))
@@ -231,8 +225,8 @@ def share_below_mu(
     """Share of the first drawn plants that are stable with mu of robust performance at or below the limit."""
     if around.weights is None:
         return None
-    count, n_u = min(MU_DRAWS, drawn.count), controller.n_u
-    points = np.geomspace(w[0], w[-1], MU_POINTS)
+    count, n_u = min(levels.MU_DRAWS, drawn.count), controller.n_u
+    points = np.geomspace(w[0], w[-1], levels.MU_POINTS)
     plants = [drawn.plant(k) for k in range(count)]
     cut = [plant.columns(0, n_u) for plant in plants]
     N = np.concatenate([generalised_plant(plant, controller, *around.weights, 1j * points) for plant in cut])

@@ -7,14 +7,10 @@ from dataclasses import dataclass
 
 from trueplant.result import DrawnShares, LoopMetrics, MetricsOfBoth
 from trueplant.result.recommendation_words import Outlook, Recommendation
+from trueplant.study import levels
 from trueplant.study.study import Place
 from trueplant.tune import CERTAIN, Proposal
 from trueplant.tune.state_space import DESIGNS
-
-LOUD = 1.5
-"""From this factor on it is said that noise moves OP more than today."""
-WORTH = 0.9
-"""A proposal has to bring the error of a load step below this part of today's to be worth a change."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +77,7 @@ def recommend(
         return Recommendation(Outlook.NONE_HOLDS, limits.Ms, best, limits.share, notes=notes)
     method = CERTAIN if CERTAIN in usual else min(usual, key=lambda m: _worst_load(judged[m], today, places))
     change = _load_changes(judged[method], today, places)
-    if today.keeps(limits) and change and min(change) > WORTH - 1:
+    if today.keeps(limits) and change and min(change) > levels.WORTH_A_CHANGE - 1:
         return Recommendation(Outlook.KEEP, limits.Ms, today.share, limits.share)
     louder = max(_noise_changes(judged[method], today, places), default=0.0)
     return Recommendation(
@@ -92,7 +88,7 @@ def recommend(
         method,
         today=None if today.all_loops is None else today.share,
         load_changes=tuple(change),
-        louder=louder if louder > LOUD else None,
+        louder=louder if louder > levels.LOUDER_NOISE else None,
     )
 
 

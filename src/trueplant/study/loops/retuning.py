@@ -13,6 +13,7 @@ from trueplant.loop import PID, Controller, Linear, LinearLoop
 from trueplant.lti import DrawnPlants, TransferMatrix, UncertainPlant
 from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.result import (
+    Code,
     CurrentSettings,
     LoopMetrics,
     LoopRetuning,
@@ -24,8 +25,8 @@ from trueplant.result import (
 )
 from trueplant.result.recommendation_words import Recommendation, recommendation_sentence
 from trueplant.robust import margins
+from trueplant.study import levels
 from trueplant.study.loops.metrics import (
-    FINE,
     Surroundings,
     band,
     drawn_peaks,
@@ -56,11 +57,6 @@ Place = tuple[int, int]
 
 DEFAULT_METHODS = (CERTAIN, AS_DESIGNED, "max-ki", "simc", "lambda", "amigo", "tyreus-luyben")
 FOR_SEVERAL = ("blt", "sequential")
-MS, SHARE, MU = 1.59, 0.95, 1.0
-"""Limits where the project states none: Ms of SIMC's tight settings, share of plants, mu."""
-DRAWS = 1000
-BAND_DRAWS = 60
-POINTS = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,21 +76,21 @@ def retuning_of(study: Study, found: Identified, plant: UncertainPlant, response
     declared = None if k is None else study.records.declared[k]
     if today is None or declared is None:
         why = "retuning needs the controllers of a usable closed experiment: declare them as [[controller]]"
-        return Retuning(notes=(Reason("tuning", why),))
+        return Retuning(notes=(Reason(Code.TUNING, why),))
     if not declared.is_decentralised:
         why = "retuning is for one controller a loop, and these share inputs or outputs"
-        return Retuning(notes=(Reason("tuning", why),))
+        return Retuning(notes=(Reason(Code.TUNING, why),))
     known = plant.keeping_signs([(j, i) for i, j in declared.entries]).first(study.n_u)
     bands = None if response is None else speaking_band(response)
     targets = [target_of(study, found, today, declared.entries[place], place, bands) for place in declared.entries]
     if all(loop.task is None for loop in targets):
         return Retuning(
-            notes=tuple(Reason("tuning", loop.why, study.project.input_names[loop.place[0]]) for loop in targets)
+            notes=tuple(Reason(Code.TUNING, loop.why, study.project.input_names[loop.place[0]]) for loop in targets)
         )
     try:
         return _workshop(study, found, known, today, targets).retuning()
     except LoopError as error:
-        return Retuning(notes=(Reason("tuning", f"no settings can be proposed: {error}"),))
+        return Retuning(notes=(Reason(Code.TUNING, f"no settings can be proposed: {error}"),))
 
 
 # -- the proposals --------------------------------------------------------------------------------------------------
@@ -113,7 +109,9 @@ def _workshop(
     weights = None
     if declared is not None and declared.wI is not None and declared.wP is not None:
         weights = weights_of(declared.wI), weights_of(declared.wP)
-    limits = Limits(asked.Ms or MS, asked.share or SHARE, None if weights is None else asked.mu)
+    limits = Limits(
+        asked.Ms or levels.LIMIT_MS, asked.share or levels.LIMIT_SHARE, None if weights is None else asked.mu
+    )
     methods = list(project.tuning.methods) or [*DEFAULT_METHODS, *(FOR_SEVERAL if len(tasks) > 1 else ())]
     proposals = propose(
         known,
@@ -127,19 +125,19 @@ def _workshop(
     )
     laws = [today.controller, *(p.controller for p in proposals if p.controller is not None)]
     w = max((common_grid(known.nominal, law, highest) for law in laws), key=len)
-    drawn = known.draw(DRAWS, seed + 2)
+    drawn = known.draw(levels.JUDGING_DRAWS, seed + 2)
     return _Workshop(
         study=study,
         known=known,
         today=today,
         targets=targets,
         limits=limits,
-        mu_limit=asked.mu or MU,
+        mu_limit=asked.mu or levels.LIMIT_MU,
         around=Surroundings(
             prediction_errors(study, found.estimates),
             recovered(study, found, known.nominal),
             weights,
-            min(study.segments[0].h, FINE / highest),
+            min(study.segments[0].h, levels.FINE_STEP / highest),
         ),
         proposals=proposals,
         w=w,
@@ -167,7 +165,7 @@ class _Workshop:
     """Frequencies that serve all proposals."""
     drawn: DrawnPlants
     response: ComplexArray
-    """(DRAWS, n_w, n_y, n_u) of the drawn plants."""
+    """(count, n_w, n_y, n_u) of the drawn plants."""
     seed: int
     """Of the draws that judge; the proposals were made on others."""
 
@@ -276,7 +274,7 @@ class _Workshop:
         assert chosen.controller is not None
         laws = {"before": self.today.controller, "after": chosen.controller}
         tail = (1 - self.study.project.analysis.confidence) / 2
-        plants = [self.known.nominal, *(self.drawn.plant(k) for k in range(BAND_DRAWS))]
+        plants = [self.known.nominal, *(self.drawn.plant(k) for k in range(levels.BAND_DRAWS))]
         replays = {name: replayed(self.known.nominal, law, self.around) for name, law in laws.items()}
         seen = self.around.disturbance
         found = []
@@ -284,7 +282,7 @@ class _Workshop:
             if loop.task is None:
                 continue
             names = self.study.project
-            t = np.linspace(0, self._span(loop.place, laws), POINTS)
+            t = np.linspace(0, self._span(loop.place, laws), levels.RESPONSE_POINTS)
             bands = {
                 (kind, name): band(plants, law, loop.place, kind, t, self.around.step, (tail, 1 - tail))
                 for kind in ("set-point", "load")

@@ -15,6 +15,7 @@ from trueplant.loop import Controller, Linear, LinearLoop
 from trueplant.lti import TransferMatrix, UncertainPlant, simplified, tf, to_formula
 from trueplant.project.tables import PerformanceNumbers, UncertaintyNumbers
 from trueplant.result import (
+    Code,
     DrawnLoop,
     DrawnStability,
     LoopMargins,
@@ -39,13 +40,10 @@ from trueplant.robust import (
 )
 from trueplant.robust.generalised import channels
 from trueplant.robust.grid import on_axis, rates_of
+from trueplant.study import levels
 from trueplant.study.plant.uncertainty import element_errors
 from trueplant.study.study import Study
 from trueplant.tune.drawn import Peaks, common_grid, peaks
-
-DRAWS = 500
-HIGHEST = 2.0
-"""Ms above which a loop is said to be close to instability."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +100,7 @@ def _worse(model: LoopMargins, plant: LoopMargins) -> bool:
     """Is the loop unstable on the plant, or its sensitivity peak above 2 although it was not on the model?"""
     if not plant.stable:
         return model.stable
-    return model.stable and plant.Ms is not None and plant.Ms > HIGHEST >= (model.Ms or 0)
+    return model.stable and plant.Ms is not None and plant.Ms > levels.HIGHEST_MS >= (model.Ms or 0)
 
 
 def pairing_of(
@@ -244,7 +242,7 @@ def _drawn(study: Study, loop: LinearLoop, known: UncertainPlant) -> DrawnStabil
         return None
     seed = study.project.analysis.seed
     try:
-        draws = known.draw(DRAWS, seed)
+        draws = known.draw(levels.STABILITY_DRAWS, seed)
     except LoopError:
         return None
     w = common_grid(plant, controller, _crossover(plant, controller))
@@ -253,11 +251,10 @@ def _drawn(study: Study, loop: LinearLoop, known: UncertainPlant) -> DrawnStabil
     rows = []
     for i in loop.inputs:
         middle, high = (float(q) if found.stable.all() else None for q in np.quantile(found.Ms[:, i], [0.5, 0.95]))
-        held = float(np.mean(found.stable & (found.Ms[:, i] <= HIGHEST)))
+        held = float(np.mean(found.stable & (found.Ms[:, i] <= levels.HIGHEST_MS)))
         rows.append(DrawnLoop(study.project.input_names[i], held, middle, high))
-    return DrawnStability(
-        DRAWS, seed, found.share_stable, HIGHEST, tuple(rows), _share_performance(study, response, law, w, found)
-    )
+    share = _share_performance(study, response, law, w, found)
+    return DrawnStability(levels.STABILITY_DRAWS, seed, found.share_stable, levels.HIGHEST_MS, tuple(rows), share)
 
 
 def _share_performance(study: Study, response: ComplexArray, law: ComplexArray, w: Array, found: Peaks) -> float | None:
@@ -287,17 +284,17 @@ def _crossover(plant: TransferMatrix, controller: Controller) -> float:
 def _notes(table: LoopRobustness) -> list[Reason]:
     notes = [
         Reason(
-            "margins", "on the plant as estimated, today's controller leaves this loop unstable or close to it", name
+            Code.MARGINS, "on the plant as estimated, today's controller leaves this loop unstable or close to it", name
         )
         for name in table.worse
     ]
     if found := _missed(table.peaks):
-        notes.append(Reason("robust-performance", found))
+        notes.append(Reason(Code.ROBUST_PERFORMANCE, found))
     wrong = table.pairing["plant"].wrong_sign if table.pairing else ()
     if wrong:
         notes.append(
             Reason(
-                "pairing",
+                Code.PAIRING,
                 "on the plant the steady-state relative gain of these pairings is negative: with integral action "
                 "either the loops together are unstable, or this loop alone is, or the others are once it is opened; "
                 "pair the outputs with other inputs",
@@ -308,7 +305,7 @@ def _notes(table: LoopRobustness) -> list[Reason]:
         unstable = 100 * (1 - table.drawn.share_stable)
         notes.append(
             Reason(
-                "drawn",
+                Code.DRAWN,
                 f"in {unstable:.2g} % of the plants that these data leave open, today's controller is unstable "
                 f"({table.drawn.count} plants drawn from the estimate)",
             )

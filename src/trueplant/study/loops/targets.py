@@ -10,6 +10,7 @@ import numpy as np
 from trueplant.identify import OutputEstimate, unanswered
 from trueplant.loop import PID, Controller, Linear, LinearLoop
 from trueplant.lti import TransferFunction
+from trueplant.study import levels
 from trueplant.study.loops.settings import Shown
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Place, Study
@@ -17,9 +18,6 @@ from trueplant.tune import LoopTask, unseen_dead_time
 from trueplant.tune.response import axis, frequencies
 
 Bands = tuple[tuple[tuple[float, float] | None, ...], ...]
-
-SPEED = 2.0
-"""How many times today's crossover a proposal may have, where the project does not say."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +139,7 @@ def _crossover_limit(
     """The highest crossover that a proposal may have, and what sets it."""
     assert study.project.tuning is not None
     unit = f"rad per {study.project.time_unit}"
-    speed = study.project.tuning.limits.speed or SPEED
+    speed = study.project.tuning.limits.speed or levels.SPEED
     i, j = place
     g = today.plant[j, i]
     now = _crossover(g, today.controller, place)

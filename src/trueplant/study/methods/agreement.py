@@ -13,12 +13,8 @@ from trueplant.identify import OutputEstimate, Spec, unanswered
 from trueplant.mismatch import FrequencyResponse
 from trueplant.result import MethodElement, MethodParameter
 from trueplant.result.numbers import number
+from trueplant.study import levels
 from trueplant.study.study import Place, Study
-
-HOPELESS = 0.5
-"""Relative standard error of a gain beyond which a method has nothing to say of the element."""
-MOST_NAMED = 4
-"""Parameters that a disagreement names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +26,7 @@ class Estimated:
     response: FrequencyResponse | None = None
 
     def hopeless(self, place: tuple[int, int]) -> bool:
-        return bool(np.sqrt(self.covariance[place][0, 0]) > HOPELESS * abs(self.parameters[place][0]))
+        return bool(np.sqrt(self.covariance[place][0, 0]) > levels.HOPELESS * abs(self.parameters[place][0]))
 
 
 @dataclass(frozen=True)
@@ -123,8 +119,8 @@ def _disagreement(study: Study, name: str, clear: Sequence[_Difference], remarks
     named = "; ".join(
         f"{one.label.replace('_', ' ')} of {study.columns[one.column]} -> {study.project.output_names[one.output]}: "
         f"{number(one.fit)} by the fit, {number(one.other)} by {name}"
-        for one in clear[:MOST_NAMED]
+        for one in clear[: levels.MOST_NAMED]
     )
-    more = f" and {len(clear) - MOST_NAMED} more" if len(clear) > MOST_NAMED else ""
+    more = f" and {len(clear) - levels.MOST_NAMED} more" if len(clear) > levels.MOST_NAMED else ""
     known = "".join(f" ({remark})" for remark in remarks if "biase" in remark)
     return f"{name} and the fit disagree beyond their uncertainties: {named}{more}{known}"

@@ -13,21 +13,18 @@ from trueplant.lti import Structure, TransferMatrix
 from trueplant.mismatch import fit_locally, period_of
 from trueplant.record import Segment
 from trueplant.result import MethodElement, MethodParameter
+from trueplant.study import levels
 from trueplant.study.methods.agreement import Estimated
 from trueplant.study.plant.disturbance import declared_parts, without_measured
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
 
 FORMS = ("joint", "closed-form", "open-loop response", "periodic")
-LARGEST = 200_000
-"""Longer segments are left to the fit."""
-MOST_BOUND = 0.05
-"""Share of a record with OP at a limit beyond which the loop does not count as linear."""
 
 
 def short_segments(segments: Iterable[Segment]) -> list[Segment]:
     """The segments that are not left to the fit alone."""
-    return [s for s in segments if len(s) <= LARGEST]
+    return [s for s in segments if len(s) <= levels.LARGEST_SEGMENT]
 
 
 def answer_of(study: Study, identified: Identified, name: str, plant: TransferMatrix) -> Estimated:
@@ -66,7 +63,7 @@ def why_not(study: Study, every: Sequence[Segment], name: str, taken_along: bool
         return reason
     bound = max(float(1 - segment.free.all(axis=1).mean()) for segment in segments) if closed else 0.0
     at_limit = f"OP was at a limit or in manual for {100 * bound:.2g} % of a record"
-    if bound > MOST_BOUND:
+    if bound > levels.MOST_AT_LIMIT:
         return f"{at_limit}: the loop is not linear from set-point to OP, and set-points cannot be told apart within it"
     if name != "closed-form":
         return None

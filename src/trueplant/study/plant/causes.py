@@ -12,15 +12,9 @@ from trueplant.arrays import Array
 from trueplant.detect import CommonFactor, Found, common_factors, level_variance, noise_change, sticking
 from trueplant.identify import OutputEstimate
 from trueplant.identify.fit import residuals
-from trueplant.result import Element, Reason
+from trueplant.result import Code, Element, Reason
+from trueplant.study import levels
 from trueplant.study.study import Study
-
-NOISE = 1e-3
-"""Significance from which a disturbance counts as changed."""
-FEWEST = 200
-"""Prediction errors of a stretch below which its disturbance is not compared."""
-AT_LIMIT = 0.02
-"""Share of the samples with OP at a limit that is worth saying."""
 
 
 def causes_of(
@@ -46,7 +40,7 @@ def _saturated(study: Study) -> list[Reason]:
         if screened.refusal is not None or not screened.saturated.size:
             continue
         for name, share in zip(study.project.input_names, screened.saturated.mean(axis=0), strict=True):
-            if share > AT_LIMIT:
+            if share > levels.WORTH_SAYING_AT_LIMIT:
                 shares.append(f"{100 * share:.2g}")
                 places.append(f"{screened.record.name}, {name}")
     if not places:
@@ -55,7 +49,7 @@ def _saturated(study: Study) -> list[Reason]:
         f"the actuator was saturated: OP stood at a limit in {_respectively(shares)} % of the samples. The estimate "
         "takes OP as it was recorded and does not suffer, but the loop was not linear then"
     )
-    return [Reason("cause-valve-saturated", message, "; ".join(places))]
+    return [Reason(Code.CAUSE_VALVE_SATURATED, message, "; ".join(places))]
 
 
 def _respectively(values: Sequence[str]) -> str:
@@ -75,7 +69,7 @@ def _sticking(study: Study, estimates: Mapping[int, OutputEstimate]) -> list[Rea
             f"{found.band:.3g} {unit} away and then jumps (p = {found.p_value:.1g}). As long as it does, no change of "
             "the plant can be told from it"
         )
-        causes.append(Reason("cause-valve-sticking", message.replace("  ", " "), name))
+        causes.append(Reason(Code.CAUSE_VALVE_STICKING, message.replace("  ", " "), name))
     return causes
 
 
@@ -101,10 +95,10 @@ def _disturbances(study: Study, estimates: Mapping[int, OutputEstimate]) -> list
         if estimate.runs is not None and not estimate.runs.agree:
             continue  # the plants differ: what they leave unexplained does too
         order = max(estimate.fit.ar.size, 1)
-        groups = [(name, vs) for name, vs in _groups(estimate) if sum(v.size for v in vs) >= FEWEST]
+        groups = [(name, vs) for name, vs in _groups(estimate) if sum(v.size for v in vs) >= levels.FEWEST_ERRORS]
         for name, later in groups[1:]:
             change = noise_change(groups[0][1], later, order)
-            if change.p_value * len(estimates) * (len(groups) - 1) >= NOISE:
+            if change.p_value * len(estimates) * (len(groups) - 1) >= levels.DISTURBANCE_CHANGED:
                 continue
             where = name if name == "second half" else study.project.experiments[int(name)].name
             (std, now), (correlation, after) = change.std, change.correlation
@@ -113,7 +107,7 @@ def _disturbances(study: Study, estimates: Mapping[int, OutputEstimate]) -> list
                 f"correlation from one sample to the next was {correlation:.2g} and is {after:.2g} "
                 f"(p = {change.p_value:.1g}). That by itself is no mismatch"
             )
-            causes.append(Reason("cause-disturbance", message, f"{study.project.output_names[i]}, {where}"))
+            causes.append(Reason(Code.CAUSE_DISTURBANCE, message, f"{study.project.output_names[i]}, {where}"))
     return causes
 
 
@@ -146,7 +140,7 @@ def _levels(
         f"PV sits {_respectively(sizes)} from where the same OP held it in the first experiment: a sensor bias, or a "
         "load that has come to stay. It moves no gain and no time constant"
     )
-    return [Reason("cause-operating-point", message, "; ".join(places))]
+    return [Reason(Code.CAUSE_OPERATING_POINT, message, "; ".join(places))]
 
 
 def _biases(study: Study, estimate: OutputEstimate, i: int) -> dict[int, tuple[float, float, Array]]:
@@ -158,7 +152,7 @@ def _biases(study: Study, estimate: OutputEstimate, i: int) -> dict[int, tuple[f
     for k, ((v, _, _), piece) in enumerate(zip(residuals(fit), row.pieces, strict=True)):
         segment = next((s for s in study.segments if s.experiment == piece.experiment), None)
         good = np.isfinite(v)
-        if segment is None or good.sum() < FEWEST or piece.experiment in out:
+        if segment is None or good.sum() < levels.FEWEST_ERRORS or piece.experiment in out:
             continue
         start = np.hstack([segment.u, segment.d])[round((piece.start - segment.t[0]) / segment.h), columns]
         y, _ = row.measured(k)
@@ -209,7 +203,7 @@ def _plant(
             "only the gain has changed: with one output and one input that can be the sensor's span, the valve or "
             "the plant, and these data cannot say which. Check the instrument first"
         )
-        return [*causes, Reason("cause-unknown", message, f"{inputs[0]} -> {outputs[0]}")]
+        return [*causes, Reason(Code.CAUSE_UNKNOWN, message, f"{inputs[0]} -> {outputs[0]}")]
     for e in rest:
         message = "the plant itself has changed"
         if e.tf_model == "0":
@@ -220,7 +214,7 @@ def _plant(
             message += ": no other element of its row and column moves with it"
         elif dynamics:
             message += ": a sensor's span or a valve's gain would move the gain alone"
-        causes.append(Reason("cause-plant", message, f"{e.input} -> {e.output}"))
+        causes.append(Reason(Code.CAUSE_PLANT, message, f"{e.input} -> {e.output}"))
     return causes
 
 
@@ -231,12 +225,12 @@ def _factor_cause(factor: CommonFactor, name: str, study: Study) -> Reason:
             f"all gains to this output have changed by the same factor {size} (p = {factor.p_equal:.2g} that they are "
             "equal): its sensor's span is the likely cause, not the plant"
         )
-        return Reason("cause-sensor-span", message, name)
+        return Reason(Code.CAUSE_SENSOR_SPAN, message, name)
     message = (
         f"all gains from this input have changed by the same factor {size} (p = {factor.p_equal:.2g} that they are "
         "equal): its valve or actuator is the likely cause, not the plant"
     )
-    return Reason("cause-actuator-gain", message, name)
+    return Reason(Code.CAUSE_ACTUATOR_GAIN, message, name)
 
 
 def _common(

@@ -18,16 +18,15 @@ from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
 from trueplant.record import Segment
 from trueplant.result import (
     Background,
+    Code,
     DeclaredDisturbance,
     DisturbanceFit,
     DisturbanceJump,
     LostInformation,
     Reason,
 )
+from trueplant.study import levels
 from trueplant.study.study import Place, Study
-
-MISDESCRIBED = 1e-3
-"""Whiteness of the prediction errors below which a declared disturbance does not describe the record."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +127,7 @@ def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float
     not know: experiments that disagree, disturbances that reach several outputs. `timing` as in `identify.Sampling`.
     """
     known = estimate.predicted_by or estimate.jointly or estimate.disputed
-    if fit is None or fit.whiteness_p < MISDESCRIBED or known:
+    if fit is None or fit.whiteness_p < levels.MISDESCRIBED or known:
         return estimate
     if not _same_elements(fit, estimate):
         return estimate
@@ -252,16 +251,16 @@ def _notes(study: Study, estimate: OutputEstimate, i: int, fit: DisturbedFit) ->
             continue
         notes.append(
             Reason(
-                "mismatch-or-disturbance",
+                Code.MISMATCH_OR_DISTURBANCE,
                 f"mismatch and disturbance cannot be told apart here: {text}. Set-point moves that are faster or more "
                 "frequent than the disturbance would tell them apart",
                 where,
             )
         )
-    if fit.whiteness_p < MISDESCRIBED:
+    if fit.whiteness_p < levels.MISDESCRIBED:
         notes.append(
             Reason(
-                "disturbance-model",
+                Code.DISTURBANCE_MODEL,
                 "the declared disturbance and a first-order background do not describe what acts on this output: the "
                 "prediction errors are not white, and the intervals that take it along are too narrow",
                 name,

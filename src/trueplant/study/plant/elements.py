@@ -13,13 +13,13 @@ from trueplant.detect import Found
 from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.result import Element, Importance, Reason
+from trueplant.study import levels
 from trueplant.study.plant.causes import causes_of
 from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.parameters import parameters_of
 from trueplant.study.study import Place, Study
 
 KEPT = "kept at its declared value (estimate = false)"
-POINTS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def _element(
     answered = [p.plant is not None for p in parameters]
     peak, basis = importance
     mismatch = simplified(system - study.model[i, j])
-    sound = estimate.tests.whiteness_p > 1e-3 and not estimate.undermodelled
+    sound = estimate.tests.whiteness_p > levels.GRADED_WHITE and not estimate.undermodelled
     return Element(
         output=study.project.output_names[i],
         input=study.columns[j],
@@ -177,9 +177,9 @@ def _importance(study: Study, plant: TransferMatrix) -> tuple[Array, str]:
 
 
 def model_frequencies(study: Study, plant: TransferMatrix) -> Array:
-    """(POINTS,) rad per time unit, from the longest segment's span (or the slowest lag) to half the sampling rate."""
+    """(n_w,) rad per time unit, from the longest segment's span (or the slowest lag) to half the sampling rate."""
     segments = study.segments
     span = max(segment.t[-1] - segment.t[0] for segment in segments)
     slowest = max((-1 / p.real for row in plant.elements for e in row for p in e.poles if p.real < 0), default=span)
     low = min(2 * np.pi / span, 0.1 / slowest)
-    return np.geomspace(max(low, 1e-3 / span), np.pi / segments[0].h, POINTS)
+    return np.geomspace(max(low, 1e-3 / span), np.pi / segments[0].h, levels.FREQUENCIES)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from trueplant.disturbance import DisturbedFit
 from trueplant.identify import OutputEstimate, Spec, identify_matrix
 from trueplant.record import Segment
-from trueplant.result import Reason
+from trueplant.result import Code, Reason
 from trueplant.study.data.excitation import unmoved_outputs
 from trueplant.study.data.scan import without_hidden_dynamics
 from trueplant.study.data.timing import timing_error, update_interval
@@ -78,7 +78,7 @@ def _missing(study: Study, taken: Mapping[Place, Spec]) -> tuple[Reason, ...]:
     """What is said of the elements that the model lacks and the estimate had to take in."""
     return tuple(
         Reason(
-            "missing-element",
+            Code.MISSING_ELEMENT,
             f"{study.columns[j]} moves {study.project.output_names[i]}, which the model does not have: an element of "
             "first order with dead time was found in the record and estimated along",
             f"{study.columns[j]} -> {study.project.output_names[i]}",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from trueplant.identify import OutputEstimate
 from trueplant.identify.levels import SHARED_FACTOR, UNDERMODELLED
-from trueplant.result import ControllerCheck, Reason
+from trueplant.result import Code, ControllerCheck, Reason
 from trueplant.study.data.excitation import compression_notes, setpoint_rank_note
 from trueplant.study.data.scan import faster_scan
 from trueplant.study.plant.identified import Identified
@@ -14,103 +15,24 @@ from trueplant.study.study import Study
 
 def controller_notes(consistency: Sequence[ControllerCheck]) -> list[Reason]:
     return [
-        Reason("controller", entry.message, f"{entry.experiment}, {entry.input}")
+        Reason(Code.CONTROLLER, entry.message, f"{entry.experiment}, {entry.input}")
         for entry in consistency
         if entry.confirmed is not True
     ]
 
 
-def notes_of(
-    study: Study,
-    found: Identified,
-    consistency: Sequence[ControllerCheck],
-) -> list[Reason]:
+def notes_of(study: Study, found: Identified, consistency: Sequence[ControllerCheck]) -> list[Reason]:
     """What the reader should know although an answer was possible."""
-    notes = [*setpoint_rank_note(study), *compression_notes(study), *controller_notes(consistency)]
-    if study.between:
-        why = (
-            "the declared controller writes OP more often than it was recorded"
-            if faster_scan(study.records)
-            else "OP does not follow from the recorded samples by any linear law: the controller writes it more often "
-            "than it was recorded, or acts on what was not recorded"
-        )
-        notes.append(
-            Reason(
-                "scan",
-                f"{why}. What OP did between two samples is not in the data, and every dead time is uncertain by half "
-                "a sample, which its interval includes. Export the record at the controller's scan",
-            )
-        )
-    names = study.project.output_names
-    experiments = {segment.experiment for segment in study.segments}
+    notes = [*setpoint_rank_note(study), *compression_notes(study), *controller_notes(consistency), *_scan_note(study)]
     for i, estimate in found.estimates.items():
-        if estimate.predicted_by:
-            told = ", ".join(names[j] for j in estimate.predicted_by)
-            cost = (
-                "all outputs were estimated together with a noise model that allows for it"
-                if estimate.jointly
-                else f"estimates for {names[i]} may be off by that, and their standard errors were multiplied by "
-                f"{SHARED_FACTOR:g}. A measured disturbance (or an experiment in open loop) would cure it"
-            )
-            notes.append(
-                Reason(
-                    "crossed",
-                    f"a disturbance reaches {told} before it reaches {names[i]}, and the controllers act on it in "
-                    f"between: {cost}",
-                    names[i],
-                )
-            )
-        if estimate.robust_covariance:
-            notes.append(
-                Reason(
-                    "uneven-noise",
-                    "what is left of PV is not noise of one size and colour (bursts, noise that comes with moves, a "
-                    "disturbance that starts or ends): the standard errors allow for that",
-                    names[i],
-                )
-            )
-        runs = estimate.runs
-        if runs is not None and not runs.agree:
-            notes.append(
-                Reason(
-                    "runs-disagree",
-                    "the experiments disagree by more than their residuals justify: the variance between runs was "
-                    "estimated and added, and the intervals speak of their mean"
-                    + (". From two runs that variance is hardly known" if len(runs.experiments) == 2 else ""),
-                    names[i],
-                )
-            )
-        follows = [study.columns[j] for j, p in enumerate(estimate.tests.cross_p) if p < 1e-3]
-        if follows:
-            absent = [name for j, name in enumerate(study.columns) if name in follows and _absent(study, found, i, j)]
-            advice = (
-                f'ask for the missing element from {", ".join(absent)} (tf = "0" with a structure)'
-                if absent
-                else "the structure is simpler than the plant; intervals are widened by what other noise models say"
-            )
-            notes.append(
-                Reason(
-                    "undermodelled",
-                    f"the prediction errors still follow the input: {advice}",
-                    f"{', '.join(follows)} -> {names[i]}",
-                )
-            )
-        slow = [study.columns[j] for j, p in enumerate(estimate.slow_p) if p < UNDERMODELLED]
-        if slow:
-            notes.append(
-                Reason(
-                    "undermodelled",
-                    "the prediction errors still follow slow moves of the input: the plant goes on moving after what "
-                    "the structure describes, and its gain at rest may differ from the one given. Ask for +lag+lead, "
-                    "or read the gain as that of moves that last a few of the time constants given; the intervals "
-                    "include what a slow lag would change",
-                    f"{', '.join(slow)} -> {names[i]}",
-                )
-            )
-    if len(experiments) == 1:
+        name = study.project.output_names[i]
+        notes += _shared_disturbance_note(study, estimate, name)
+        notes += _noise_notes(estimate, name)
+        notes += _undermodelled_notes(study, found, i, estimate, name)
+    if len({segment.experiment for segment in study.segments}) == 1:
         notes.append(
             Reason(
-                "one-experiment",
+                Code.ONE_EXPERIMENT,
                 "the intervals rest on one experiment: how far another run of the same plant would differ is not in "
                 "them; give several experiments together to have that added",
             )
@@ -118,9 +40,91 @@ def notes_of(
     return notes
 
 
+def _scan_note(study: Study) -> list[Reason]:
+    if not study.between:
+        return []
+    why = (
+        "the declared controller writes OP more often than it was recorded"
+        if faster_scan(study.records)
+        else "OP does not follow from the recorded samples by any linear law: the controller writes it more often "
+        "than it was recorded, or acts on what was not recorded"
+    )
+    text = (
+        f"{why}. What OP did between two samples is not in the data, and every dead time is uncertain by half "
+        "a sample, which its interval includes. Export the record at the controller's scan"
+    )
+    return [Reason(Code.SCAN, text)]
+
+
+def _shared_disturbance_note(study: Study, estimate: OutputEstimate, name: str) -> list[Reason]:
+    if not estimate.predicted_by:
+        return []
+    told = ", ".join(study.project.output_names[j] for j in estimate.predicted_by)
+    cost = (
+        "all outputs were estimated together with a noise model that allows for it"
+        if estimate.jointly
+        else f"estimates for {name} may be off by that, and their standard errors were multiplied by "
+        f"{SHARED_FACTOR:g}. A measured disturbance (or an experiment in open loop) would cure it"
+    )
+    text = f"a disturbance reaches {told} before it reaches {name}, and the controllers act on it in between: {cost}"
+    return [Reason(Code.SHARED_DISTURBANCE, text, name)]
+
+
+def _noise_notes(estimate: OutputEstimate, name: str) -> list[Reason]:
+    notes = []
+    if estimate.robust_covariance:
+        notes.append(
+            Reason(
+                Code.UNEVEN_NOISE,
+                "what is left of PV is not noise of one size and colour (bursts, noise that comes with moves, a "
+                "disturbance that starts or ends): the standard errors allow for that",
+                name,
+            )
+        )
+    runs = estimate.runs
+    if runs is not None and not runs.agree:
+        notes.append(
+            Reason(
+                Code.RUNS_DISAGREE,
+                "the experiments disagree by more than their residuals justify: the variance between runs was "
+                "estimated and added, and the intervals speak of their mean"
+                + (". From two runs that variance is hardly known" if len(runs.experiments) == 2 else ""),
+                name,
+            )
+        )
+    return notes
+
+
+def _undermodelled_notes(study: Study, found: Identified, i: int, estimate: OutputEstimate, name: str) -> list[Reason]:
+    notes = []
+    follows = [study.columns[j] for j, p in enumerate(estimate.tests.cross_p) if p < UNDERMODELLED]
+    if follows:
+        absent = [one for j, one in enumerate(study.columns) if one in follows and _absent(study, found, i, j)]
+        advice = (
+            f'ask for the missing element from {", ".join(absent)} (tf = "0" with a structure)'
+            if absent
+            else "the structure is simpler than the plant; intervals are widened by what other noise models say"
+        )
+        text = f"the prediction errors still follow the input: {advice}"
+        notes.append(Reason(Code.UNDERMODELLED, text, f"{', '.join(follows)} -> {name}"))
+    slow = [study.columns[j] for j, p in enumerate(estimate.slow_p) if p < UNDERMODELLED]
+    if slow:
+        notes.append(
+            Reason(
+                Code.UNDERMODELLED,
+                "the prediction errors still follow slow moves of the input: the plant goes on moving after what "
+                "the structure describes, and its gain at rest may differ from the one given. Ask for +lag+lead, "
+                "or read the gain as that of moves that last a few of the time constants given; the intervals "
+                "include what a slow lag would change",
+                f"{', '.join(slow)} -> {name}",
+            )
+        )
+    return notes
+
+
 def grouped(notes: Sequence[Reason]) -> tuple[Reason, ...]:
     """Each sentence once, in the order of its first place, with all the places that it holds for."""
-    places: dict[tuple[str, str], list[str]] = {}
+    places: dict[tuple[Code, str], list[str]] = {}
     for note in notes:
         places.setdefault((note.code, note.message), []).append(note.where)
     return tuple(Reason(*said, "; ".join(dict.fromkeys(filter(None, where)))) for said, where in places.items())

@@ -1,0 +1,215 @@
+"""Significance levels, thresholds and search ranges of the analysis, stage by stage, each with what set it."""
+
+from __future__ import annotations
+
+# -- data/excitation -------------------------------------------------------------------------------------------------
+
+EXCITED = 1e-3
+"""Of the answer of PV to set-points, for a record to count as excited at all."""
+FILLED_IN = 0.3
+"""Share of a signal that its historian may fill in before the reader is told that the estimate suffers. Half of it
+does not show yet in simulated Wood-Berry records, two thirds are a bias (benchmarks/bench_compression.py)."""
+ANSWER_LAGS = 6
+"""Lags tried, samples of PV's own past, samples looked at."""
+ANSWER_PAST = 10
+"""Lags tried, samples of PV's own past, samples looked at."""
+ANSWER_SAMPLES = 20_000
+"""Lags tried, samples of PV's own past, samples looked at."""
+
+# -- data/setpoints --------------------------------------------------------------------------------------------------
+
+UNEXPLAINED = 1e-3
+"""Share of a set-point's moves (squared) that the PVs may leave unexplained if it is computed from them: rounding."""
+SURPRISE = 0.25
+"""The largest unexplained move, in root mean squares of all: beyond it someone else moved the set-point, if rarely."""
+PREDICTED = 1e-12
+"""Share of its moves, unexplained by its own past, below which a set-point is a sine or the like: no PV is needed."""
+SETPOINT_LAGS = 10
+"""Past samples of every PV, past levels of the set-point, moves looked at."""
+SETPOINT_LEVELS = 4
+"""Past samples of every PV, past levels of the set-point, moves looked at."""
+SETPOINT_MOVES = 20_000
+"""Past samples of every PV, past levels of the set-point, moves looked at."""
+COINCIDENT = 4.0
+"""Ratio of PV's changes (squared) at the moves to those elsewhere, beyond which PV answers within the sample."""
+ALONG = 0.5
+"""Correlation of PV's changes with those of its set-point, beyond which it does where the set-point always moves."""
+
+# -- data/scan -------------------------------------------------------------------------------------------------------
+
+EXACT_LAW = 5e-4
+"""Share of OP's movement that rounding apart is left where OP was written from the recorded samples: a law that also
+acts in between leaves little more, as most of what it answers to shows in the next sample."""
+
+# -- data/op_law -----------------------------------------------------------------------------------------------------
+
+LAW_PAST = 4
+"""Samples that a law reaches back: two for integral and filtered derivative, two for a set-point filter."""
+LAW_SAMPLES = 50_000
+"""Samples that are enough to tell."""
+LAW_ROUNDED = 1.5
+"""Times what rounding would leave if all rounding errors were independent."""
+FEWEST_PER_COEFFICIENT = 10
+"""Samples for each coefficient, below which nothing can be told."""
+LAW_PARTS = 10
+"""Parts of the record that are judged on their own: a change of tuning concerns one of them."""
+
+# -- data/replay -----------------------------------------------------------------------------------------------------
+
+REPLAY_START = 20
+"""Samples from which the start of the integral is read."""
+CONFIRMED = 0.02
+"""A controller is confirmed if the OP it writes differs by less than this share of OP's own movement (rms)."""
+REPLAY_ROUNDED = 1.5
+"""Times the rounding error of OP that a replay may miss it by."""
+ROUNDING = 1e-6
+"""A difference below this share of OP's own movement (rms) is called rounding."""
+
+# -- data/cascade ----------------------------------------------------------------------------------------------------
+
+FOLLOWS = 0.25
+"""Largest |T - 1| that counts as about 1: a slave with a lag of a quarter of the master's 1/w_c."""
+T_KNOWN = 0.25
+"""Standard error of T beyond which a frequency says nothing of that."""
+PLATEAU = 10
+"""Samples for which a slave has to stay at a level to count as held there."""
+HELD = 0.02
+"""Share of such samples from which it is said."""
+STUCK = 0.05
+"""Share of samples at which a slave stands still while its set-point moves, from which it is said to stick."""
+WORKING = 0.9
+"""Share of the power of the slave's set-point below the band's end, where no controller says how fast the master is."""
+OWN_SETPOINT = 0.1
+"""Share of the slave's set-point that OP may leave unexplained."""
+
+# -- data/nonparametric ----------------------------------------------------------------------------------------------
+
+COHERENCE_LISTED = 100
+"""Frequencies kept of a coherence, spread evenly over the logarithm: in result.json, and to be drawn."""
+COHERENCE_DRAWN = 400
+"""Frequencies kept of a coherence, spread evenly over the logarithm: in result.json, and to be drawn."""
+
+# -- data/band -------------------------------------------------------------------------------------------------------
+
+OUTSIDE_BAND = 0.01
+"""Of a plant outside the band, over the whole matrix."""
+
+# -- data/tables -----------------------------------------------------------------------------------------------------
+
+MOST_SPANS = 20
+"""Stretches that a finding lists."""
+
+# -- plant/disturbance -----------------------------------------------------------------------------------------------
+
+MISDESCRIBED = 1e-3
+"""Whiteness of the prediction errors below which a declared disturbance does not describe the record."""
+
+# -- plant/causes ----------------------------------------------------------------------------------------------------
+
+DISTURBANCE_CHANGED = 1e-3
+"""Significance from which a disturbance counts as changed."""
+FEWEST_ERRORS = 200
+"""Prediction errors of a stretch below which its disturbance is not compared."""
+WORTH_SAYING_AT_LIMIT = 0.02
+"""Share of the samples with OP at a limit that is worth saying."""
+
+# -- plant/elements --------------------------------------------------------------------------------------------------
+
+FREQUENCIES = 200
+"""Frequencies at which importance and Bode plots are evaluated."""
+
+# -- methods/agreement -----------------------------------------------------------------------------------------------
+
+HOPELESS = 0.5
+"""Relative standard error of a gain beyond which a method has nothing to say of the element."""
+MOST_NAMED = 4
+"""Parameters that a disagreement names."""
+
+# -- methods/paper_forms ---------------------------------------------------------------------------------------------
+
+LARGEST_SEGMENT = 200_000
+"""Longer segments are left to the fit."""
+MOST_AT_LIMIT = 0.05
+"""Share of a record with OP at a limit beyond which the loop does not count as linear."""
+
+# -- loops/robustness ------------------------------------------------------------------------------------------------
+
+STABILITY_DRAWS = 500
+"""Plants drawn for the share that today's controller keeps stable: its standard error is at most 2.2 points."""
+HIGHEST_MS = 2.0
+"""Ms above which a loop is said to be close to instability."""
+
+# -- loops/targets ---------------------------------------------------------------------------------------------------
+
+SPEED = 2.0
+"""How many times today's crossover a proposal may have, where the project does not say."""
+
+# -- loops/metrics ---------------------------------------------------------------------------------------------------
+
+NOISE_STEPS = 4000
+"""Simulation steps in which noise acts on a loop; the first fifth is left out."""
+REPLAY_STEPS = 400_000
+"""Longest replay of a record's disturbance, in simulation steps: what bounds the time."""
+FINE_STEP = 0.1
+"""Largest product of simulation step and crossover for continuous controllers."""
+MU_DRAWS = 100
+"""Drawn plants on which mu is computed: it is the dearest of the measures."""
+MU_POINTS = 40
+"""Frequencies of that."""
+
+# -- loops/retuning --------------------------------------------------------------------------------------------------
+
+LIMIT_MS = 1.59
+"""Limits where the project states none: Ms of SIMC's tight settings, share of plants, mu."""
+LIMIT_SHARE = 0.95
+"""Limits where the project states none: Ms of SIMC's tight settings, share of plants, mu."""
+LIMIT_MU = 1.0
+"""Limits where the project states none: Ms of SIMC's tight settings, share of plants, mu."""
+JUDGING_DRAWS = 1000
+"""Plants drawn to judge proposals: the standard error of a share of 95 % is 0.7 percentage points."""
+BAND_DRAWS = 60
+"""Of these, drawn as the band of the responses."""
+RESPONSE_POINTS = 300
+"""Times of a response that is drawn."""
+
+# -- loops/recommendation --------------------------------------------------------------------------------------------
+
+LOUDER_NOISE = 1.5
+"""From this factor on it is said that noise moves OP more than today."""
+WORTH_A_CHANGE = 0.9
+"""A proposal has to bring the error of a load step below this part of today's to be worth a change."""
+
+# -- experiment/moves ------------------------------------------------------------------------------------------------
+
+MOVE_RATIO = (1 + 5**0.5) / 2
+"""Loops that are moved at once change at intervals in this ratio, so that their moves never fall into step."""
+PLAN_LENGTHS = 500
+"""Lengths of a plan at which its information is looked at."""
+
+# -- experiment/plans ------------------------------------------------------------------------------------------------
+
+WANTED_PRECISION = 0.10
+"""Half-width of an interval relative to its parameter (of a dead time to dead time and lag): that of grade A."""
+MOVE_INTERVALS = (0.5, 1.0, 2.0, 4.0)
+"""Times from one move to the next that are tried, in lags and dead time of the slowest element."""
+LONGEST_PLAN = 150.0
+"""Longest plan, in the same unit."""
+LARGER_MOVES = 2.0
+"""A plan may move a set-point by so many times what the record saw."""
+PLAN_SAMPLES = 100_000
+"""Of a plan that is tried out."""
+LEAST_ROOM = 0.02
+"""Share of the moves wished for below which the limits leave no room for any."""
+SPAN_PART = 0.05
+"""Part of its instrument's span that a signal is moved by which has not moved in the record."""
+LIMIT_MARGIN = 3.0
+"""Standard deviations of what noise does to PV and OP that are kept from their limits."""
+
+# -- curves ----------------------------------------------------------------------------------------------------------
+
+STEP_POINTS = 200
+"""Times of a step response that is drawn."""
+STEP_DRAWS = 200
+"""Plants drawn for its band."""
+GRADED_WHITE = 1e-3
+"""p-value of the whiteness test below which an estimate does not get a grade that retuning may rest on."""
