@@ -76,7 +76,7 @@ def test_figures_show_every_element(analysis):
     assert {"TIC101 OP → TIC101", "FIC7 OP → FIC7"} <= titles
     drawn = next(t for t in steps.data if t.name == "plant")
     np.testing.assert_allclose(drawn.y, analysis.result.curves.step_plant[:, 0, 0])
-    assert sum(t.name == "model" for t in bode.data) == 8  # magnitude and phase of four elements
+    assert sum(t.name == "model" for t in bode.data) == 6  # magnitude and phase of three elements
     assert len({t.yaxis for t in trends.data}) == 4
     retuned = analysis.plot_retuning()
     assert sum(t.name == "after" for t in retuned.data) == 8  # PV and OP, set-point and load, of two loops
@@ -122,7 +122,9 @@ def test_models_may_be_systems_of_python_control_or_a_matrix(analysis):
 
 
 def test_several_frames_are_several_experiments():
-    found = tp.run([simulated(1, 800), pd.DataFrame(simulated(2, 800).to_dict(as_series=False))], loops=LOOPS, model=MODEL)
+    found = tp.run(
+        [simulated(1, 800), pd.DataFrame(simulated(2, 800).to_dict(as_series=False))], loops=LOOPS, model=MODEL
+    )
     assert [one.name for one in found.result.data] == ["frame 1", "frame 2"]
 
 

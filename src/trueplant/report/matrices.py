@@ -5,7 +5,9 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Sequence
 
+import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from trueplant.report import figures, levels, loopfigures
@@ -13,17 +15,18 @@ from trueplant.report.style import LIGHT, inert
 from trueplant.result import Curves
 
 PANEL, SPACING = 210, 52
+Responses = NDArray[np.inexact]
 
 
 def steps(curves: Curves) -> go.Figure:
     """Step responses, a row an output, a column an input."""
-    return _matrix(curves, lambda i, j: figures.step_response(curves, i, j))
+    return _matrix(curves, (curves.step_model, curves.step_plant), lambda i, j: figures.step_response(curves, i, j))
 
 
 def bodes(curves: Curves, confidence: float) -> go.Figure:
     """Magnitude above phase of each element."""
     z = statistics.NormalDist().inv_cdf(0.5 + confidence / 2)
-    return _matrix(curves, lambda i, j: figures.bode(curves, i, j, z))
+    return _matrix(curves, (curves.bode_model, curves.bode_plant), lambda i, j: figures.bode(curves, i, j, z))
 
 
 def trends(curves: Curves, experiment: int) -> go.Figure:
@@ -58,15 +61,21 @@ def retuning(curves: Curves) -> go.Figure:
     return combined(rows, titles)
 
 
-def _matrix(curves: Curves, draw: Callable[[int, int], go.Figure]) -> go.Figure:
+def _matrix(curves: Curves, both: tuple[Responses, Responses], draw: Callable[[int, int], go.Figure]) -> go.Figure:
+    """A panel an element; empty where neither model nor plant (n, n_y, n_u) answers."""
     places = [[(i, j) for j in range(len(curves.inputs))] for i in range(len(curves.outputs))]
     titles = [f"{curves.inputs[j]} → {curves.outputs[i]}" for row in places for i, j in row]
-    return combined([[draw(i, j) for i, j in row] for row in places], titles)
+    there = [[figures.has_response(both[0][:, i, j], both[1][:, i, j]) for i, j in row] for row in places]
+    rows = zip(places, there, strict=True)
+    return combined(
+        [[draw(*p) if is_there else None for p, is_there in zip(*row, strict=True)] for row in rows], titles
+    )
 
 
-def combined(rows: Sequence[Sequence[go.Figure]], titles: Sequence[str]) -> go.Figure:
+def combined(rows: Sequence[Sequence[go.Figure | None]], titles: Sequence[str]) -> go.Figure:
     """Figures of the same kind as one, row by row; each may have several panels above each other."""
-    deep = max(_panels(figure) for row in rows for figure in row)
+    drawn = [figure for row in rows for figure in row if figure is not None]
+    deep = max(map(_panels, drawn), default=1)
     wide, high = len(rows[0]), len(rows) * deep
     heads = iter(titles)
     named = [inert(next(heads)) if k % deep == 0 else "" for k in range(high) for _ in range(wide)]
@@ -76,12 +85,12 @@ def combined(rows: Sequence[Sequence[go.Figure]], titles: Sequence[str]) -> go.F
     shown: set[str] = set()
     for i, row in enumerate(rows):
         for j, figure in enumerate(row):
-            for trace in figure.data:
+            for trace in () if figure is None else figure.data:
                 panel = int((trace.yaxis or "y")[1:] or 1) - 1
                 out.add_trace(trace, row=i * deep + panel + 1, col=j + 1)
                 out.data[-1].update(showlegend=trace.name not in shown, legendgroup=trace.name)
                 shown.add(trace.name)
-            for panel in range(_panels(figure)):
+            for panel in range(0 if figure is None else _panels(figure)):
                 place = {"row": i * deep + panel + 1, "col": j + 1}
                 out.update_xaxes(_axis(figure, "xaxis", panel), **place)
                 if i < len(rows) - 1:
@@ -89,7 +98,7 @@ def combined(rows: Sequence[Sequence[go.Figure]], titles: Sequence[str]) -> go.F
                 out.update_yaxes(_axis(figure, "yaxis", panel), **place)
     paper = {"paper_bgcolor": LIGHT["paper"], "plot_bgcolor": LIGHT["paper"], "hovermode": "closest"}
     legend = {"orientation": "h", "y": 1.0, "yanchor": "top", "x": 0.0, "xanchor": "left", "yref": "container"}
-    font = rows[0][0].layout.font
+    font = drawn[0].layout.font if drawn else None
     out.update_layout(template=go.layout.Template(), height=PANEL * high + 80, font=font, showlegend=True, **paper)
     out.update_layout(legend=legend, margin={"l": 70, "r": 20, "t": 76, "b": 50})
     return out
