@@ -88,10 +88,12 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes], gone: list[st
     """Write all files or none: first beside their places, then moved there in order. Those in `gone` are removed before
     the last of them."""
     token = f"{os.getpid()}-{secrets.token_hex(4)}"
-    waiting = {folder / f".{name}.{token}.part": folder / name for name in contents}
+    waiting: dict[Path, Path] = {}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for beside, content in zip(waiting, contents.values(), strict=True):
+        for name, content in contents.items():
+            beside = folder / f".{name}.{token}.part"
+            waiting[beside] = folder / name
             with open(beside, "xb") as file:
                 file.write(content.encode("utf-8") if isinstance(content, str) else content)
                 file.flush()

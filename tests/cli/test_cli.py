@@ -205,7 +205,8 @@ def test_run_finds_the_change_and_writes_everything(folder, capsys):
     out, err = capsys.readouterr()
     assert out.startswith("The plant has changed: u -> y responds with a gain of 2.6")
     assert err == ""
-    assert sorted(p.name for p in (folder / "out").iterdir()) == ["plant.toml", "report.html", "result.json"]
+    names = ["curves.json", "plant.toml", "report.html", "result.json"]
+    assert sorted(p.name for p in (folder / "out").iterdir()) == names
     result = json.loads((folder / "out" / "result.json").read_text())
     gain = result["elements"][0]["parameters"][0]
     assert gain["ci"][0] < 2.6 < gain["ci"][1]

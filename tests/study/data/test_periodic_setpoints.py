@@ -89,7 +89,7 @@ def test_the_plant_is_held_against_the_averages_and_the_band_is_told(result):
         assert row["by"].endswith("averaged periods")
         low, high = row["speaks"]
         assert low < 0.1 < 0.2 < high
-    assert result.curves.np_label.endswith("averaged periods")
+    assert result.result.curves.np_label.endswith("averaged periods")
 
 
 def test_coherence_is_in_the_result_and_drawn(result):
@@ -106,7 +106,7 @@ def test_coherence_is_in_the_result_and_drawn(result):
     top = np.array(table["signals"][0]["multiple"])
     assert top[w < 0.1].mean() > 0.9
     assert np.mean(top[w > 2] > table["level"]) < 0.25
-    page = render(result)
+    page = render(result.result)
     assert "Coherence with the set-points" in page
     assert "Noise alone exceeds it at 5 % of them." in page
 
@@ -127,6 +127,6 @@ def test_one_loop_with_a_square_wave_is_averaged(tmp_path):
     r = np.tile(np.repeat([1.0, 0.0], 150), 10)[:, None]
     v = coloured(np.random.default_rng(2), 3000, 1, [1, -0.8], [1], 0.05)
     found = single(tmp_path, simulate(LAG, law, r, 1.0, v=v))
-    (row,) = found.methods["periodic"]
+    (row,) = found.to_dict()["methods"]["periodic"]
     for p, true in zip(row["parameters"], (2.0, 60.0, 13.4), strict=True):
         assert abs(p["plant"] - true) < 4 * p["std_error"]

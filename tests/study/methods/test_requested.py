@@ -128,13 +128,13 @@ def test_the_black_box_finds_what_the_model_lacks_and_no_fault_with_the_fit(ever
 
 @pytest.mark.slow
 def test_terminal_and_report_show_them_beside_each_other(everything, tmp_path):
-    text = text_summary(everything)
+    text = text_summary(everything.result)
     assert "beside the direct fit, on which the verdicts rest:" in text
     gain = next(line for line in text.splitlines() if line.startswith("  gain: direct"))
     assert all(f", {name} " in gain for name in ESTIMATORS)
     assert "black box: model p = " in text
     assert "equation-error does not apply: the equation error has one denominator" in text
-    page = render(everything)
+    page = render(everything.result)
     assert all(f'<th scope="col" class="n">{name}</th>' in page for name in ("direct", *ESTIMATORS))
     assert "Black box, a second opinion" in page and "What to know of each" in page
 
@@ -143,7 +143,7 @@ def test_without_a_controller_clsrivc_says_why(tmp_path):
     result = analysed(tmp_path, wood_berry(5, samples=1500), "clsrivc", controllers=[])
     assert "clsrivc" not in result.to_dict()["methods"]
     assert "declare it, or use two-stage" in result.to_dict()["methods"]["not_applied"]["clsrivc"]
-    assert "clsrivc does not apply: clsrivc drives" in text_summary(result)
+    assert "clsrivc does not apply: clsrivc drives" in text_summary(result.result)
     assert result.status == "ok"
 
 
