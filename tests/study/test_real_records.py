@@ -165,4 +165,4 @@ def test_oven_runs_together_confirm_the_controller_and_claim_no_more_than_they_k
 def test_results_are_reproducible(real_data):
     one, other = analysed("refinery_fic10201"), analysed("refinery_fic10201")
     assert dataclasses.asdict(one.elements[0]) == dataclasses.asdict(other.elements[0])
-    assert np.array_equal(one.curves.step_high, other.curves.step_high)
+    assert np.array_equal(one.result.curves.step_high, other.result.curves.step_high)
