@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, IntArray
 from trueplant.lti.structure import gain_unit
 from trueplant.report.figures import phases
 from trueplant.report.numbers import interval, number
@@ -105,7 +105,7 @@ def residuals_over_time(found: Residuals, unit: str) -> str:
     )
 
 
-def correlation(lags: Array, value: Array, bound: float) -> str:
+def correlation(lags: Array | IntArray, value: Array, bound: float) -> str:
     """Lag 0 of an autocorrelation is 1 by definition; the caller leaves it out."""
     known = np.isfinite(value)
     if not known.any():

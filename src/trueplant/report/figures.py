@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from trueplant.arrays import Array, ComplexArray
+from trueplant.arrays import Array, ComplexArray, IntArray
 from trueplant.lti.structure import gain_unit
 from trueplant.report.decimate import compact, merged, min_max
 from trueplant.report.numbers import number
@@ -281,7 +281,7 @@ def residuals_over_time(found: Residuals, unit: str, time_unit: str, limit: int)
     return whole_ticks(framed(figure, 210), t)
 
 
-def correlation(lags: Array, value: Array, bound: float) -> go.Figure:
+def correlation(lags: Array | IntArray, value: Array, bound: float) -> go.Figure:
     """A correlation over lags with the bound within which it is due to chance."""
     figure = go.Figure()
     stems = np.repeat(lags, 3).astype(float)

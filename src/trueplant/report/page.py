@@ -14,6 +14,7 @@ from trueplant.report.detected import detected
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.labels import label
 from trueplant.report.numbers import number, probability
+from trueplant.report.shown import as_shown
 from trueplant.result import Curves, Residuals, Result, RetuningCurves, Trend
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ def render(result: Result) -> str:
 
     The same result gives the same text. Raises nothing for results without curves, elements or data.
     """
-    from trueplant.result.codec import plain
     from trueplant.result.summary import loop_line
 
     book = Book()
@@ -38,15 +38,15 @@ def render(result: Result) -> str:
             headline=result.headline.replace("->", "→"),  # a line must not break inside the arrow
             confidence=_confidence(result),
             most_rows=levels.MOST_ROWS,
-            provenance=plain(result.provenance),
-            data=plain(result.data),
-            fits=tables.fit_tables(plain(result.fit)),
+            provenance=as_shown(result.provenance),
+            data=as_shown(result.data),
+            fits=tables.fit_tables(as_shown(result.fit)),
             loop_line=loop_line(result),
-            robustness=plain(result.robustness) or {},
+            robustness=as_shown(result.robustness) or {},
             today=_today(result),
             retuned=_retuned(result, book),
-            more_data=plain(result.more_data),
-            comparison=tables.comparison(plain(result.methods), result.elements),
+            more_data=as_shown(result.more_data),
+            comparison=tables.comparison(as_shown(result.methods), result.elements),
             detected=detected(result.methods.detectors, result.elements),
             elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in result.elements],
             grid=_grid(result),
@@ -120,9 +120,7 @@ def _grid(result: Result) -> tuple[list[str], list[tuple[str, list[Any]]]]:
 
 def _today(result: Result) -> dict[str, Any]:
     """Today's loops as tables."""
-    from trueplant.result.codec import plain
-
-    found, curves = plain(result.robustness) or {}, result.curves
+    found, curves = as_shown(result.robustness) or {}, result.curves
     unit = curves.time_unit if curves else result.provenance.time_unit
     outputs, inputs = (curves.outputs, curves.inputs) if curves else ((), ())
     systems, peaks = loops.peak_rows(found, unit)
@@ -139,14 +137,12 @@ def _today(result: Result) -> dict[str, Any]:
 
 def _retuned(result: Result, book: Book) -> list[tuple[retuned.Retuned, list[Drawn]]]:
     """New settings, a loop at a time, with the responses before and after."""
-    from trueplant.result.codec import plain
-
     curves = result.curves
     outputs = dict(zip(curves.outputs, curves.output_units, strict=True)) if curves else {}
     inputs = dict(zip(curves.inputs, curves.input_units, strict=True)) if curves else {}
     drawn = {(c.input, c.output): c for c in curves.retuning} if curves else {}
     found = []
-    for loop in plain(result.controllers):
+    for loop in as_shown(result.controllers):
         place = loop["input"], loop["output"]
         pv, op = outputs.get(place[1], ""), inputs.get(place[0], "")
         responses = _retuning_figures(drawn[place], pv, op, loop["time_unit"], book) if place in drawn else []

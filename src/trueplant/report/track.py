@@ -11,6 +11,7 @@ from trueplant.report.figures import GAP, PANEL, axis_range
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.levels import MOST_ROWS
 from trueplant.report.page import environment
+from trueplant.report.shown import as_shown
 from trueplant.report.style import BOTTOM, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
 from trueplant.result import Change, ChangeKind, Parameter, Track, TrackedElement, Window, WindowStatus
 from trueplant.result.numbers import counted
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
 
 def render(track: Track) -> str:
     """The track as HTML text: no file or address outside of it is needed. The same track gives the same text."""
-    from trueplant.result.codec import plain
-
     book = Book()
     figures = [(e, _drawn(track, e, book)) for e in track.elements]
     page = (
@@ -39,7 +38,7 @@ def render(track: Track) -> str:
             refused=refused_stretches(track),
             moved=lambda p: moved_words(p).replace("->", "→"),
             time=time_text,
-            provenance=plain(track.provenance),
+            provenance=as_shown(track.provenance),
             most_rows=MOST_ROWS,
             **frame(book),
         )

@@ -16,20 +16,22 @@ from datetime import date, datetime
 from enum import Enum
 from functools import cache
 from pathlib import PurePath
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
 T = TypeVar("T")
+Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
+"""What JSON can hold."""
 
 
-def key(name: str) -> dict[str, Any]:
+def key(name: str) -> dict[str, str]:
     """Metadata of a field that has another name in JSON."""
     return {"key": name}
 
 
-ABSENT: dict[str, Any] = {"absent": True}
-SPREAD: dict[str, Any] = {"spread": True}
+ABSENT: dict[str, bool] = {"absent": True}
+SPREAD: dict[str, bool] = {"spread": True}
 
 
 @cache
@@ -38,12 +40,12 @@ def hints(cls: type) -> dict[str, Any]:
     return typing.get_type_hints(cls)
 
 
-def json_key(field: dataclasses.Field[Any]) -> str:
+def json_key(field: dataclasses.Field[object]) -> str:
     """What a field is called in JSON."""
     return str(field.metadata.get("key", field.name))
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> Json:
     """``value`` as what JSON can hold: classes and mappings as dicts, arrays as lists, non-finite numbers as None.
 
     Raises TypeError for anything else, rather than write what nobody can read back.
@@ -51,7 +53,7 @@ def plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return fields_of(value)
     if isinstance(value, Enum):
-        return value.value
+        return str(value.value)
     if isinstance(value, Mapping):
         return {str(name): plain(entry) for name, entry in value.items()}
     if isinstance(value, np.ndarray):
@@ -63,7 +65,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [plain(entry) for entry in value]
     if isinstance(value, (set, frozenset)):
-        return sorted(plain(entry) for entry in value)
+        return sorted((plain(entry) for entry in value), key=str)
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, complex):
@@ -77,16 +79,16 @@ def plain(value: Any) -> Any:
     raise TypeError(f"a {type(value).__name__} has no place in result.json")
 
 
-def fields_of(value: Any, left_out: Collection[str] = ()) -> dict[str, Any]:
+def fields_of(value: object, left_out: Collection[str] = ()) -> dict[str, Json]:
     """The fields of a dataclass as plain Python, without some of them."""
-    out: dict[str, Any] = {}
+    out: dict[str, Json] = {}
     wanted = value.json_fields() if hasattr(value, "json_fields") else None
-    for field in dataclasses.fields(value):
+    for field in dataclasses.fields(typing.cast(Any, value)):
         entry = getattr(value, field.name)
         if field.name in left_out or (wanted is not None and field.name not in wanted):
             continue
         if field.metadata.get("spread"):
-            out |= plain(entry)
+            out |= {str(name): plain(one) for name, one in entry.items()}
         elif entry is None and "none_as" in field.metadata:
             out[json_key(field)] = field.metadata["none_as"]
         elif not (field.metadata.get("absent") and _is_nothing(entry)):
@@ -99,14 +101,14 @@ def _is_nothing(entry: Any) -> bool:
     return entry is None or (isinstance(entry, str | tuple | Mapping) and not entry)
 
 
-def document(outcome: Any, left_out: Collection[str] = ()) -> dict[str, Any]:
+def document(outcome: object, left_out: Collection[str] = ()) -> dict[str, Json]:
     """An outcome as plain Python (schema 1), without some of its fields; first what happened, then what was found."""
     found = fields_of(outcome, left_out)
     first = ("status", "headline", "reasons", "notes")
     return {"schema": 1} | {name: found.get(name, getattr(outcome, name)) for name in first} | found
 
 
-def build(cls: type[T], data: Any) -> T:
+def build(cls: type[T], data: object) -> T:
     """An object of a class from its plain form. What is not there takes its default; numbers that are None are NaN.
 
     Raises TypeError or ValueError where the data do not fit the class.

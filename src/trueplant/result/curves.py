@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trueplant.arrays import Array, ComplexArray
+from trueplant.arrays import Array, ComplexArray, IntArray
 from trueplant.result.element import Interval
 
 
@@ -47,12 +45,12 @@ class Residuals:
     output: str
     t: Array
     e: Array
-    lags: NDArray[np.integer[Any]]
+    lags: IntArray
     acf: Array
     acf_bound: float
     ccf: Mapping[str, Array]
     """Cross-correlation with each input at `ccf_lags`."""
-    ccf_lags: NDArray[np.integer[Any]]
+    ccf_lags: IntArray
     ccf_bound: float
 
     def decimated(self, most: int) -> Residuals:

@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from trueplant.result.codec import hints, json_key
+from trueplant.result.codec import Json, hints, json_key
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 VERSION = 1
 """Of result.json, check.json and track.json; a change that breaks a reader raises it, with a changelog entry."""
 
 
-def schema(cls: type, title: str, left_out: tuple[str, ...] = ()) -> dict[str, Any]:
+def schema(cls: type, title: str, left_out: tuple[str, ...] = ()) -> dict[str, Json]:
     """The schema of a document (`codec.document`) of this class, without the fields left out of it."""
     definitions: dict[str, Any] = {}
     top = _object(cls, definitions, left_out)
@@ -95,8 +95,8 @@ def _described(hint: Any, definitions: dict[str, Any]) -> dict[str, Any]:
     return simple.get(hint, {"type": ["number", "null"]})
 
 
-def published(name: str) -> dict[str, Any]:
+def published(name: str) -> dict[str, Json]:
     """The schema of "result.json", "check.json" or "track.json" as it goes with the package."""
     text = files("trueplant.result").joinpath("schemas", f"{name.removesuffix('.json')}.schema.json")
-    found: dict[str, Any] = json.loads(text.read_text(encoding="utf-8"))
+    found: dict[str, Json] = json.loads(text.read_text(encoding="utf-8"))
     return found

@@ -61,12 +61,13 @@ def state_variable_filter(
     found = by_equation_error(order, samples, lam)
     regressors, targets = filtered_regression(order, samples, found.lam)
     zetas = regressors
+    bias = ""
     notes = [f"state-variable filter at {found.lam:.4g} rad per time unit"]
     if instrument:
         modelled = [order.simulate(found.theta, s) for s in samples]
         zetas, _ = filtered_regression(order, samples, found.lam, modelled)
     else:
-        notes.append("least squares is biased by noise in the output; its standard errors do not count that")
+        bias = "least squares is biased by noise in the output; its standard errors do not count that"
     zeta, phi, target = np.vstack(zetas), np.vstack(regressors), np.concatenate(targets)
     solution = solve_instrumental(zeta if instrument else phi, phi, target)
     errors = [y - x @ solution for x, y in zip(regressors, targets, strict=True)]
@@ -84,7 +85,8 @@ def state_variable_filter(
         ArmaNoise(),
         True,
         1,
-        tuple(notes),
+        tuple(filter(None, [*notes, bias])),
+        bias,
     )
 
 
@@ -109,7 +111,7 @@ def srivc(
     samples = samples_of(segments, output, held)
     _check_inputs(orders, samples)
     refined = best_from_guesses(orders, samples, initial)
-    return finished("SRIVC", orders, samples, refined, notes=_closed_loop_note(segments, refined.point))
+    return finished("SRIVC", orders, samples, refined, bias=_closed_loop_bias(segments, refined.point))
 
 
 def rivc(
@@ -191,9 +193,7 @@ def _check_inputs(orders: Sequence[Order], samples: Sequence[Samples]) -> None:
             )
 
 
-def _closed_loop_note(segments: Sequence[Segment], point: Point) -> list[str]:
-    if not any(segment.closed for segment in segments):
-        return []
-    if colour(point.errors, point.usable) == 0:
-        return []
-    return ["coloured noise in a closed loop biases SRIVC, which its standard errors do not count: see rivc, clsrivc"]
+def _closed_loop_bias(segments: Sequence[Segment], point: Point) -> str:
+    if not any(segment.closed for segment in segments) or colour(point.errors, point.usable) == 0:
+        return ""
+    return "coloured noise in a closed loop biases SRIVC, which its standard errors do not count: see rivc, clsrivc"

@@ -38,6 +38,8 @@ class PolynomialFit:
     rounds: int
     notes: tuple[str, ...]
     """What to know before believing it, each a sentence."""
+    bias: str = ""
+    """That of the notes which says that the estimate is biased, if it is known to be."""
 
     @property
     def slices(self) -> tuple[slice, ...]:
@@ -129,12 +131,13 @@ def finished(
     refined: Refined,
     noise: ArmaNoise | None = None,
     notes: Sequence[str] = (),
+    bias: str = "",
 ) -> PolynomialFit:
     """The result of an iteration, with the covariance M^-1 (Z' R Z) M^-T, M = sum zeta psi'.
 
     Where the errors are white and the instrument is built on the recorded inputs this is s2 (sum zeta zeta')^-1.
     """
-    point, said = refined.point, list(notes)
+    point, said = refined.point, [*notes, *filter(None, [bias])]
     moment, order = coloured_moment(point.instruments, point.errors, point.usable)
     covariance = instrument_covariance(point.cross, moment, point.power)
     if order:
@@ -155,6 +158,7 @@ def finished(
         refined.converged,
         refined.rounds,
         tuple(said),
+        bias,
     )
 
 

@@ -86,7 +86,7 @@ def pattern(samples: int, h: float, intervals: Mapping[int, float], channels: in
     return moves
 
 
-def noise_of(study: Study, estimates: Mapping[int, OutputEstimate], samples: int, seed: int) -> Array:
+def simulated_noise(study: Study, estimates: Mapping[int, OutputEstimate], samples: int, seed: int) -> Array:
     """(samples, n_y) as the noise models of the estimated outputs say; 0 for the others."""
     rng = np.random.default_rng(seed)
     out = np.zeros((samples, study.model.shape[0]))

@@ -22,7 +22,7 @@ from trueplant.project.tables import Simulate
 from trueplant.result import MoreData, PlannedMove, Settled
 from trueplant.result.plan_words import plan_sentence
 from trueplant.study import levels
-from trueplant.study.experiment.moves import Bench, Moves, Plan, combined, fit_at, information, noise_of, pattern
+from trueplant.study.experiment.moves import Bench, Moves, Plan, combined, fit_at, information, pattern, simulated_noise
 from trueplant.study.study import Study
 
 
@@ -110,7 +110,7 @@ def _bench(study: Study, estimates: Mapping[int, OutputEstimate], plant: Transfe
     own, loop = plant.columns(0, study.n_u), study.loop(plant)
     h = study.segments[0].h
     samples = int(min(50 * _slowest(study, estimates) / h, 20_000)) + 100
-    noise = noise_of(study, estimates, samples, project.analysis.seed)
+    noise = simulated_noise(study, estimates, samples, project.analysis.seed)
     if loop is None:
         return Bench(own, None, h, 1, noise)
     scans = [law.sample_time for law in project.controllers if law.sample_time is not None]

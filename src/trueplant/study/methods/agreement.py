@@ -69,11 +69,11 @@ def disagreements(
     study: Study,
     estimates: Mapping[int, OutputEstimate],
     found: Mapping[str, Estimated],
-    remarks: Mapping[str, Sequence[str]],
+    biases: Mapping[str, Sequence[str]],
 ) -> dict[str, str]:
     """For each method that can be compared: where it and the fit differ beyond both their uncertainties, if they do.
 
-    The text is empty where they agree. To one that need not agree the remark that says why is added.
+    The text is empty where they agree. To one that is known to be biased, and need not agree, that is added.
     """
     level = 1 - study.project.analysis.confidence
     said = {}
@@ -81,7 +81,7 @@ def disagreements(
         compared = _differences(estimates, answer)
         clear = [one for one in compared if one.p * len(compared) < level]
         if compared:
-            said[name] = _disagreement(study, name, clear, remarks.get(name, ())) if clear else ""
+            said[name] = _disagreement(study, name, clear, biases.get(name, ())) if clear else ""
     return said
 
 
@@ -115,12 +115,12 @@ def _differences(estimates: Mapping[int, OutputEstimate], answer: Estimated) -> 
     return found
 
 
-def _disagreement(study: Study, name: str, clear: Sequence[_Difference], remarks: Sequence[str]) -> str:
+def _disagreement(study: Study, name: str, clear: Sequence[_Difference], biases: Sequence[str]) -> str:
     named = "; ".join(
         f"{one.label.replace('_', ' ')} of {study.columns[one.column]} -> {study.project.output_names[one.output]}: "
         f"{number(one.fit)} by the fit, {number(one.other)} by {name}"
         for one in clear[: levels.MOST_NAMED]
     )
     more = f" and {len(clear) - levels.MOST_NAMED} more" if len(clear) > levels.MOST_NAMED else ""
-    known = "".join(f" ({remark})" for remark in remarks if "biase" in remark)
+    known = "".join(f" ({bias})" for bias in biases)
     return f"{name} and the fit disagree beyond their uncertainties: {named}{more}{known}"

@@ -73,7 +73,7 @@ def compare_methods(study: Study, identified: Identified, plant: TransferMatrix)
     formed = found["closed-form"].response if "closed-form" in found else None
     if formed is not None and not formed.periods:  # it reads frequencies between the lines too, where nothing moves
         elements["paper-route"] = paper_route_rows(study, identified, plant)
-    said = {**disagreements(study, estimates, found, requested.remarks), **requested.disagreements}
+    said = {**disagreements(study, estimates, found, requested.biases), **requested.disagreements}
     inside, outside = band_test(study, identified.specs, plant, response)
     return Compared(
         elements,

@@ -104,22 +104,24 @@ class Task:
         return f"{self.inputs[j] if self.inputs else f'input {j + 1}'} -> {output}"
 
     @cached_property
-    def starts(self) -> dict[int, Array | None]:
-        """Filled by `start`: each row's is found once for all estimators."""
-        return {}
+    def initial(self) -> dict[int, Array | None]:
+        """By output the coefficients from which the search of all estimators starts; None where none were found."""
+        return {i: self._initial(i) for i in self.rows}
 
-    def start(self, i: int) -> Array | None:
+    def _initial(self, i: int) -> Array | None:
         """SRIVC's coefficients, from the model or from its own search, whichever costs less; None where both fail."""
-        if i not in self.starts:
-            orders, fits = self.orders(i), list[PolynomialFit]()
-            for start in (None, _coefficients(orders, i, self.model)):
-                if start is not None or not fits:
-                    try:
-                        fits.append(srivc(self.segments, i, orders, start, self.held[i]))
-                    except (TrueplantError, np.linalg.LinAlgError):
-                        continue
-            self.starts[i] = min(fits, key=lambda fit: fit.cost).theta if fits else None
-        return self.starts[i]
+        fits: list[PolynomialFit] = []
+        try:
+            orders = self.orders(i)
+        except TrueplantError:
+            return None  # each estimator will say why
+        for guess in (None, _coefficients(orders, i, self.model)):
+            if guess is not None or not fits:
+                try:
+                    fits.append(srivc(self.segments, i, orders, guess, self.held[i]))
+                except (TrueplantError, np.linalg.LinAlgError):
+                    continue
+        return min(fits, key=lambda fit: fit.cost).theta if fits else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +132,8 @@ class Answer:
     refused: str
     """Empty where every element was answered."""
     notes: tuple[str, ...] = ()
+    biases: tuple[str, ...] = ()
+    """Those of the notes that say where it is known to be biased, and so need not agree with the fit."""
 
 
 def compare_estimators(
@@ -171,6 +175,7 @@ def estimate_by(name: str, task: Task) -> Answer:
     found: Found = {}
     refused: dict[str, str] = {}
     notes: dict[int, tuple[str, ...]] = {}
+    biases: dict[int, str] = {}
     groups = [list(task.rows)] if name == "clsrivc" else [[i] for i in task.rows]
     for group in groups:
         try:
@@ -182,7 +187,7 @@ def estimate_by(name: str, task: Task) -> Answer:
             refused |= dict.fromkeys((task.said(i) for i in group), str(error))
             continue
         for i, fit in fits.items():
-            notes[i] = fit.notes
+            notes[i], biases[i] = fit.notes, fit.bias
             for k, order in enumerate(fit.orders):
                 try:
                     found[i, order.column] = _in_structure(fit, k, task.structures[i, order.column])
@@ -191,8 +196,9 @@ def estimate_by(name: str, task: Task) -> Answer:
     alike = len(set(refused.values())) == 1 and not found
     why = next(iter(refused.values())) if alike else "; ".join(f"{where}: {text}" for where, text in refused.items())
     everywhere = [note for note in next(iter(notes.values()), ()) if all(note in of for of in notes.values())]
-    here = [f"{task.said(i)}: {note}" for i, of in notes.items() for note in of if note not in everywhere]
-    return Answer(found, why, (*everywhere, *here))
+    here = {(i, note): f"{task.said(i)}: {note}" for i, of in notes.items() for note in of if note not in everywhere}
+    biased = dict.fromkeys(here.get((i, bias), bias) for i, bias in biases.items() if bias)
+    return Answer(found, why, (*everywhere, *here.values()), tuple(biased))
 
 
 def plant_of(task: Task, found: Found, shape: tuple[int, int]) -> TransferMatrix:
@@ -218,12 +224,12 @@ def _fits(name: str, task: Task, rows: Sequence[int]) -> dict[int, PolynomialFit
             raise Refused("clsrivc drives its instrument through the controller: declare it, or use two-stage")
         if any(column >= task.controller.n_u for row in task.rows.values() for column in row):
             raise Refused("clsrivc knows no measured disturbances: use srivc or rivc")
-        given = {i: start for i in rows if (start := task.start(i)) is not None}
+        given = {i: start for i in rows if (start := task.initial[i]) is not None}
         return clsrivc(segments, orders, task.controller, given or None, held)
     estimators: Mapping[str, Callable[[int], PolynomialFit]] = {
-        "srivc": lambda i: srivc(segments, i, orders[i], task.start(i), held[i]),
-        "rivc": lambda i: rivc(segments, i, orders[i], initial=task.start(i), held=held[i]),
-        "two-stage": lambda i: two_stage(segments, i, orders[i], task.start(i), held[i]),
+        "srivc": lambda i: srivc(segments, i, orders[i], task.initial[i], held[i]),
+        "rivc": lambda i: rivc(segments, i, orders[i], initial=task.initial[i], held=held[i]),
+        "two-stage": lambda i: two_stage(segments, i, orders[i], task.initial[i], held[i]),
         "equation-error": lambda i: _equation_error(segments, i, orders[i], held[i]),
     }
     return {i: estimators[name](i) for i in rows}

@@ -33,6 +33,8 @@ class Requested:
     not_applied: Mapping[str, str] = field(default_factory=dict)
     remarks: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """What to know of each method, in sentences."""
+    biases: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """Those of the remarks that say where a method is known to be biased."""
     black_box: BlackBox | None = None
     disagreements: Mapping[str, str] = field(default_factory=dict)
     """Where the black box, if it ran, and the fit differ; as `agreement.disagreements` has it."""
@@ -60,7 +62,7 @@ def request(
     task = Task(
         segments,
         {place: spec.structure for place, spec in identified.specs.items() if place[0] in estimates},
-        None,
+        _law(study, segments),
         study.model,
         study.project.output_names,
         study.columns,
@@ -70,17 +72,18 @@ def request(
         if name == BLACK_BOX:
             continue
         other = _controllers_differ(study, segments) if name == "clsrivc" else ""
-        answer = Answer({}, other) if other else estimate_by(name, replace(task, controller=_law(study, segments)))
+        answer = Answer({}, other) if other else estimate_by(name, task)
         if answer.refused:
             refused[name] = answer.refused
         if answer.found:
             answers[name] = _as_late(study, task, answer)
     remarks = {name: answer.notes for name, answer in answers.items() if answer.notes}
+    biases = {name: answer.biases for name, answer in answers.items()}
     if any(found.disputed for found in estimates.values()):
         apart = "the experiments disagree, which its intervals do not count (those of the direct fit do)"
         remarks = {name: (*remarks.get(name, ()), apart) for name in answers}
     if BLACK_BOX not in names:
-        return Requested(answers, refused, remarks)
+        return Requested(answers, refused, remarks, biases)
     shape = len(study.project.outputs), study.n_u
     plants = {"model": study.model, DIRECT: plant}
     plants = {name: matrix.columns(0, study.n_u) for name, matrix in plants.items()}
@@ -88,9 +91,8 @@ def request(
     opinion = second_opinion(_without_disturbances(study, segments, plant), plants)
     if opinion.refused:
         refused[BLACK_BOX] = opinion.refused
-    return Requested(
-        answers, refused, remarks, _table(study, opinion, answers), _disagreement(study, estimates, opinion)
-    )
+    table, disagreement = _table(study, opinion, answers), _disagreement(study, estimates, opinion)
+    return Requested(answers, refused, remarks, biases, table, disagreement)
 
 
 def _why_nothing(study: Study, segments: Sequence[Segment]) -> str:

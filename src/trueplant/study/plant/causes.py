@@ -181,9 +181,7 @@ def _plant(
     """Sensor span and actuator gain where whole rows or columns scale alike, else the plant itself."""
     if not changed:
         return []
-    dynamics = {
-        (e.output, e.input) for e in changed for p in e.parameters if p.changed and not p.name.startswith("gain")
-    }
+    dynamics = {(e.output, e.input) for e in changed if _dynamics_changed(study, found, e)}
     outputs, inputs = study.project.output_names, study.project.input_names
     common = [
         factor
@@ -216,6 +214,13 @@ def _plant(
             message += ": a sensor's span or a valve's gain would move the gain alone"
         causes.append(Reason(Code.CAUSE_PLANT, message, f"{e.input} -> {e.output}"))
     return causes
+
+
+def _dynamics_changed(study: Study, found: Mapping[tuple[int, int], Found], element: Element) -> bool:
+    """Has anything but a gain of this element changed?"""
+    place = study.project.output_names.index(element.output), study.columns.index(element.input)
+    is_gain = found[place].spec.structure.is_gain
+    return any(p.changed and not gain for p, gain in zip(element.parameters, is_gain, strict=True))
 
 
 def _factor_cause(factor: CommonFactor, name: str, study: Study) -> Reason:
