@@ -20,7 +20,7 @@ def signatures() -> Iterator[tuple[str, str]]:
             if inspect.isfunction(value):
                 yield from ((f"{info.name}.{name}", str(text)) for text in value.__annotations__.values())
             elif inspect.isclass(value):
-                own = [(name, value.__dict__.get("__annotations__", {}))]
+                own = [(name, inspect.get_annotations(value))]
                 for key, member in vars(value).items():
                     function = member.fget if isinstance(member, property) else member
                     if inspect.isfunction(function) and not key.startswith("__"):
