@@ -170,9 +170,10 @@ def test_an_absent_element_that_comes_out_as_zero_has_a_band(tmp_path):
 def test_a_disturbance_that_reaches_both_outputs_is_said_and_raises_no_alarm(tmp_path):
     """Wood-Berry's own feed disturbance, unmeasured: with one noise model an output 6 of 20 such records raise one.
 
-    80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %.
+    80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %. All of them say that
+    the disturbance is shared; where the joint fit does not help (1 of these 80), intervals are widened instead.
     """
-    alarms = 0
+    alarms = apart = 0
     for seed in range(70, 150):
         rng = np.random.default_rng(seed)
         feed = coloured(rng, 3000, 1, [1, -0.9], [1], 0.3)[:, 0]
@@ -181,8 +182,11 @@ def test_a_disturbance_that_reaches_both_outputs_is_said_and_raises_no_alarm(tmp
         written(tmp_path, "record.csv", simulate(WOOD_BERRY, BLT, random_switching(rng, 3000, 2, 20.0), 1.0, v=v))
         result = run(project(tmp_path))
         alarms += bool(changed(result))
-        assert any(note.code == "crossed" and "together" in note.message for note in result.notes)
+        said = [note.message for note in result.notes if note.code == "crossed"]
+        assert said
+        apart += not any("together" in message for message in said)
     assert alarms <= most(80, 0.05)
+    assert apart <= most(80, 0.05)
 
 
 def test_independent_disturbances_are_not_said_to_be_crossed(tmp_path):

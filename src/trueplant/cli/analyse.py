@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from trueplant.errors import UsageError
 from trueplant.output import RESULT, prepare_output, write_files, write_results
 from trueplant.project.project import Project
+from trueplant.result.status import Status
 
 if TYPE_CHECKING:
     from trueplant.result import Result
@@ -25,7 +26,7 @@ def run(path: Path, out: Path | None, json: bool, fail_on_mismatch: bool) -> int
     project = Project.load(path)
     folder = prepare_output(out or Path(f"{path.stem}-result"))
     result = _analyse(project, folder, json)
-    if result.status == "refused":
+    if result.status == Status.REFUSED:
         return REFUSED
     return MISMATCH if fail_on_mismatch and result.mismatch else 0
 
@@ -40,7 +41,7 @@ def demo(name: str, out: Path | None, json: bool) -> int:
     record = project.data.files[0]
     write_files(folder, {record: as_file(simulate_record(project), record), "project.toml": text})
     result = _analyse(Project.load(folder / "project.toml"), folder, json)
-    return REFUSED if result.status == "refused" else 0
+    return REFUSED if result.status == Status.REFUSED else 0
 
 
 def demo_text(name: str) -> str:

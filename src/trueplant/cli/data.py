@@ -8,7 +8,7 @@ from pathlib import Path
 
 from trueplant.errors import OutputError, UsageError
 from trueplant.output import as_json, write_files
-from trueplant.result import Check, Code
+from trueplant.result import Check, Code, Status
 
 REFUSED = 3
 
@@ -25,7 +25,7 @@ def check(path: Path, json: bool) -> int:
         sys.stdout.write(as_json(found.to_dict()))
     else:
         show_check(found)
-    return 0 if found.status == "ok" else REFUSED
+    return 0 if found.status == Status.OK else REFUSED
 
 
 def show_check(found: Check) -> None:

@@ -14,9 +14,14 @@ from trueplant.result import Element, Parameter, Result
 from trueplant.result.detectors_words import detector_lines
 from trueplant.result.methods_words import comparison_lines
 from trueplant.result.numbers import number, value_with_interval
+from trueplant.result.status import ElementVerdict
 from trueplant.result.summary import loop_line, settings_lines
 
-_STYLE = {"changed": "bold red", "unchanged": "green", "not identifiable": "yellow"}
+_STYLE = {
+    ElementVerdict.CHANGED: "bold red",
+    ElementVerdict.UNCHANGED: "green",
+    ElementVerdict.NOT_IDENTIFIABLE: "yellow",
+}
 
 
 def console() -> Console:

@@ -13,7 +13,7 @@ from trueplant.cli.analyse import REFUSED, saying
 from trueplant.cli.show import console
 from trueplant.output import as_json, prepare_output, write_files
 from trueplant.project.project import Project
-from trueplant.result import Change, ElementHistory, Track
+from trueplant.result import Change, ElementHistory, Status, Track
 from trueplant.result.track_words import moved_words, refused_stretches, time_text
 
 JSON, PAGE = "track.json", "track.html"
@@ -36,7 +36,7 @@ def track(path: Path, out: Path | None, json: bool, precision: float) -> int:
     else:
         show(found)
         print(*written.values(), sep="\n")
-    return REFUSED if found.status == "refused" else 0
+    return REFUSED if found.status == Status.REFUSED else 0
 
 
 _STYLES = {ElementHistory.CONSTANT: "green", ElementHistory.NOT_IDENTIFIABLE: "yellow"}

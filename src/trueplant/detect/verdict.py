@@ -17,6 +17,7 @@ from scipy.stats import chi2, norm
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.detect import levels
+from trueplant.result.status import ElementVerdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +44,9 @@ class ParameterVerdict:
 
 @dataclass(frozen=True)
 class Verdict:
-    """ "unchanged", "changed" or "not identifiable", with familywise p-values."""
+    """What is said of an element, with familywise p-values."""
 
-    verdict: str
+    verdict: ElementVerdict
     p_adjusted: float | None
     parameters: tuple[ParameterVerdict, ...]
 
@@ -101,7 +102,7 @@ def _verdict(
     none = ParameterVerdict(None, None, False)
     parameters = [none] * len(evidence.model)
     if p_element is None:
-        return Verdict("not identifiable", None, tuple(parameters))
+        return Verdict(ElementVerdict.NOT_IDENTIFIABLE, None, tuple(parameters))
     shift = np.array([evidence.plant[k] - (evidence.model[k] or 0.0) for k in tested])
     sigma = np.sqrt(np.maximum(np.diag(evidence.covariance)[list(tested)], 1e-300))
     raw = 2 * norm.sf(np.abs(shift) / sigma)
@@ -115,7 +116,8 @@ def _verdict(
         changed[int(np.argmin(np.where(beyond, raw, 2.0)))] = True
     for k, p, q, c in zip(tested, raw, adjusted, changed, strict=True):
         parameters[k] = ParameterVerdict(float(p), float(q), bool(c))
-    return Verdict("changed" if changed.any() else "unchanged", p_element, tuple(parameters))
+    said = ElementVerdict.CHANGED if changed.any() else ElementVerdict.UNCHANGED
+    return Verdict(said, p_element, tuple(parameters))
 
 
 def importance_in_loop(delta: ComplexArray, q_s: ComplexArray) -> Array:

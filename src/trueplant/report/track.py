@@ -13,7 +13,7 @@ from trueplant.report.levels import MOST_ROWS
 from trueplant.report.page import environment
 from trueplant.report.shown import as_shown
 from trueplant.report.style import BOTTOM, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
-from trueplant.result import Change, ChangeKind, Parameter, Track, TrackedElement, Window, WindowStatus
+from trueplant.result import Change, ChangeKind, Parameter, Status, Track, TrackedElement, Window
 from trueplant.result.numbers import counted
 from trueplant.result.track_words import change_sentence, moved_words, refused_stretches, time_text
 
@@ -54,7 +54,7 @@ def _drawn(track: Track, element: TrackedElement, book: Book) -> Drawn | None:
         return None
     figure = element_figure(track, element, windows, changes, names)
     estimated = sum(any(e.input == element.input for e in w.elements) for w in windows)
-    refused = sum(w.status == WindowStatus.REFUSED for w in windows)
+    refused = sum(w.status == Status.REFUSED for w in windows)
     caption = f"{counted(estimated, 'window')} estimated, {counted(refused, 'stretch', 'es')} of the record refused."
     if changes:
         caption += " " + " ".join(change_sentence(c, track.time_unit).replace("->", "→") for c in changes)
@@ -113,7 +113,7 @@ def _traces(
     traces = []
     pixel = (span[1] - span[0]) / 1000
     for window in windows:
-        if window.status == WindowStatus.REFUSED:
+        if window.status == Status.REFUSED:
             text = inert(f"refused: {window.reason}")
             traces.append(_shade("excluded", window.start, window.end, limits, text))
     for change in changes:

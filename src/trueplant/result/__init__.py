@@ -9,7 +9,6 @@ from trueplant.result.changes import (
     TrackedExperiment,
     Window,
     WindowElement,
-    WindowStatus,
 )
 from trueplant.result.check import Check
 from trueplant.result.codec import build, document, plain
@@ -69,6 +68,7 @@ from trueplant.result.robustness import (
     SystemPeaks,
     WorstElement,
 )
+from trueplant.result.status import ElementVerdict, Status
 from trueplant.result.track import Track
 from trueplant.result.uncertainty import HeldElement, UncertainParameter, UncertainRow, Uncertainty
 
@@ -99,6 +99,7 @@ __all__ = [
     "DrawnStability",
     "Element",
     "ElementHistory",
+    "ElementVerdict",
     "Excitation",
     "Exclusion",
     "ExperimentData",
@@ -142,6 +143,7 @@ __all__ = [
     "Settled",
     "SignalCoherence",
     "SignalExcitation",
+    "Status",
     "StepResponseMetrics",
     "SystemPeaks",
     "Track",
@@ -154,7 +156,6 @@ __all__ = [
     "ValidationFit",
     "Window",
     "WindowElement",
-    "WindowStatus",
     "WorstElement",
     "build",
     "document",

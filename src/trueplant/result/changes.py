@@ -6,15 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from trueplant.result.element import Interval, Parameter
-
-
-class WindowStatus(StrEnum):
-    """What became of a stretch of a record."""
-
-    OK = "ok"
-    """It was fitted."""
-    REFUSED = "refused"
-    """It could not be, for the reason beside it."""
+from trueplant.result.status import ElementVerdict, Status
 
 
 class ChangeKind(StrEnum):
@@ -48,8 +40,8 @@ class WindowElement:
     """One element in one window, judged against the declared model."""
 
     input: str
-    verdict: str
-    """ "changed", "unchanged" or "not identifiable"; familywise over the elements of this output in this window."""
+    verdict: ElementVerdict
+    """Familywise over the elements of this output in this window."""
     p_adjusted: float | None
     parameters: tuple[Parameter, ...]
 
@@ -62,7 +54,7 @@ class Window:
     experiment: str
     start: float
     end: float
-    status: WindowStatus
+    status: Status
     reason: str = ""
     elements: tuple[WindowElement, ...] = ()
 

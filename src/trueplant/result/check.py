@@ -10,14 +10,15 @@ from trueplant.result.data import ExperimentData
 from trueplant.result.numbers import counted
 from trueplant.result.provenance import Provenance
 from trueplant.result.reason import Reason
+from trueplant.result.status import Status
 
 
 @dataclass(frozen=True, eq=False)
 class Check:
     """Which of the data can be used, and whether they can answer. `to_dict` is check.json (schema 1)."""
 
-    status: str
-    """"ok", or "refused" where nothing can be answered from these data."""
+    status: Status
+    """Refused where nothing can be answered from these data."""
     reasons: tuple[Reason, ...]
     """Why nothing, or not everything, can be answered."""
     notes: tuple[Reason, ...]
@@ -28,7 +29,7 @@ class Check:
     def headline(self) -> str:
         """Whether it is worth going on, in a sentence."""
         usable = [one for one in self.data if one.refused is None]
-        if self.status == "refused":
+        if self.status == Status.REFUSED:
             why = self.reasons[0].message if self.reasons else "no usable data are left after screening"
             return f"These data cannot answer: {why}."
         whole = "" if len(usable) == len(self.data) else f" of {len(self.data)}"

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from trueplant.result.methods import Detection
 from trueplant.result.outcome import Outcome
+from trueplant.result.status import ElementVerdict
 
 Place = tuple[str, str]
 
@@ -19,15 +20,15 @@ def detector_lines(result: Outcome) -> list[str]:
     return ["published detectors, on which no verdict rests:", *(f"  {_line(one, verdicts)}" for one in found)]
 
 
-def _line(found: Detection, verdicts: Mapping[Place, str]) -> str:
+def _line(found: Detection, verdicts: Mapping[Place, ElementVerdict]) -> str:
     if found.refused is not None:
         return f"{found.name} does not apply: {found.refused}"
     flagged = {(e.output, e.input): e.kind for e in found.elements if e.flagged}
     said = ", ".join(_arrow(place) + (f" ({kind})" if kind else "") for place, kind in flagged.items())
     text = f"{found.name} flags {said or 'nothing'}"
-    more = [place for place in flagged if verdicts.get(place) == "unchanged"]
+    more = [place for place in flagged if verdicts.get(place) == ElementVerdict.UNCHANGED]
     tested = [(e.output, e.input) for e in found.elements]
-    missed = [place for place in tested if verdicts.get(place) == "changed" and place not in flagged]
+    missed = [place for place in tested if verdicts.get(place) == ElementVerdict.CHANGED and place not in flagged]
     if not more and not missed:
         return text
     parts = [f"{', '.join(map(_arrow, more))} unchanged"] * bool(more)

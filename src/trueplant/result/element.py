@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from trueplant.result.status import ElementVerdict
+
 Interval = tuple[float, float]
 
 
@@ -43,8 +45,7 @@ class Element:
     tf_plant: str | None
     tf_mismatch: str | None
     parameters: tuple[Parameter, ...]
-    verdict: str
-    """"unchanged", "changed" or "not identifiable"."""
+    verdict: ElementVerdict
     reason: str
     p_adjusted: float | None
     importance: Importance

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from trueplant.result.element import Element, Parameter
 from trueplant.result.numbers import counted, number, sentence, spoken
 from trueplant.result.outcome import Outcome
+from trueplant.result.status import ElementVerdict, Status
 
 _PHRASES = {
     "gain": "a gain",
@@ -22,13 +23,13 @@ _PHRASES = {
 
 def headline(result: Outcome) -> str:
     """The verdict first, in a sentence or two for the person at the panel."""
-    if result.status == "refused":
+    if result.status == Status.REFUSED:
         why = result.reasons[0].message if result.reasons else "the data do not say enough"
         more = len(result.reasons) - 1
         rest = f" ({more} more reason{'s' if more > 1 else ''} in the result)" if more > 0 else ""
         return f"No answer can be given: {sentence(why)}{rest}"
-    changed = sorted((e for e in result.elements if e.verdict == "changed"), key=_weight)
-    open_ones = [e for e in result.elements if e.verdict == "not identifiable"]
+    changed = sorted((e for e in result.elements if e.verdict == ElementVerdict.CHANGED), key=_weight)
+    open_ones = [e for e in result.elements if e.verdict == ElementVerdict.NOT_IDENTIFIABLE]
     kept = len(result.elements) - len(changed) - len(open_ones)
     if changed:
         text = f"The plant has changed: {_what_changed(changed[0])}."
@@ -39,7 +40,8 @@ def headline(result: Outcome) -> str:
     elif kept:
         whole = "" if open_ones else "all " if kept > 1 else ""
         where = f"{whole}{counted(kept, 'element')}" if kept > 1 or open_ones else _arrow(result.elements[0])
-        text = f"No change was found in {where}{_hidden([e for e in result.elements if e.verdict == 'unchanged'])}."
+        unchanged = [e for e in result.elements if e.verdict == ElementVerdict.UNCHANGED]
+        text = f"No change was found in {where}{_hidden(unchanged)}."
         settings = result.provenance.settings
         tolerance, level = settings.tolerance_percent, 1 - settings.confidence
         p_values = [p.p_adjusted for e in result.elements for p in e.parameters if p.p_adjusted is not None]

@@ -10,13 +10,14 @@ from trueplant.result.methods import Methods
 from trueplant.result.provenance import Provenance
 from trueplant.result.reason import Reason
 from trueplant.result.robustness import LoopRobustness
+from trueplant.result.status import Status
 
 
 class Outcome(Protocol):
     """The parts of a `Result` that its words speak of."""
 
     @property
-    def status(self) -> str: ...
+    def status(self) -> Status: ...
     @property
     def reasons(self) -> tuple[Reason, ...]: ...
     @property

@@ -18,6 +18,7 @@ from trueplant.result.plans import MoreData
 from trueplant.result.provenance import Provenance
 from trueplant.result.reason import Reason
 from trueplant.result.robustness import LoopRobustness
+from trueplant.result.status import ElementVerdict, Status
 from trueplant.result.summary import html_summary, text_summary
 from trueplant.result.uncertainty import Uncertainty
 
@@ -26,7 +27,7 @@ from trueplant.result.uncertainty import Uncertainty
 class Result:
     """The outcome of an analysis. `to_dict` is result.json (schema 1)."""
 
-    status: str
+    status: Status
     reasons: tuple[Reason, ...]
     provenance: Provenance
     data: tuple[ExperimentData, ...]
@@ -48,7 +49,7 @@ class Result:
 
     @property
     def mismatch(self) -> bool:
-        return any(element.verdict == "changed" for element in self.elements)
+        return any(element.verdict == ElementVerdict.CHANGED for element in self.elements)
 
     @property
     def headline(self) -> str:

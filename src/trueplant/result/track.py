@@ -10,6 +10,7 @@ from trueplant.result.changes import Change, TrackedElement, TrackedExperiment, 
 from trueplant.result.codec import document
 from trueplant.result.provenance import Provenance
 from trueplant.result.reason import Reason
+from trueplant.result.status import Status
 from trueplant.result.track_words import headline
 
 
@@ -17,8 +18,8 @@ from trueplant.result.track_words import headline
 class Track:
     """The outcome of tracking. `to_dict` is track.json (schema 1)."""
 
-    status: str
-    """ "ok", or "refused" if no window could be fitted."""
+    status: Status
+    """Refused if no window could be fitted."""
     reasons: tuple[Reason, ...]
     notes: tuple[Reason, ...]
     provenance: Provenance

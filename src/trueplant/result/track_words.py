@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from trueplant.result.changes import Change, ChangeKind, ElementHistory, Moved, TrackedElement, Window, WindowStatus
+from trueplant.result.changes import Change, ChangeKind, ElementHistory, Moved, TrackedElement, Window
 from trueplant.result.numbers import counted, number, spoken
 from trueplant.result.reason import Reason
+from trueplant.result.status import Status
 
 
 class Tracked(Protocol):
     """The parts of a `Track` that its words speak of."""
 
     @property
-    def status(self) -> str: ...
+    def status(self) -> Status: ...
     @property
     def reasons(self) -> tuple[Reason, ...]: ...
     @property
@@ -29,7 +30,7 @@ class Tracked(Protocol):
 
 def headline(track: Tracked) -> str:
     """What changed and since when, in a sentence or two for the person at the panel."""
-    if track.status == "refused":
+    if track.status == Status.REFUSED:
         why = track.reasons[0].message if track.reasons else "the data do not say enough"
         return f"Nothing can be followed: {why.rstrip('.')}."
     text = " ".join(change_sentence(change, track.time_unit) for change in track.changes[:3])
@@ -74,7 +75,7 @@ def refused_stretches(track: Tracked) -> list[tuple[str, str, str, str]]:
     """(outputs, experiment, from ... to ..., reason) of the refused windows: what was refused alike put together."""
     outputs: dict[tuple[str, str, float, float], list[str]] = {}
     for w in sorted(
-        (w for w in track.windows if w.status == WindowStatus.REFUSED), key=lambda w: (w.experiment, w.start, w.end)
+        (w for w in track.windows if w.status == Status.REFUSED), key=lambda w: (w.experiment, w.start, w.end)
     ):
         outputs.setdefault((w.experiment, w.reason, w.start, w.end), []).append(w.output)
     spans: dict[tuple[str, str, str], list[str]] = {}

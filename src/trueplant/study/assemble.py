@@ -13,6 +13,7 @@ from trueplant.result import (
     ControllerCheck,
     Detection,
     Element,
+    ElementVerdict,
     Importance,
     MethodElement,
     MethodParameter,
@@ -20,6 +21,7 @@ from trueplant.result import (
     MoreData,
     Reason,
     Result,
+    Status,
     Uncertainty,
 )
 from trueplant.study.curves import curves_of
@@ -70,7 +72,7 @@ def assemble(study: Study, checked: Checked, found: Found) -> Result:
     if checked.coherence is not None:
         curves = replace(curves, coherence=coherence_curves(study, checked.coherence))
     return Result(
-        status="ok" if answered else "refused",
+        status=Status.OK if answered else Status.REFUSED,
         reasons=grouped([*checked.reasons, *(() if answered else _unanswered(elements))]),
         provenance=provenance(study),
         data=data_tables(study),
@@ -99,7 +101,7 @@ def refused(study: Study, checked: Checked) -> Result:
             tf_plant=None,
             tf_mismatch=None,
             parameters=(),
-            verdict="not identifiable",
+            verdict=ElementVerdict.NOT_IDENTIFIABLE,
             reason=reasons[0].message,
             p_adjusted=None,
             importance=Importance(None, "open loop"),
@@ -109,7 +111,7 @@ def refused(study: Study, checked: Checked) -> Result:
     )
     notes = [*study.notes, *controller_notes(checked.controllers), *cascade_notes(checked.cascades)]
     return Result(
-        status="refused",
+        status=Status.REFUSED,
         reasons=reasons,
         provenance=provenance(study),
         data=data_tables(study),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from trueplant.project import Project
-from trueplant.result import Check, Code, Reason
+from trueplant.result import Check, Code, Reason, Status
 from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.prepare import prepare
 from trueplant.study.data.tables import data_tables, provenance
@@ -14,7 +14,7 @@ from trueplant.study.study import Progress, quiet
 
 
 def check(project: Project, say: Progress = quiet, frames: Sequence[Any] | None = None) -> Check:
-    """Read and screen the records of a project; "refused" where nothing can be answered from them.
+    """Read and screen the records of a project; refused where nothing can be answered from them.
 
     `frames` stand in for the files of the experiments. Raises what `prepare` raises.
     """
@@ -23,4 +23,4 @@ def check(project: Project, say: Progress = quiet, frames: Sequence[Any] | None 
     refused = not study.segments or blocked(reasons)
     if refused and not reasons:
         reasons = (Reason(Code.NO_DATA, "no usable data are left after screening"),)
-    return Check("refused" if refused else "ok", reasons, study.notes, provenance(study), data_tables(study))
+    return Check(Status.REFUSED if refused else Status.OK, reasons, study.notes, provenance(study), data_tables(study))

@@ -11,7 +11,7 @@ import numpy as np
 from trueplant.errors import DataError, UsageError
 from trueplant.project.project import Project
 from trueplant.record.times import unit_seconds
-from trueplant.result import Code, Reason, Track, TrackedExperiment, Window, WindowElement, WindowStatus
+from trueplant.result import Code, Reason, Status, Track, TrackedExperiment, Window, WindowElement
 from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.prepare import prepare
 from trueplant.study.data.tables import provenance
@@ -50,18 +50,18 @@ def track(
     rows = follow_rows(study, offsets, precision, say)
     followed, elements, changes = find_changes(rows, 1 - settings.confidence, settings.seed, say)
     windows = [_window(one, w) for one in followed for w in one.windows]
-    if not any(w.status == WindowStatus.OK for w in windows):
+    if not any(w.status == Status.OK for w in windows):
         why = [w.reason for w in windows]
         longest = max(windows, key=lambda w: w.end - w.start).reason if why else "no output can be followed"
         reasons.append(Reason(Code.NO_WINDOW, f"no stretch of the record can be estimated: {longest}"))
     windows += [
-        Window(output, e.name, e.span[0], e.span[1], WindowStatus.REFUSED, s.refusal)
+        Window(output, e.name, e.span[0], e.span[1], Status.REFUSED, s.refusal)
         for s, e in zip(study.screened, experiments, strict=True)
         if s.refusal
         for output in project.output_names
     ]
     return Track(
-        status="ok" if any(w.status == WindowStatus.OK for w in windows) else "refused",
+        status=Status.OK if any(w.status == Status.OK for w in windows) else Status.REFUSED,
         reasons=tuple(reasons),
         notes=(*study.notes, *_notes(followed)),
         provenance=provenance(study, 100 * precision),
@@ -108,10 +108,10 @@ def _window(one: Followed, window: Fitted | Stretch) -> Window:
     if isinstance(window, Stretch):
         offset = one.row.offsets[window.experiment]
         name = project.experiments[window.experiment].name
-        return Window(output, name, window.start + offset, window.end + offset, WindowStatus.REFUSED, window.refusal)
+        return Window(output, name, window.start + offset, window.end + offset, Status.REFUSED, window.refusal)
     name = project.experiments[window.stretch.experiment].name
     elements = tuple(_element(one, window, column) for column in sorted(window.found))
-    return Window(output, name, window.start, window.end, WindowStatus.OK, "", elements)
+    return Window(output, name, window.start, window.end, Status.OK, "", elements)
 
 
 def _element(one: Followed, window: Fitted, column: int) -> WindowElement:
@@ -135,12 +135,12 @@ def _notes(followed: list[Followed]) -> list[Reason]:
 
 def _refused(study: Study, experiments: list[TrackedExperiment], reasons: list[Reason], precision: float) -> Track:
     windows = tuple(
-        Window(output, e.name, e.span[0], e.span[1], WindowStatus.REFUSED, s.refusal or reasons[0].message)
+        Window(output, e.name, e.span[0], e.span[1], Status.REFUSED, s.refusal or reasons[0].message)
         for output in study.project.output_names
         for s, e in zip(study.screened, experiments, strict=True)
     )
     return Track(
-        status="refused",
+        status=Status.REFUSED,
         reasons=tuple(reasons),
         notes=study.notes,
         provenance=provenance(study, 100 * precision),

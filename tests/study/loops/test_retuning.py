@@ -117,8 +117,8 @@ def test_settings_are_written_as_the_controller_is_declared(splitter):
 def test_the_recovered_disturbance_reproduces_the_record(splitter):
     """Today's controller under v = y - G u on the same plant is the record itself, noise included."""
     result, _ = splitter
-    assert result.curves is not None
-    for curves in result.curves.retuning:
+    assert result.result.curves is not None
+    for curves in result.result.curves.retuning:
         apart = curves.replay["before"] - curves.replay["record"]
         assert np.std(apart) < 0.35 * np.std(curves.replay["record"])
         assert curves.replay_t.shape == curves.replay["after"].shape
@@ -126,8 +126,8 @@ def test_the_recovered_disturbance_reproduces_the_record(splitter):
 
 def test_bands_hold_the_curve_of_the_plant_and_end_at_rest(splitter):
     result, _ = splitter
-    assert len(result.curves.retuning) == 2
-    for curves in result.curves.retuning:
+    assert len(result.result.curves.retuning) == 2
+    for curves in result.result.curves.retuning:
         for label in ("before", "after"):
             low, value, high = curves.setpoint[label].T
             assert np.mean((low <= value + 1e-9) & (value <= high + 1e-9)) > 0.9

@@ -12,7 +12,7 @@ from trueplant.arrays import Array
 from trueplant.detect import CommonFactor, Found, common_factors, level_variance, noise_change, sticking
 from trueplant.identify import OutputEstimate
 from trueplant.identify.fit import residuals
-from trueplant.result import Code, Element, Reason
+from trueplant.result import Code, Element, ElementVerdict, Reason
 from trueplant.study import levels
 from trueplant.study.study import Study
 
@@ -27,7 +27,7 @@ def causes_of(
 
     A controller that is not the declared one is said by the check of the controllers (code "controller").
     """
-    changed = [e for e in elements if e.verdict == "changed"]
+    changed = [e for e in elements if e.verdict == ElementVerdict.CHANGED]
     stuck = _sticking(study, estimates)
     causes = [*_saturated(study), *stuck, *_disturbances(study, estimates)]
     causes += _levels(study, estimates, found)

@@ -12,7 +12,7 @@ from trueplant.arrays import Array
 from trueplant.detect import Found
 from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
-from trueplant.result import Element, Importance, Reason
+from trueplant.result import Element, ElementVerdict, Importance, Reason
 from trueplant.study import levels
 from trueplant.study.plant.causes import causes_of
 from trueplant.study.plant.identified import Identified
@@ -83,7 +83,7 @@ def _held_element(study: Study, identified: Identified, i: int, j: int) -> Eleme
             None,
             None,
             (),
-            "not identifiable",
+            ElementVerdict.NOT_IDENTIFIABLE,
             why,
             None,
             Importance(None, "open loop"),
@@ -97,7 +97,7 @@ def _held_element(study: Study, identified: Identified, i: int, j: int) -> Eleme
         formula,
         "0",
         (),
-        "not identifiable",
+        ElementVerdict.NOT_IDENTIFIABLE,
         KEPT,
         None,
         Importance(0.0, "open loop"),
