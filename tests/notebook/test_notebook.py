@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
+
 import control
 import numpy as np
 import pandas as pd
 import polars as pl
 import pytest
+from jsonschema import Draft202012Validator
 
 import trueplant as tp
 from trueplant.loop import Controller, alternating_steps, simulate
+from trueplant.output import as_json
+from trueplant.result.schema import published
 
 PLANT = tp.TransferMatrix.of(
     [["2.6 exp(-3 s)/(9 s + 1)", "0.5 exp(-4 s)/(12 s + 1)"], ["0", "-1.2 exp(-2 s)/(6 s + 1)"]], "min"
@@ -99,11 +104,28 @@ def test_a_saved_analysis_is_drawn_and_reported_without_its_data(analysis, tmp_p
 def test_check_and_track_take_the_same_frames():
     found = tp.check(simulated(), loops=LOOPS, model=MODEL)
     assert found.status == "ok" and "1 record can be used" in found.headline
+    assert valid(found, "check.json")
     still = simulated().with_columns(pl.lit(0.0).alias("t.sp"), pl.lit(0.0).alias("f.sp"))
     refused = tp.check(still, loops=LOOPS, model=MODEL)
     assert refused.status == "refused" and refused.reasons[0].code == "no-excitation"
+    assert valid(refused, "check.json")
     followed = tp.track(simulated(samples=3000), loops=LOOPS[1:], model={("FIC7", "FIC7"): MODEL["FIC7", "FIC7"]})
     assert followed.status == "ok" and "<b>" in followed._repr_html_()
+    assert valid(followed, "track.json")
+
+
+def valid(found: tp.Check | tp.Track, name: str) -> bool:
+    """Whether its document, as it would be written, is what the published schema says."""
+    return Draft202012Validator(published(name)).is_valid(json.loads(as_json(found.to_dict())))
+
+
+def test_a_model_that_is_unstable_in_the_loop_is_noted_for_every_experiment():
+    """The plant may well have drifted from such a model, so it is no reason to refuse."""
+    model = MODEL | {("TIC101", "TIC101"): "14 exp(-3 s)/(10 s + 1)"}
+    found = tp.check([simulated(1, 800), simulated(2, 800)], loops=LOOPS, model=model)
+    assert found.status == "ok"
+    assert [note.where for note in found.notes if note.code == "unstable-model"] == ["frame 1", "frame 2"]
+    assert not [note for note in tp.check(simulated(), loops=LOOPS, model=MODEL).notes if note.code == "unstable-model"]
 
 
 def test_models_may_be_systems_of_python_control_or_a_matrix(analysis):
