@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from trueplant.cli.show import show
+from trueplant.lti import Structure
 from trueplant.output import to_json
 from trueplant.result import (
     DetectedElement,
@@ -28,6 +29,7 @@ from trueplant.result import (
 from trueplant.result.codec import plain
 from trueplant.result.detectors_words import detector_lines
 from trueplant.result.numbers import number, value_with_interval
+from trueplant.result.parameter_words import number_of, word_of
 from trueplant.result.summary import html_summary, parameter_line, text_summary
 from trueplant.study.methods.agreement import in_sentences
 from trueplant.study.plant.notes import grouped
@@ -276,3 +278,16 @@ def test_methods_that_agree_are_named_in_one_sentence_and_each_other_speaks_for_
     assert in_sentences({"joint": ""}) == ("joint agrees with the fit within their uncertainties",)
     assert in_sentences({"srivc": apart}) == (apart,)
     assert in_sentences({}) == ()
+
+
+def test_parameters_are_called_by_the_words_of_the_field():
+    """Every name that a structure can give has its word; a second pair of poles is numbered apart."""
+    structure = Structure(lags=2, pairs=2, leads=1, delayed=2)
+    assert [word_of(name) for name in structure.names] == [
+        *["gain"] * 2,
+        *["time constant"] * 2,
+        *["natural frequency", "damping ratio"] * 2,
+        "lead time",
+        *["dead time"] * 2,
+    ]
+    assert [number_of(name) for name in structure.names] == ["1", "2", "1", "2", "", "", "2", "2", "1", "1", "2"]

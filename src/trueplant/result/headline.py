@@ -8,17 +8,8 @@ from collections.abc import Sequence
 from trueplant.result.element import Element, Parameter
 from trueplant.result.numbers import counted, number, sentence, spoken
 from trueplant.result.outcome import Outcome
+from trueplant.result.parameter_words import kind_of, number_of, word_of
 from trueplant.result.status import ElementVerdict, Status
-
-_PHRASES = {
-    "gain": "a gain",
-    "slope": "a slope",
-    "tau": "a time constant",
-    "lead": "a lead time",
-    "dead_time": "a dead time",
-    "omega0": "a natural frequency",
-    "zeta": "a damping ratio",
-}
 
 
 def headline(result: Outcome) -> str:
@@ -57,7 +48,7 @@ def headline(result: Outcome) -> str:
 
 def _hidden(elements: Sequence[Element]) -> str:
     """How large a change of a gain could be without being found."""
-    gains = [p for e in elements for p in e.parameters if p.name.startswith("gain") and p.model and p.ci is not None]
+    gains = [p for e in elements for p in e.parameters if kind_of(p.name) == "gain" and p.model and p.ci is not None]
     reach = [100 * max(abs(end - p.model) for end in p.ci or ()) / abs(p.model) for p in gains if p.model]
     if not reach or not math.isfinite(max(reach)):
         return ""
@@ -116,11 +107,9 @@ def _short(element: Element) -> str:
 
 
 def _phrase(parameter: Parameter, parameters: Sequence[Parameter]) -> str:
-    base = parameter.name.rstrip("0123456789") if parameter.name != "omega0" else "omega0"
-    alike = [p for p in parameters if p.name.rstrip("0123456789") == base]
-    phrase = _PHRASES.get(base, f"a {parameter.name}")
-    ordinal = {"1": "first", "2": "second", "3": "third"}.get(parameter.name[-1])
-    return phrase.replace("a ", f"a {ordinal} ", 1) if len(alike) > 1 and ordinal else phrase
+    alike = [p for p in parameters if kind_of(p.name) == kind_of(parameter.name)]
+    ordinal = {"": "first", "1": "first", "2": "second", "3": "third"}.get(number_of(parameter.name))
+    return f"a {ordinal} {word_of(parameter.name)}" if len(alike) > 1 and ordinal else f"a {word_of(parameter.name)}"
 
 
 def _quantity(value: float | None, unit: str) -> str:

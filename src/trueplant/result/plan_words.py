@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from trueplant.record.times import unit_seconds
 from trueplant.result.numbers import number, spoken
+from trueplant.result.parameter_words import word_of
 from trueplant.result.plans import MoreData
 
 
@@ -17,10 +18,10 @@ def plan_sentence(unit: str, plan: MoreData) -> str:
         for m in plan.moves
     ]
     worst = max(plan.settles, key=lambda s: (s.now is None, (s.now or 0.0) / s.wanted))
-    name = "time constant" if worst.parameter.startswith("tau") else spoken(worst.parameter)
     known = f"±{number(worst.then, 2)}{' ' + worst.unit if worst.unit else ''}"
     text = f"move {' and '.join(parts)} for {_duration(plan.length, unit)}: "
-    text += f"the {name} of {spoken(worst.input)} -> {spoken(worst.output)} would then be known to {known}"
+    element = f"{spoken(worst.input)} -> {spoken(worst.output)}"
+    text += f"the {word_of(worst.parameter)} of {element} would then be known to {known}"
     if worst.now is not None:
         text += f" (now ±{number(worst.now, 2)})"
     others = len(plan.settles) - 1

@@ -11,6 +11,7 @@ from trueplant.result.headline import headline
 from trueplant.result.methods_words import comparison_lines
 from trueplant.result.numbers import number, sentence, spoken, value_with_interval
 from trueplant.result.outcome import Outcome
+from trueplant.result.parameter_words import kind_of, number_of
 from trueplant.result.robustness import Margins
 
 _SYMBOLS = {"gain": "K", "slope": "K'", "dead_time": "dead time"}
@@ -18,9 +19,8 @@ _SYMBOLS = {"gain": "K", "slope": "K'", "dead_time": "dead time"}
 
 def parameter_line(parameter: Parameter) -> str:
     """``K = 0.917 ± 0.012 degC/% (model 0.932, -1.6 %)``; ± is half of the interval."""
-    base = parameter.name.rstrip("0123456789")
-    symbol = _SYMBOLS.get(base, parameter.name)
-    symbol += parameter.name.removeprefix(base) if base in _SYMBOLS else ""
+    symbol = _SYMBOLS.get(kind_of(parameter.name))
+    symbol = parameter.name if symbol is None else symbol + number_of(parameter.name)
     unit = f" {parameter.unit}" if parameter.unit else ""
     if parameter.plant is None:
         known = f"model {number(parameter.model)}{unit}" if parameter.model is not None else "not in the model"

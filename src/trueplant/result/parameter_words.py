@@ -1,0 +1,33 @@
+"""The field's words for a parameter's name, which its structure may number: tau2, dead_time, zeta_2."""
+
+from __future__ import annotations
+
+import re
+
+_WORDS = {
+    "gain": "gain",
+    "slope": "slope",
+    "tau": "time constant",
+    "lead": "lead time",
+    "dead_time": "dead time",
+    "omega0": "natural frequency",
+    "zeta": "damping ratio",
+}
+_NAME = re.compile(rf"({'|'.join(_WORDS)})_?(\d*)")
+
+
+def kind_of(name: str) -> str:
+    """The name without its number; a name of no structure is returned as it is."""
+    found = _NAME.fullmatch(name)
+    return found[1] if found else name
+
+
+def number_of(name: str) -> str:
+    """The number in the name, or an empty text."""
+    found = _NAME.fullmatch(name)
+    return found[2] if found else ""
+
+
+def word_of(name: str) -> str:
+    """``tau2`` is a time constant."""
+    return _WORDS.get(kind_of(name), name.replace("_", " "))
