@@ -11,7 +11,7 @@ from trueplant.errors import UsageError
 from trueplant.lti import UncertainPlant
 from trueplant.output import PLANT, read_results, write_files, write_results
 from trueplant.project import Project
-from trueplant.result import Element, LoopRetuning, Reason, Result
+from trueplant.result import Element, LoopRetuning, Reason, Result, Status
 from trueplant.result.summary import html_summary, text_summary
 
 if TYPE_CHECKING:
@@ -50,8 +50,8 @@ class Analysis:
     # -- what was found -------------------------------------------------------------------------------------------
 
     @property
-    def status(self) -> str:
-        """ "ok" or "refused"."""
+    def status(self) -> Status:
+        """Refused where nothing is answered."""
         return self.result.status
 
     @property
