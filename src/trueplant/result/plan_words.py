@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from trueplant.record.times import unit_seconds
 from trueplant.result.numbers import number, spoken
-from trueplant.result.parameter_words import word_of
+from trueplant.result.parameter_words import kind_of, word_of
 from trueplant.result.plans import MoreData
 
 
@@ -20,8 +20,9 @@ def plan_sentence(unit: str, plan: MoreData) -> str:
     worst = max(plan.settles, key=lambda s: (s.now is None, (s.now or 0.0) / s.wanted))
     known = f"±{number(worst.then, 2)}{' ' + worst.unit if worst.unit else ''}"
     text = f"move {' and '.join(parts)} for {_duration(plan.length, unit)}: "
+    name = word_of(worst.parameter) if kind_of(worst.parameter) == "tau" else spoken(worst.parameter)
     element = f"{spoken(worst.input)} -> {spoken(worst.output)}"
-    text += f"the {word_of(worst.parameter)} of {element} would then be known to {known}"
+    text += f"the {name} of {element} would then be known to {known}"
     if worst.now is not None:
         text += f" (now ±{number(worst.now, 2)})"
     others = len(plan.settles) - 1
