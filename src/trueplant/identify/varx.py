@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import Refused, UsageError
@@ -76,8 +77,6 @@ class Varx:
 
     def distance(self, response: ComplexArray, w: Array) -> tuple[Array, Array]:
         """The test for any response between samples (n_w, n_y, n_u) at w."""
-        from scipy.stats import chi2
-
         value, left, directions = self._linearised(w)
         apart = value - response
         n_y, n_u = value.shape[1:]

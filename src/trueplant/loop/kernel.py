@@ -6,15 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, IntArray
 from trueplant.loop.law import Law, entry_output
 from trueplant.lti import require_proper
 from trueplant.lti.sampled import discretise, realise, split_dead_time
 from trueplant.lti.transfer import TransferMatrix
-
-IntArray = NDArray[np.int64]
 
 
 class Terms(NamedTuple):

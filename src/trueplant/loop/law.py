@@ -16,17 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from trueplant.arrays import Array, BoolArray
+from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.errors import LoopError
 from trueplant.loop import levels
 from trueplant.loop.controller import Controller
 from trueplant.loop.pid import PID, Entry
 from trueplant.lti.sampled import expm, realise, sampled_response
 from trueplant.lti.transfer import TransferFunction
-
-IntArray = NDArray[np.int64]
 
 
 class Law(NamedTuple):

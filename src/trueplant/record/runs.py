@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trueplant.arrays import Array, BoolArray
-
-Index = NDArray[np.int64]
+from trueplant.arrays import Array, BoolArray, IntArray
 
 
-def true_runs(mask: BoolArray) -> tuple[Index, Index]:
+def true_runs(mask: BoolArray) -> tuple[IntArray, IntArray]:
     """First index and length of each run of True."""
     edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
     begin = np.flatnonzero(edges == 1)
     return begin, np.flatnonzero(edges == -1) - begin
 
 
-def equal_runs(x: Array) -> tuple[Index, Index]:
+def equal_runs(x: Array) -> tuple[IntArray, IntArray]:
     """First index and length of each run of equal values."""
     begin = np.concatenate([[0], np.flatnonzero(np.diff(x) != 0) + 1])
     return begin, np.diff(np.concatenate([begin, [x.size]]))
 
 
-def spread(begin: Index, length: Index, size: int) -> BoolArray:
+def spread(begin: IntArray, length: IntArray, size: int) -> BoolArray:
     """The mask (size,) that is True on the given runs; the inverse of `true_runs`."""
     edges = np.zeros(size + 1, dtype=np.int64)
     np.add.at(edges, begin, 1)

@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from trueplant.arrays import Array, BoolArray
+from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.record import levels
-from trueplant.record.runs import Index, hold_short, true_runs
+from trueplant.record.runs import hold_short, true_runs
 from trueplant.record.types import Record, Segment
 
 
@@ -146,7 +146,7 @@ def _mean_held(grid: Array, h: float, t: Array, x: Array) -> Array:
 
 def _between(grid: Array, t: Array, y: Array, farthest: float) -> Array:
     """Linear interpolation between usable samples that are near each other, NaN elsewhere."""
-    good: Index = np.flatnonzero(np.isfinite(y))
+    good: IntArray = np.flatnonzero(np.isfinite(y))
     if good.size < 2:
         return np.full(grid.size, np.nan)
     x, v = t[good], y[good]
