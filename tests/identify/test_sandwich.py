@@ -8,7 +8,7 @@ from scipy.stats import kstest
 
 from support.simulated import random_switching
 from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
-from trueplant.identify.sandwich import homoscedastic_p, sandwich_covariance
+from trueplant.identify.sandwich import sandwich_covariance, squares_p
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.structure import Structure
 from trueplant.record.types import Segment
@@ -50,7 +50,7 @@ def test_standard_errors_are_those_of_monte_carlo():
 def test_the_estimate_chooses_it_by_its_residuals():
     loud, even = (identify_output([step_test(7, loud)], 0, [SPEC]) for loud in (4.0, 1.0))
     assert np.all(np.diag(loud.covariance)[1:] > 1.3 * np.diag(loud.fit.covariance)[1:])
-    assert homoscedastic_p(loud.tests.e) < 1e-6 < 0.01 < homoscedastic_p(even.tests.e)
+    assert squares_p(loud.tests.e) < 1e-6 < 0.01 < squares_p(even.tests.e)
     assert np.allclose(np.diag(even.covariance)[:2], np.diag(even.fit.covariance)[:2], rtol=0.1)
 
 
@@ -62,13 +62,13 @@ def test_no_standard_error_is_below_that_of_the_likelihood():
 def test_p_values_are_uniform_for_even_errors_and_tiny_for_a_burst():
     """300 seeded runs: uniform passes with 0.99, and with less than 1e-3 where 20 % of p-values are below 5 %."""
     rng = np.random.default_rng(1)
-    p = [homoscedastic_p(rng.standard_normal(800)) for _ in range(300)]
+    p = [squares_p(rng.standard_normal(800)) for _ in range(300)]
     assert kstest(p, "uniform").pvalue > 0.01
     e = rng.standard_normal(800)
     e[300:400] *= 3
     e[::50] = np.nan
-    assert homoscedastic_p(e) < 1e-6
-    assert homoscedastic_p(np.zeros(800)) == homoscedastic_p(e[:30]) == 1.0
+    assert squares_p(e) < 1e-6
+    assert squares_p(np.zeros(800)) == squares_p(e[:30]) == 1.0
 
 
 def test_a_parameter_of_which_nothing_is_known_stays_unknown():

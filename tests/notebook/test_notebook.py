@@ -151,8 +151,9 @@ def test_several_frames_are_several_experiments():
 
 
 def test_what_cannot_be_meant_is_said():
-    with pytest.raises(tp.UsageError, match="name at least one loop"):
-        tp.run(simulated(), model=MODEL)
+    for none in ((), [{"pv": "TIC101.PV"}], {"TIC101": {"pv": "TIC101.PV"}}):
+        with pytest.raises(tp.UsageError, match="name the loops as a list"):
+            tp.run(simulated(), loops=none, model=MODEL)
     with pytest.raises(tp.UsageError, match="name output and input by their loops"):
         tp.run(simulated(), loops=LOOPS, model={("TIC101", "TIC102"): "1/(s + 1)"})
     with pytest.raises(tp.UsageError, match="the model is 1 by 1, and there are 2 loops"):

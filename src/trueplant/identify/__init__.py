@@ -6,12 +6,14 @@ from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
 from trueplant.identify.matrix import identify_matrix, specs_of
 from trueplant.identify.output import OutputEstimate, identify_output, unanswered
+from trueplant.identify.residual_tests import RESIDUAL_TESTS
 from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.strides import Sampling, choose_stride, samples_per_update
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
-from trueplant.identify.validate import fit_percent, simulate_piece
+from trueplant.identify.validate import fit_percent, prediction_errors, simulate_piece
 
 __all__ = [
+    "RESIDUAL_TESTS",
     "Held",
     "Options",
     "OutputEstimate",
@@ -32,6 +34,7 @@ __all__ = [
     "likelihood_ratio_p",
     "paper_route",
     "pieces_of",
+    "prediction_errors",
     "samples_per_update",
     "simulate_piece",
     "specs_of",

@@ -17,11 +17,16 @@ from trueplant.identify.fit import RowFit, linearised
 from trueplant.identify.levels import RESIDUAL_LAGS
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.portmanteau import correlogram
-from trueplant.identify.validate import ResidualTests
+from trueplant.identify.validate import ResidualTests, prediction_errors
 
 
-def homoscedastic_p(e: Array, lags: int = RESIDUAL_LAGS) -> float:
-    """p-value that prediction errors e (n,), NaN where there are none, keep their size (McLeod and Li 1983).
+def homoscedastic_p(fit: RowFit) -> float:
+    """p-value that the prediction errors of a fit keep their size."""
+    return squares_p(prediction_errors(fit))
+
+
+def squares_p(e: Array, lags: int = RESIDUAL_LAGS) -> float:
+    """p-value that errors e (n,), NaN where there are none, keep their size (McLeod and Li 1983).
 
     Squares of errors whose size changes are correlated over time.
     """
@@ -34,7 +39,7 @@ def homoscedastic_p(e: Array, lags: int = RESIDUAL_LAGS) -> float:
 
 def needs_sandwich(tests: ResidualTests) -> bool:
     """Do the prediction errors change their size, or is colour left in them?"""
-    return min(homoscedastic_p(tests.e), tests.whiteness_p) < levels.ROBUST_COVARIANCE
+    return min(squares_p(tests.e), tests.whiteness_p) < levels.ROBUST_COVARIANCE
 
 
 def sandwich_covariance(fit: RowFit) -> Array:

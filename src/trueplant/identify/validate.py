@@ -109,6 +109,11 @@ class ResidualTests:
     """(n_columns,) that e is unrelated to the past of each input."""
 
 
+def prediction_errors(fit: RowFit) -> Array:
+    """Prediction errors (n,) of a fit in order of time, at the strided samples; NaN where PV could not be used."""
+    return np.concatenate([e for _, e, _ in residuals(fit)])
+
+
 def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
     """Whiteness of the prediction errors, and their correlation with what each input did before.
 

@@ -69,10 +69,11 @@ def project_of(
 ) -> Project:
     """The project for frames called `files`; `tables` are further tables and keys of a project file.
 
-    Raises UsageError for a model that names no loop, ProjectError for what a project file could not say either.
+    Raises UsageError for loops that are none and for a model that names none, ProjectError for what a project file
+    could not say either.
     """
-    if not loops:
-        raise UsageError('name at least one loop: loops=[Loop("TIC101", pv="...", sp="...", op="...")]')
+    if not loops or not all(isinstance(loop, Loop) for loop in loops):
+        raise UsageError('name the loops as a list: loops=[tp.Loop("TIC101", pv="...", sp="...", op="...")]')
     data = {"files": list(files), "time": time, "time_unit": time_unit} | tables.get("data", {})
     outputs = [_given(name=p.name, pv=p.pv, sp=p.sp, unit=p.unit, limits=p.limits) for p in loops]
     inputs = [_given(name=p.input, op=p.op, unit=p.op_unit, limits=p.op_limits) for p in loops]

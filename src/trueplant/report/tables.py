@@ -125,7 +125,8 @@ def fit_tables(fit: Sequence[Mapping[str, Any]]) -> tuple[list[dict[str, Any]], 
         if residuals and row.get("output") not in [test["output"] for test in tests]:
             test = {"output": row.get("output"), "p, white": residuals["whiteness_p"]}
             test |= {f"p, unrelated to {name}": p for name, p in residuals["input_p"].items()}
-            known = ("whiteness_p", "input_p")
+            test |= {f"p, {name}": p for name, p in residuals["further_p"].items()}
+            known = ("whiteness_p", "input_p", "further_p")
             tests.append(test | {key: value for key, value in residuals.items() if key not in known})
     return fits, tests
 

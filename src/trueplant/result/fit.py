@@ -29,6 +29,8 @@ class ResidualTest:
     prediction_error: float
     """Standard deviation, in the output's unit."""
     samples_per_error: int
+    further_p: Mapping[str, float] = field(default_factory=dict)
+    """By name of the test: p-values of tests that no verdict rests on."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from trueplant.arrays import Array
-from trueplant.identify import OutputEstimate, fit_percent, pieces_of, simulate_piece
+from trueplant.identify import RESIDUAL_TESTS, OutputEstimate, fit_percent, pieces_of, simulate_piece
 from trueplant.identify.row import Piece
 from trueplant.lti import TransferMatrix
 from trueplant.result import FitRow, ResidualTest, ValidationFit
@@ -59,4 +59,5 @@ def _residual_test(study: Study, estimate: OutputEstimate) -> ResidualTest:
         noise_model_order=int(estimate.fit.ar.size),
         prediction_error=float(np.sqrt(estimate.fit.variance)),
         samples_per_error=estimate.row.stride,
+        further_p={name: test(estimate.fit) for name, test in RESIDUAL_TESTS.items()},
     )
