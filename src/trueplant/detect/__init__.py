@@ -15,7 +15,7 @@ from trueplant.detect.ratio import plant_model_ratio
 from trueplant.detect.sensitivity import nominal_sensitivity
 from trueplant.detect.signals import Detection, Signals, signals_of
 from trueplant.detect.stepwise import stepwise
-from trueplant.detect.stiction import Sticking, sticking, stuck
+from trueplant.detect.stiction import Sticking, sticking
 from trueplant.detect.verdict import (
     Evidence,
     ParameterVerdict,
@@ -57,6 +57,5 @@ __all__ = [
     "signals_of",
     "stepwise",
     "sticking",
-    "stuck",
     "verdicts",
 ]

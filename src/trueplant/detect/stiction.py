@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from scipy.stats import chi2
 
-from trueplant.arrays import Array
 from trueplant.detect import levels
 from trueplant.identify import OutputEstimate, fit_row
+from trueplant.loop import Valve
 
 
 @dataclass(frozen=True)
@@ -24,35 +23,15 @@ class Sticking:
     """That there is none, with what a search over bands finds in noise taken off."""
 
 
-def stuck(op: Array, band: float) -> Array:
-    """Position (N,) of a valve that follows OP (N,) only when it is farther than `band` away, and then fully.
-
-    The model with one parameter of Stenman, Gustafsson and Forsman (2003), Int. J. Adapt. Control Signal Process. 17.
-    """
-    return np.asarray(_follow(np.ascontiguousarray(op, dtype=float), float(band)))
-
-
 def searched_p(gain: float, tried: int, degrees: int = 1) -> float:
     """p-value of the largest of `tried` likelihood-ratio statistics (Bonferroni)."""
     return float(min(1.0, tried * chi2.sf(max(gain, 0.0), degrees)))
 
 
-@njit(cache=True)
-def _follow(op: Array, band: float) -> Array:
-    """Position (N,) that takes OP's value whenever it is farther than `band` from it, and stays otherwise."""
-    out = np.empty(op.size)
-    at = op[0]
-    for k in range(op.size):
-        if abs(op[k] - at) > band:
-            at = op[k]
-        out[k] = at
-    return out
-
-
 def sticking(estimates: Sequence[OutputEstimate], column: int) -> Sticking | None:
     """A band of sticking in the valve of input `column` that explains the records better than none.
 
-    Every row of the plant is fitted anew with the position of a valve that sticks instead of OP (`stuck`), over a
+    Every row of the plant is fitted anew with the position of a valve that sticks instead of OP (`Valve`), over a
     grid of bands; the rows' gains in -2 log likelihood are added. None where none of it is significant at 1e-3, where
     OP does not move, or the records are too long. A Hammerstein fit as in Srinivasan, Rengaswamy, Narasimhan and
     Miller (2005), Ind. Eng. Chem. Res. 44, with that simpler valve.
@@ -76,7 +55,7 @@ def _gain(estimate: OutputEstimate, column: int, band: float) -> float:
     pieces = []
     for piece in fit.row.pieces:
         inputs = piece.inputs.copy()
-        inputs[column] = stuck(inputs[column], band)
+        inputs[column] = Valve(stick=band).positions(inputs[column])
         pieces.append(replace(piece, inputs=inputs))
     row = replace(fit.row, pieces=tuple(pieces))
     other = fit_row(row, fit.theta, fit.ar, weights=fit.weights, reweight=False, iterations=levels.STICTION_ITERATIONS)

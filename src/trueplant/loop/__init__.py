@@ -7,6 +7,7 @@ from trueplant.loop.pid import PID, Linear
 from trueplant.loop.signals import alternating_steps, ar1, arma, drift, random_steps, step_disturbance
 from trueplant.loop.simulate import Simulation, replay, simulate
 from trueplant.loop.stability import unstable_poles
+from trueplant.loop.valve import Valve
 
 __all__ = [
     "PID",
@@ -15,6 +16,7 @@ __all__ = [
     "LinearLoop",
     "LoopFunctions",
     "Simulation",
+    "Valve",
     "alternating_steps",
     "ar1",
     "arma",

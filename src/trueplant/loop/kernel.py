@@ -9,6 +9,7 @@ from numba import njit
 
 from trueplant.arrays import Array, IntArray
 from trueplant.loop.law import Law, entry_output
+from trueplant.loop.valve import stem
 from trueplant.lti import require_proper
 from trueplant.lti.sampled import discretise, realise, split_dead_time
 from trueplant.lti.transfer import TransferMatrix
@@ -99,10 +100,12 @@ def run_loop(
     limits: Array,
     u0: Array,
     y0: Array,
+    valves: Array,
     x_law: Array,
     integral: Array,
 ) -> tuple[Array, Array, Array]:
     """OP (N, n_u), measured PV and plant output (N, n_y). r_mean, r_end are (n_e, N), `added` is disturbance and noise.
+    valves (n_u, 2): backlash and stick of each; an OP reaches the plant through its valve.
 
     A continuous entry sees, over the step centred on k, the mean of the plant's continuous output and of
     what is added to it in steps; at the centre of the step that its output is held for, the plant's output is
@@ -121,6 +124,7 @@ def run_loop(
     x, spare = np.zeros((n_t, A.shape[1])), np.empty(max(A.shape[1], law_A.shape[1]))
     out, raw = np.zeros(n_e), np.empty(n_u)
     on_top, on_top_before = np.zeros(n_y), np.zeros(n_y)
+    position = u0.copy()
     for k in range(steps):
         for t in range(n_t):
             j, last = term_j[t], pad + k - 1 - q[t]
@@ -154,7 +158,8 @@ def run_loop(
             raw[i] += integral[e] + out[e]
         for i in range(n_u):
             u[k, i] = _within(raw[i], limits, i)
-            du[i, pad + k] = u[k, i] - u0[i] + input_disturbance[k, i]
+            position[i] = stem(u[k, i], position[i], valves[i, 0], valves[i, 1])
+            du[i, pad + k] = position[i] - u0[i] + input_disturbance[k, i]
         for e in range(n_e):
             if track[e] > 0.0 and k % every[e] == 0:
                 integral[e] += track[e] * (u[k, law_i[e]] - raw[law_i[e]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -13,6 +14,7 @@ from trueplant.loop.controller import Controller
 from trueplant.loop.kernel import run_law, run_loop, terms_of
 from trueplant.loop.law import filtered_setpoint, law_of, rest
 from trueplant.loop.pid import PID
+from trueplant.loop.valve import Valve
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferMatrix
 
@@ -82,6 +84,8 @@ class _Surroundings:
     """(n_u,) operating point."""
     y0: Array
     """(n_y,)"""
+    valves: Array
+    """(n_u, 2) backlash and stick of each valve."""
 
 
 def _wide(limits: ArrayLike | None, controller: Controller | None, n_u: int) -> Array:
@@ -108,6 +112,7 @@ def simulate(
     quantisation: ArrayLike | None = None,
     spikes: tuple[float, float] | None = None,
     limits: ArrayLike | None = None,
+    valves: Sequence[Valve] | None = None,
     u0: ArrayLike = 0.0,
     y0: ArrayLike = 0.0,
     record_every: int = 1,
@@ -125,7 +130,8 @@ def simulate(
     input_disturbance (N, n_u): added to OP behind the controller. All are held between instants.
     noise: standard deviations of white measurement noise, or the noise (N, n_y). quantisation: quantum of each
     PV. spikes: (probability, standard deviation) of single outliers. limits: (low, high) of each OP, instead
-    of those that the controller declares. The same seed gives the same record.
+    of those that the controller declares. valves: one an input, between OP and plant, at rest on u0. The same seed
+    gives the same record.
 
     Raises LoopError for signals and settings that do not fit, UnstableLoop if the loop runs away.
     """
@@ -148,18 +154,23 @@ def simulate(
         added = added + sampled_response(Gd, _signal(d, (steps, Gd.shape[1]), "d"), h)
     behind = _signal(input_disturbance, (steps, n_u), "input_disturbance")
     bounds = _wide(limits, controller, n_u)
+    fitted = tuple(valves) if valves is not None else (Valve(),) * n_u
+    if len(fitted) != n_u:
+        raise LoopError(f"valves must be {n_u}, one an input, not {len(fitted)}")
     if controller is None:
         if u is None:
             raise LoopError("without a controller the inputs u (N, n_u) must be given")
         op = np.clip(_signal(u, (steps, n_u), "u"), bounds[:, 0], bounds[:, 1])
-        plant_y = sampled_response(plant, op - start_u + behind, h)
+        at = np.column_stack([fitted[i].positions(op[:, i], start_u[i]) for i in range(n_u)])
+        plant_y = sampled_response(plant, at - start_u + behind, h)
         measured = start_y + plant_y + added + noisy
         rounded = np.round(measured / np.where(quantum > 0, quantum, 1.0)) * quantum
         measured = np.where(quantum > 0, rounded, measured) + outliers
     else:
         if u is not None:
             raise LoopError("give either a controller or the inputs u, not both")
-        around = _Surroundings(added + noisy, outliers, quantum, behind, bounds, start_u, start_y)
+        play = np.array([(valve.backlash, valve.stick) for valve in fitted])
+        around = _Surroundings(added + noisy, outliers, quantum, behind, bounds, start_u, start_y, play)
         op, measured, plant_y = _closed(plant, controller, setpoints, h, around)
     if not (np.all(np.isfinite(measured)) and np.all(np.isfinite(op))):
         raise UnstableLoop("the simulated loop runs away to infinity: check gains, signs and action with check_loop")

@@ -1,0 +1,50 @@
+"""A valve that does not go where its controller sends it: backlash and stick-slip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from trueplant.arrays import Array
+from trueplant.errors import LoopError
+
+
+@dataclass(frozen=True)
+class Valve:
+    """A valve with backlash and stick-slip, both in units of OP; 0 is none."""
+
+    backlash: float = 0.0
+    """Width of the play: how far OP goes back before the stem follows it."""
+    stick: float = 0.0
+    """How far OP goes from the stem before the stem jumps to it: the model with one parameter of Stenman, Gustafsson
+    and Forsman (2003), Int. J. Adapt. Control Signal Process. 17."""
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.backlash < np.inf and 0 <= self.stick < np.inf):
+            raise LoopError("backlash and stick of a valve must be finite and not below 0")
+
+    def positions(self, op: Array, start: float | None = None) -> Array:
+        """Stem positions (N,) for OP (N,); the stem starts at `start`, or where OP does."""
+        given = np.ascontiguousarray(op, dtype=float)
+        first = given[0] if start is None else start
+        return np.asarray(_positions(given, self.backlash, self.stick, float(first)))
+
+
+@njit(cache=True, forceinline=True)
+def stem(op: float, before: float, backlash: float, stick: float) -> float:
+    """The stem's next position from OP and its position before."""
+    half = 0.5 * backlash
+    wanted = min(max(before, op - half), op + half)
+    return wanted if abs(wanted - before) > stick else before
+
+
+@njit(cache=True)
+def _positions(op: Array, backlash: float, stick: float, start: float) -> Array:
+    out = np.empty(op.size)
+    at = start
+    for k in range(op.size):
+        at = stem(op[k], at, backlash, stick)
+        out[k] = at
+    return out

@@ -1,0 +1,53 @@
+"""Backlash and stick-slip against closed forms, and in the loop against the valve alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trueplant.errors import LoopError
+from trueplant.loop import PID, Controller, Valve, alternating_steps, simulate
+from trueplant.lti import TransferMatrix
+
+PLANT = TransferMatrix.of([["2 exp(-2 s)/(10 s + 1)"]], "min")
+LAW = Controller.diagonal([PID(Kc=1.0, Ti=10.0, sample_time=0.5)])
+MOVES = alternating_steps(800, 0.5, 60.0, [1.0])
+
+
+def test_backlash_follows_behind_by_half_its_width_and_stays_where_op_turns():
+    """OP 3 sin t: the stem is 0.5 behind on its way and stands still for the first unit after each turn."""
+    t = np.linspace(0, 4 * np.pi, 4001)
+    op = 3 * np.sin(t)
+    at = Valve(backlash=1.0).positions(op)
+    assert at.max() == pytest.approx(2.5) and at.min() == pytest.approx(-2.5)
+    rising = (np.cos(t) > 0) & (t > 2 * np.pi) & (at > -2.5 + 1e-9)
+    assert np.allclose(at[rising], op[rising] - 0.5)
+    turn = 2 * np.pi + np.arcsin(2 / 3)  # OP is back at 2, one unit below its largest, a little after its turn
+    assert np.all(at[(t > 2.5 * np.pi) & (t < 3 * np.pi - (turn - 2 * np.pi))] == pytest.approx(2.5))
+
+
+def test_a_sticking_stem_jumps_to_op():
+    """A ramp by 0.1 a sample with a band of 0.55: the stem jumps at every sixth sample."""
+    op = 0.1 * np.arange(61)
+    at = Valve(stick=0.55).positions(op)
+    assert np.array_equal(np.flatnonzero(np.diff(at)) + 1, np.arange(6, 61, 6))
+    assert np.allclose(at[6::6], op[6::6])
+
+
+def test_the_loop_sees_the_plant_behind_its_valve():
+    """The record's PV is the open response to the stem that the valve alone makes of the record's OP."""
+    for valve in (Valve(backlash=0.1), Valve(stick=0.05), Valve(backlash=0.05, stick=0.03)):
+        closed = simulate(PLANT, LAW, MOVES, 0.5, valves=[valve])
+        opened = simulate(PLANT, None, MOVES, 0.5, u=closed.u, valves=[valve])
+        moved = valve.positions(closed.u[:, 0], 0.0)[:, None]
+        assert np.allclose(opened.y, closed.y, atol=1e-10)
+        assert np.allclose(simulate(PLANT, None, MOVES, 0.5, u=moved).y, closed.y, atol=1e-10)
+        assert np.max(np.abs(moved - closed.u)) > 0.02
+    assert np.array_equal(simulate(PLANT, LAW, MOVES, 0.5, valves=[Valve()]).y, simulate(PLANT, LAW, MOVES, 0.5).y)
+
+
+def test_what_is_no_valve_is_said():
+    with pytest.raises(LoopError, match="not below 0"):
+        Valve(backlash=-1)
+    with pytest.raises(LoopError, match="valves must be 1"):
+        simulate(PLANT, LAW, MOVES, 0.5, valves=[Valve(), Valve()])
