@@ -24,9 +24,6 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
-
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -197,6 +194,8 @@ def main() -> None:
         lines = [json.loads(text) for text in options.file.read_text(encoding="utf-8").splitlines()]
     done = {(line["half"], line["number"]) for line in lines}
     jobs = [(options.half, k, options.whole) for k in range(options.records) if (options.half, k) not in done]
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ[name] = "1"  # a process is a thread: there is one for each core
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
         for line in pool.map(answer, jobs, chunksize=2):
             lines.append(line)
