@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from trueplant.result import (
     ProposedSettings,
     RetuningLimits,
 )
+from trueplant.result.codec import entries_of
 
 Value = float | str | None
 """Of a setting."""
@@ -220,10 +222,10 @@ def _value(value: Value) -> str:
 
 def _toml(loop: LoopRetuning, settings: ControllerSettings) -> str:
     """The [[controller]] tables to paste into the project: this loop's, and those from other outputs to its input."""
-    own = settings.values
+    own = entries_of(settings, ("others",))
     if loop.gain_unit == "percent of span" and settings.form is not None:
         own["gain_unit"] = "percent of span"
-    laws: list[tuple[str, dict[str, Value]]] = [(loop.output, own)]
+    laws: list[tuple[str, dict[str, object]]] = [(loop.output, own)]
     laws += [(output, {"tf": formula}) for output, formula in settings.others.items()]
     blocks = []
     for output, law in laws:
@@ -233,11 +235,11 @@ def _toml(loop: LoopRetuning, settings: ControllerSettings) -> str:
     return "\n\n".join(blocks)
 
 
-def _toml_value(value: Value) -> str | None:
+def _toml_value(value: object) -> str | None:
     """None where there is nothing to write."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)  # a JSON string is a TOML string
-    return None if finite(value) is None else f"{value:.6g}"
+    return f"{value:.6g}" if isinstance(value, int | float) and math.isfinite(value) else None
 
 
 # -- before and after -------------------------------------------------------------------------------------------
