@@ -8,7 +8,7 @@ MISSING = "–"
 
 
 def finite(value: float | None) -> float | None:
-    """`value`; None where it is not finite, for a limit that is not there is not shown as a number."""
+    """`value`, or None where it is not finite, as result.json has it: there is then no number to show."""
     return value if value is not None and math.isfinite(value) else None
 
 
