@@ -12,7 +12,7 @@ from trueplant.report import captions, figures
 from trueplant.report.decimate import compact, merged, min_max
 from trueplant.report.numbers import number, percentage, probability, to_precision
 from trueplant.report.tables import comparison, parameter_row, percent_scale
-from trueplant.result import Curves, Parameter
+from trueplant.result import Curves, MethodElement, MethodParameter, Methods, Parameter
 
 
 @pytest.fixture(scope="module")
@@ -227,12 +227,12 @@ def test_scale_of_the_drawings_holds_every_change():
 
 
 def test_methods_stand_side_by_side_and_the_rest_is_handed_on():
-    gain = {"name": "gain", "plant": 2.0, "std_error": 0.1, "ci": [1.8, 2.2]}
-    one = {"output": "y", "input": "u", "parameters": [gain]}
-    other = {"output": "y", "input": "u", "parameters": {"gain": {"plant": 2.05}, "dead_time": 1.0}}
-    found = comparison({"joint": [one], "direct": [other], "agreement": ["they agree"]})
+    one = MethodElement("y", "u", (MethodParameter("gain", 2.0, 0.1, (1.8, 2.2)),))
+    bare = MethodParameter("gain", 2.05, None, None), MethodParameter("dead_time", 1.0, None, None)
+    answers = {"joint": (one,), "direct": (MethodElement("y", "u", bare),)}
+    found = comparison(Methods(answers, agreement=("they agree",)))
     assert found.methods == ("joint", "direct")
-    assert found.others == {"agreement": ["they agree"]}
+    assert found.others == {"agreement": ("they agree",)}
     (key, rows) = found.elements[0]
     assert key == ("y", "u")
     assert [(r.name, r.answers) for r in rows] == [

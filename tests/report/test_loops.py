@@ -17,7 +17,18 @@ from trueplant.project.tables import Controller
 from trueplant.report import loopfigures, loops, render, retuned
 from trueplant.report.numbers import number
 from trueplant.report.style import DARK, LIGHT
-from trueplant.result import LoopRetuning, LoopRobustness, MoreData, MuCurves, Result, RetuningCurves, build
+from trueplant.result import (
+    ControllerSettings,
+    LoopRetuning,
+    LoopRobustness,
+    MoreData,
+    MuCurves,
+    Notation,
+    Pairing,
+    Result,
+    RetuningCurves,
+    build,
+)
 from trueplant.result.summary import loop_line, settings_lines, text_summary
 
 
@@ -164,11 +175,12 @@ def test_pasted_settings_are_a_controller_of_the_project(result, page):
     assert law.Kc == pytest.approx(new["Kc"], rel=1e-5) and law.Ti == pytest.approx(new["Ti"], rel=1e-5)
 
 
-def test_names_in_pasted_settings_are_quoted():
+def test_names_in_pasted_settings_are_quoted(result):
     strange = 'a "quoted" \\ name'
-    loop = {"input": strange, "output": "ü", "gain_unit": "percent of span"}
-    table = tomllib.loads(retuned._toml(loop, {"Kc": -1.5, "Ti": None}))["controller"][0]
-    assert table == {"input": strange, "output": "ü", "Kc": -1.5, "gain_unit": "percent of span"}
+    loop = dataclasses.replace(result.controllers[0], input=strange, output="ü", gain_unit="percent of span")
+    law = ControllerSettings(form="ideal", Kc=-1.5, Ti=None)
+    table = tomllib.loads(retuned._toml(loop, law))["controller"][0]
+    assert table == {"input": strange, "output": "ü", "form": "ideal", "Kc": -1.5, "gain_unit": "percent of span"}
 
 
 def test_responses_before_and_after_are_drawn_with_their_bands(result, page):
@@ -215,31 +227,33 @@ def test_nothing_recommended_says_keep_and_why(result):
 
 
 def test_settings_that_stay_are_not_to_be_entered(result):
-    loop = json.loads(json.dumps(result.to_dict()["controllers"][0]))
-    chosen = next(p for p in loop["proposals"] if p["method"] == loop["recommended"])
-    chosen["settings"], chosen["shown"] = loop["current"]["settings"], loop["current"]["shown"]
+    loop = result.controllers[0]
+    proposals = tuple(
+        dataclasses.replace(p, settings=loop.current.settings, shown=loop.current.shown) if p is loop.chosen else p
+        for p in loop.proposals
+    )
+    loop = dataclasses.replace(loop, proposals=proposals)
     made = retuned.retuned(loop, "%", "degC")
     assert made.keeps and not [s for s in made.settings if s.changes]
-    assert "keep today's settings" in render(dataclasses.replace(result, controllers=(build(LoopRetuning, loop),)))
+    assert "keep today's settings" in render(dataclasses.replace(result, controllers=(loop,)))
 
 
 def test_a_law_that_is_no_pid_is_shown_as_its_formula(result):
-    loop = json.loads(json.dumps(result.to_dict()["controllers"][0]))
-    for proposal in loop["proposals"]:
-        proposal["settings"] = {"tf": "0.5 (4 s + 1)/(4 s (s + 1))", "others": {"level": "0.1/s"}}
-        proposal["shown"] = None
+    law = ControllerSettings(tf="0.5 (4 s + 1)/(4 s (s + 1))", others={"level": "0.1/s"})
+    proposals = tuple(dataclasses.replace(p, settings=law, shown=None) for p in result.controllers[0].proposals)
+    loop = dataclasses.replace(result.controllers[0], proposals=proposals)
     made = retuned.retuned(loop, "%", "degC")
     assert ("Form", "ideal", "formula") in [(s.label, s.now, s.new) for s in made.settings]
     formula = "0.5 (4 s + 1)/(4 s (s + 1)); 0.1/s from level"
     assert ("Transfer function", "none", formula) in [(s.label, s.now, s.new) for s in made.settings]
     own, other = (Controller(**table) for table in tomllib.loads(made.toml)["controller"])
     assert own.tf == "0.5 (4 s + 1)/(4 s (s + 1))" and (other.output, other.tf) == ("level", "0.1/s")
-    line = settings_lines(dataclasses.replace(result, controllers=(build(LoopRetuning, loop),)))[0]
+    line = settings_lines(dataclasses.replace(result, controllers=(loop,)))[0]
     assert "tf = 0.5 (4 s + 1)/(4 s (s + 1)) (now none), and from level as in the report" in line
 
 
-VENDOR = {"gain": "proportional band", "integral": "repeats", "derivative_filter": "divisor", "time_unit": "min"}
-PARALLEL = {"gain": "gain", "integral": "time", "derivative_filter": "time", "time_unit": "s"}
+VENDOR = Notation(gain="proportional band", integral="repeats", derivative_filter="divisor", time_unit="min")
+PARALLEL = Notation(gain="gain", integral="time", derivative_filter="time", time_unit="s")
 
 
 @pytest.mark.parametrize(
@@ -250,7 +264,7 @@ PARALLEL = {"gain": "gain", "integral": "time", "derivative_filter": "time", "ti
     ],
 )
 def test_settings_bear_the_names_and_units_of_the_notation(result, notation, form, labels):
-    loop = json.loads(json.dumps(result.to_dict()["controllers"][0])) | {"notation": notation, "form": form}
+    loop = dataclasses.replace(result.controllers[0], notation=notation, form=form)
     assert retuned.retuned(loop, "%", "degC").headings == labels
 
 
@@ -268,9 +282,9 @@ def test_unstable_loop_on_the_plant_is_said_first_and_in_the_table(result):
 
 
 def test_pairing_against_the_sign_is_said():
-    found = {"rga": [[-0.3, 1.3], [1.3, -0.3]], "niederlinski": -3.0, "wrong_sign": ["a", "b"]}
-    text = loops.pairing_rows({"pairing": {"model": found, "plant": found}}, ("y", "z"), ("a", "b"))
-    assert text[0][0] == ("y", ["-0.3 → -0.3", "1.3 → 1.3"])
+    found = Pairing(rga=((-0.3, 1.3), (1.3, -0.3)), niederlinski=-3.0, wrong_sign=("a", "b"))
+    text = loops.pairing_rows({"model": found, "plant": found}, ("y", "z"), ("a", "b"))
+    assert text[0][0] == ("y", ("-0.3 → -0.3", "1.3 → 1.3"))
     assert "below 0" in text[1]
 
 

@@ -7,6 +7,11 @@ import math
 MISSING = "–"
 
 
+def finite(value: float | None) -> float | None:
+    """`value`, or None where it is not finite, as result.json has it: there is then no number to show."""
+    return value if value is not None and math.isfinite(value) else None
+
+
 def _trimmed(text: str) -> str:
     text = text.rstrip("0").rstrip(".") if "." in text else text
     return "0" if text == "-0" else text

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trueplant.report import levels, loops, retuned, tables
+from trueplant.report import levels, loops, retuned, tables, walk
 from trueplant.report.detected import detected
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.labels import label
 from trueplant.report.numbers import number, probability
-from trueplant.report.shown import as_shown
 from trueplant.result import Curves, Residuals, Result, RetuningCurves, Trend
 
 if TYPE_CHECKING:
@@ -38,15 +37,16 @@ def render(result: Result) -> str:
             headline=result.headline.replace("->", "→"),  # a line must not break inside the arrow
             confidence=_confidence(result),
             most_rows=levels.MOST_ROWS,
-            provenance=as_shown(result.provenance),
-            data=as_shown(result.data),
-            fits=tables.fit_tables(as_shown(result.fit)),
+            provenance=result.provenance,
+            data=result.data,
+            experiments=tables.experiments_table(result.data),
+            fit=tables.fit_table(result.fit),
+            residual_tests=tables.residual_table(result.fit),
             loop_line=loop_line(result),
-            robustness=as_shown(result.robustness) or {},
-            today=_today(result),
+            today=loops.today(result),
             retuned=_retuned(result, book),
-            more_data=as_shown(result.more_data),
-            comparison=tables.comparison(as_shown(result.methods), result.elements),
+            more_data=result.more_data,
+            comparison=tables.comparison(result.methods, result.elements),
             detected=detected(result.methods.detectors, result.elements),
             elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in result.elements],
             grid=_grid(result),
@@ -77,8 +77,9 @@ def environment(*packages: str) -> jinja2.Environment:
         lstrip_blocks=True,
     )
     made.filters |= {"number": number, "probability": probability, "label": label, "sentence": _sentence}
-    made.tests["spans"] = _is_spans
-    made.tests["records"] = _is_records
+    made.filters |= {"entries": walk.entries, "as_table": walk.as_table}
+    made.tests |= {"missing": walk.is_missing, "record": walk.is_record}
+    made.tests |= {"records": walk.is_records, "spans": walk.is_spans}
     return made
 
 
@@ -95,20 +96,6 @@ def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith(('.', '!', '?')) else '.'}"
 
 
-def _is_spans(value: Any) -> bool:
-    """[[from, to], ...]."""
-    return (
-        isinstance(value, list)
-        and bool(value)
-        and all(isinstance(v, list) and len(v) == 2 and all(isinstance(x, int | float) for x in v) for v in value)
-    )
-
-
-def _is_records(value: Any) -> bool:
-    """A list of mappings: a table."""
-    return isinstance(value, list) and bool(value) and all(isinstance(v, Mapping) for v in value)
-
-
 def _grid(result: Result) -> tuple[list[str], list[tuple[str, list[Any]]]]:
     """Inputs, and for each output its elements in the order of the inputs (None where there is none)."""
     curves = result.curves
@@ -118,23 +105,6 @@ def _grid(result: Result) -> tuple[list[str], list[tuple[str, list[Any]]]]:
     return inputs, [(i, [found.get((i, j)) for j in inputs]) for i in outputs]
 
 
-def _today(result: Result) -> dict[str, Any]:
-    """Today's loops as tables."""
-    found, curves = as_shown(result.robustness) or {}, result.curves
-    unit = curves.time_unit if curves else result.provenance.time_unit
-    outputs, inputs = (curves.outputs, curves.inputs) if curves else ((), ())
-    systems, peaks = loops.peak_rows(found, unit)
-    return {
-        "margins": loops.margin_loops(found, unit),
-        "systems": systems,
-        "peaks": peaks,
-        "worst": found.get("peaks", {}).get("plant", {}).get("worst_plant"),
-        "drawn": loops.drawn_sentences(found),
-        "inputs": inputs,
-        "pairing": loops.pairing_rows(found, outputs, inputs),
-    }
-
-
 def _retuned(result: Result, book: Book) -> list[tuple[retuned.Retuned, list[Drawn]]]:
     """New settings, a loop at a time, with the responses before and after."""
     curves = result.curves
@@ -142,10 +112,10 @@ def _retuned(result: Result, book: Book) -> list[tuple[retuned.Retuned, list[Dra
     inputs = dict(zip(curves.inputs, curves.input_units, strict=True)) if curves else {}
     drawn = {(c.input, c.output): c for c in curves.retuning} if curves else {}
     found = []
-    for loop in as_shown(result.controllers):
-        place = loop["input"], loop["output"]
+    for loop in result.controllers:
+        place = loop.input, loop.output
         pv, op = outputs.get(place[1], ""), inputs.get(place[0], "")
-        responses = _retuning_figures(drawn[place], pv, op, loop["time_unit"], book) if place in drawn else []
+        responses = _retuning_figures(drawn[place], pv, op, loop.time_unit, book) if place in drawn else []
         found.append((retuned.retuned(loop, op, pv), responses))
     return found
 
@@ -196,7 +166,7 @@ def _figures(curves: Curves, book: Book, z: float) -> dict[str, Any]:
         lambda i, j: (figures.step_response(curves, i, j), captions.step_response(curves, i, j)),
         book,
     )
-    shown = [(t, _trend_figures(curves, t, book, limit)) for t in curves.trends]
+    shown = [(t, _trend_figures(curves, t, book, limit), tables.excluded_table(t)) for t in curves.trends]
     bodes = _matrix(
         curves,
         (curves.bode_model, curves.bode_plant),

@@ -5,13 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from markupsafe import Markup
 
 from trueplant.report import levels
-from trueplant.report.numbers import MISSING, interval, number, percentage, probability, to_precision
-from trueplant.result import Element, Parameter
+from trueplant.report.labels import label
+from trueplant.report.numbers import MISSING, finite, interval, number, percentage, probability, to_precision
+from trueplant.report.walk import Table, as_table
+from trueplant.result import (
+    Element,
+    ExperimentData,
+    FitRow,
+    MethodParameter,
+    Methods,
+    Parameter,
+    Trend,
+)
+from trueplant.result.codec import entries_of
 
 WIDTH, HALF = 132, 60
 
@@ -108,43 +118,45 @@ def parameter_row(p: Parameter, scale: float) -> ParameterRow:
     )
 
 
-def fit_tables(fit: Sequence[Mapping[str, Any]]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """How well each output is predicted, and the tests of its residuals: one row each, nested tables as columns."""
-    fits: list[dict[str, Any]] = []
-    tests: list[dict[str, Any]] = []
+def fit_table(fit: Sequence[FitRow]) -> Table:
+    """How well each output is predicted; the columns on validation only where there is any."""
+    rows = []
     for row in fit:
-        flat = {key: value for key, value in row.items() if key not in ("validation", "residual_tests")}
-        validation, residuals = row.get("validation"), row.get("residual_tests")
-        if validation:
-            flat |= {
-                "Validated on": validation["kind"],
-                "Fit there (%)": validation["fit_percent"],
-                "Fit there of the final estimate (%)": validation["fit_percent_same_data"],
+        cells = entries_of(row, ("validation", "residual_tests"))
+        if row.validation is not None:
+            cells |= {
+                "Validated on": row.validation.kind,
+                "Fit there (%)": row.validation.fit_percent,
+                "Fit there of the final estimate (%)": row.validation.fit_percent_same_data,
             }
-        fits.append(flat)
-        if residuals and row.get("output") not in [test["output"] for test in tests]:
-            test = {"output": row.get("output"), "p, white": residuals["whiteness_p"]}
-            test |= {f"p, unrelated to {name}": p for name, p in residuals["input_p"].items()}
-            test |= {f"p, {name}": p for name, p in residuals["further_p"].items()}
-            known = ("whiteness_p", "input_p", "further_p")
-            tests.append(test | {key: value for key, value in residuals.items() if key not in known})
-    return fits, tests
+        rows.append(cells)
+    return as_table(rows)
 
 
-def _is_elements(answer: Any) -> bool:
-    return (
-        isinstance(answer, list)
-        and bool(answer)
-        and all(isinstance(e, Mapping) and {"output", "input", "parameters"} <= e.keys() for e in answer)
-    )
+def residual_table(fit: Sequence[FitRow]) -> Table:
+    """The tests of the residuals, a row for each output that was estimated."""
+    rows: dict[str, dict[str, object]] = {}
+    for row in fit:
+        test = row.residual_tests
+        if test is not None and row.output not in rows:
+            cells = {"output": row.output, "p, white": test.whiteness_p}
+            cells |= {f"p, unrelated to {name}": p for name, p in test.input_p.items()}
+            cells |= {f"p, {name}": p for name, p in test.further_p.items()}
+            rows[row.output] = cells | entries_of(test, ("whiteness_p", "input_p", "further_p"))
+    return as_table(list(rows.values()))
 
 
-def _parameters(element: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Parameters as a list of mappings with a name, whichever way the method wrote them."""
-    given = element["parameters"]
-    if isinstance(given, Mapping):
-        return [{"name": k, **(v if isinstance(v, Mapping) else {"plant": v})} for k, v in given.items()]
-    return list(given)
+def experiments_table(data: Sequence[ExperimentData]) -> Table:
+    """What is a single value of each experiment."""
+    headings = ("name", "loop", "samples", "sample_time", "start", "refused")
+    rows = tuple((one.name, one.loop, one.samples, one.sample_time, one.start, one.refused) for one in data)
+    return Table(tuple(map(label, headings)), rows)
+
+
+def excluded_table(trend: Trend) -> Table:
+    """The spans that are left out of a trend."""
+    rows = tuple((float(low), float(high), signal, reason) for low, high, signal, reason in trend.excluded)
+    return Table(tuple(map(label, ("from", "to", "signal", "reason"))), rows)
 
 
 @dataclass(frozen=True)
@@ -156,8 +168,8 @@ class ComparisonRow:
     answers: tuple[str, ...]
 
 
-APART = ("coherence", "detectors", "disagreements")
-"""Entries of `methods` that figures, or tables of their own, show."""
+APART = ("answers", "coherence", "detectors", "disagreements")
+"""Fields of `Methods` that figures, or tables of their own, show."""
 
 
 @dataclass(frozen=True)
@@ -167,46 +179,41 @@ class Comparison:
     methods: tuple[str, ...]
     elements: tuple[tuple[tuple[str, str], tuple[ComparisonRow, ...]], ...]
     """((output, input), rows) of each element."""
-    others: Mapping[str, Any]
+    others: Mapping[str, object]
+    """The other fields of `Methods` that say something, by their names in result.json."""
 
 
-def comparison(methods: Mapping[str, Any], elements: Sequence[Element] = ()) -> Comparison:
-    """`methods` as plain data: {method: [{output, input, parameters: [{name, unit, plant, ci, std_error}]}]}.
-
-    Units that the methods do not state are those of the elements. Entries of any other form come back in `others`.
-    """
-    names = tuple(name for name, answer in methods.items() if _is_elements(answer))
-    found: dict[tuple[str, str], dict[str, dict[str, Mapping[str, Any]]]] = {}
+def comparison(methods: Methods, elements: Sequence[Element] = ()) -> Comparison:
+    """The answers of the methods side by side, in the units of the elements."""
+    names = tuple(name for name, answer in methods.answers.items() if answer)
+    found: dict[tuple[str, str], dict[str, dict[str, MethodParameter]]] = {}
     for method in names:
-        for element in methods[method]:
-            rows = found.setdefault((str(element["output"]), str(element["input"])), {})
-            for p in _parameters(element):
-                rows.setdefault(str(p.get("name", "")), {})[method] = p
+        for element in methods.answers[method]:
+            rows = found.setdefault((element.output, element.input), {})
+            for p in element.parameters:
+                rows.setdefault(p.name, {})[method] = p
     units = {(e.output, e.input, p.name): p.unit for e in elements for p in e.parameters}
     rows_of = tuple(
         (
-            element,
+            place,
             tuple(
                 ComparisonRow(
                     plain_name(parameter),
-                    next(
-                        (str(p["unit"]) for p in answers.values() if p.get("unit")),
-                        units.get((*element, parameter), ""),
-                    ),
+                    units.get((*place, parameter), ""),
                     tuple(_answer(answers[m]) if m in answers else MISSING for m in names),
                 )
                 for parameter, answers in rows.items()
             ),
         )
-        for element, rows in found.items()
+        for place, rows in found.items()
     )
-    return Comparison(names, rows_of, {k: v for k, v in methods.items() if v and k not in (*names, *APART)})
+    return Comparison(names, rows_of, {name: said for name, said in entries_of(methods, APART).items() if said})
 
 
-def _answer(p: Mapping[str, Any]) -> str:
-    error = p.get("std_error")
-    text = to_precision(p.get("plant"), error)
-    if p.get("ci") is None:
+def _answer(p: MethodParameter) -> str:
+    plant, error = finite(p.plant), finite(p.std_error)
+    text = to_precision(plant, error)
+    if p.ci is None:
         return text
-    low, high = p["ci"]
+    low, high = map(finite, p.ci)
     return f"{text} ({interval(low, high, error)})"

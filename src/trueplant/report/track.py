@@ -11,7 +11,6 @@ from trueplant.report.figures import GAP, PANEL, axis_range
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.levels import MOST_ROWS
 from trueplant.report.page import environment
-from trueplant.report.shown import as_shown
 from trueplant.report.style import BOTTOM, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
 from trueplant.result import Change, ChangeKind, Parameter, Status, Track, TrackedElement, Window
 from trueplant.result.numbers import counted
@@ -38,7 +37,7 @@ def render(track: Track) -> str:
             refused=refused_stretches(track),
             moved=lambda p: moved_words(p).replace("->", "→"),
             time=time_text,
-            provenance=as_shown(track.provenance),
+            provenance=track.provenance,
             most_rows=MOST_ROWS,
             **frame(book),
         )

@@ -81,18 +81,23 @@ def plain(value: object) -> Json:
 
 def fields_of(value: object, left_out: Collection[str] = ()) -> dict[str, Json]:
     """The fields of a dataclass as plain Python, without some of them."""
-    out: dict[str, Json] = {}
+    return {name: plain(entry) for name, entry in entries_of(value, left_out).items()}
+
+
+def entries_of(value: object, left_out: Collection[str] = ()) -> dict[str, object]:
+    """The fields of a dataclass by their names in JSON, without some of them; each entry is still as it was."""
+    out: dict[str, object] = {}
     wanted = value.json_fields() if hasattr(value, "json_fields") else None
     for field in dataclasses.fields(typing.cast(Any, value)):
         entry = getattr(value, field.name)
         if field.name in left_out or (wanted is not None and field.name not in wanted):
             continue
         if field.metadata.get("spread"):
-            out |= {str(name): plain(one) for name, one in entry.items()}
+            out |= {str(name): one for name, one in entry.items()}
         elif entry is None and "none_as" in field.metadata:
             out[json_key(field)] = field.metadata["none_as"]
         elif not (field.metadata.get("absent") and _is_nothing(entry)):
-            out[json_key(field)] = plain(entry)
+            out[json_key(field)] = entry
     return out
 
 
