@@ -34,8 +34,9 @@ def published(
 ) -> Detection:
     """One of DETECTORS on these data: statistic, threshold and flag of each element (n_y, n_u).
 
-    `model` (n_y, n_u + n_d) is in the segments' time unit; only nominal-sensitivity needs the controller. What does
-    not apply comes back as a refusal with its reason. Raises UsageError for another name.
+    `model` (n_y, n_u + n_d) is in the segments' time unit; only nominal-sensitivity needs the controller, which is
+    without a pv_transform. What does not apply comes back as a refusal with its reason. Raises UsageError for another
+    name.
     """
     if name not in DETECTORS:
         raise UsageError(f'no detector is called "{name}": use one of {", ".join(DETECTORS)}')

@@ -22,7 +22,8 @@ def nominal_sensitivity(
     of the OP that the nominal loop would have written for the set-points alone: a disturbance is unrelated to it. Shat
     spreads a mismatch over all outputs of the loop: the row is a hint, no more.
 
-    Raises NotApplicable in open loop, and where the nominal loop cannot be simulated.
+    `controller` is without a pv_transform. Raises NotApplicable in open loop, and where the nominal loop cannot be
+    simulated.
     """
     segment = signals.segment
     if not segment.closed or not np.isfinite(segment.r).all():
@@ -30,11 +31,10 @@ def nominal_sensitivity(
     n_u = signals.u.shape[1]
     plant = model.columns(0, n_u)
     error, y = model_error(segment, model)
-    law = controller.linearised(np.mean(y, axis=0))
     free = np.tile([-np.inf, np.inf], (n_u, 1))
     try:
-        disturbed = simulate(plant, law, np.zeros_like(y), segment.h, v=error - error[0], limits=free)
-        nominal = simulate(plant, law, segment.r - segment.r[0], segment.h, limits=free)
+        disturbed = simulate(plant, controller, np.zeros_like(y), segment.h, v=error - error[0], limits=free)
+        nominal = simulate(plant, controller, segment.r - segment.r[0], segment.h, limits=free)
     except LoopError as problem:
         raise NotApplicable(f"the nominal loop cannot be simulated: {problem}") from None
     difference, driven = centred(disturbed.y[signals.pick]), centred(nominal.u[signals.pick])

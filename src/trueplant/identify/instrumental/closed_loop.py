@@ -38,11 +38,12 @@ def clsrivc(
     a wrong controller either: that only makes the instrument weaker, which the covariance counts. With the right
     controller and white noise its covariance s2 (sum zeta zeta')^-1 is the least that instruments from r can have.
 
-    `orders` names the elements of every output of the plant: the instrument needs the whole loop. It starts from the
-    two-stage method (that from `initial`, the coefficients of each output, where given), which is also what is left
-    where the loop cannot be simulated (unstable, or no law that runs in time): a note says so. OP limits are ignored in
-    the instrument. `held` elements of each output keep their declared value. A record in open loop has OP itself for
-    its instrument, which no noise reaches there.
+    `controller` is without a pv_transform (`Controller.linearised`). `orders` names the elements of every output of the
+    plant: the instrument needs the whole loop. It starts from the two-stage method (that from `initial`, the
+    coefficients of each output, where given), which is also what is left where the loop cannot be simulated (unstable,
+    or no law that runs in time): a note says so. OP limits are ignored in the instrument. `held` elements of each
+    output keep their declared value. A record in open loop has OP itself for its instrument, which no noise reaches
+    there.
 
     Gilson, Garnier, Young and Van den Hof (2008), in Garnier and Wang (eds.), Identification of Continuous-time Models
     from Sampled Data, Springer.
@@ -53,7 +54,6 @@ def clsrivc(
     if set(orders) != set(range(n_y)):
         raise LoopError(f"the instrument needs the whole loop: give orders for each of the {n_y} outputs")
     held = held or {}
-    law = controller.linearised(np.nanmean(np.vstack([s.y for s in segments]), axis=0))
     parts, samples, projected = {}, {}, {}
     for i, row in orders.items():
         parts[i], samples[i], projected[i] = _projected(
@@ -63,7 +63,7 @@ def clsrivc(
     for _ in range(levels.CLSRIVC_ROUNDS):
         plant = _matrix(orders, {i: refined.theta for i, refined in parts.items()}, held, n_y, n_u)
         try:
-            inputs = [_noise_free(plant, law, segment) if segment.closed else segment.u for segment in segments]
+            inputs = [_noise_free(plant, controller, segment) if segment.closed else segment.u for segment in segments]
         except LoopError as error:
             notes = [
                 f"the declared loop could not be simulated ({error}): the instrument is the projection on set-points"

@@ -14,7 +14,7 @@ def published_detections(study: Study) -> tuple[Detection, ...]:
     if not segments:
         return ()
     k = study.loop_experiment
-    controller = None if k is None else study.records.declared[k]
+    controller = None if k is None else study.records.linear[k]
     found = (
         (name, published(name, segments, study.model, controller, settings.confidence)) for name in settings.detectors
     )

@@ -118,7 +118,7 @@ def _controllers_differ(study: Study, segments: Sequence[Segment]) -> str:
 
 def _law(study: Study, segments: Sequence[Segment]) -> Controller | None:
     closed = _closed(segments)
-    return study.records.declared[closed[0]] if closed else None
+    return study.records.linear[closed[0]] if closed else None
 
 
 def _as_late(study: Study, task: Task, answer: Answer) -> Answer:
