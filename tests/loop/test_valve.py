@@ -34,6 +34,12 @@ def test_a_sticking_stem_jumps_to_op():
     assert np.allclose(at[6::6], op[6::6])
 
 
+def test_a_stem_waits_and_then_jumps_to_op():
+    op = np.array([0.0, 0.5, 0.9, 1.2, 1.0, 0.3, 0.1])
+    assert Valve(stick=1.0).positions(op).tolist() == [0.0, 0.0, 0.0, 1.2, 1.2, 1.2, 0.1]
+    assert Valve().positions(op).tolist() == op.tolist()
+
+
 def test_the_loop_sees_the_plant_behind_its_valve():
     """The record's PV is the open response to the stem that the valve alone makes of the record's OP."""
     for valve in (Valve(backlash=0.1), Valve(stick=0.05), Valve(backlash=0.05, stick=0.03)):

@@ -12,8 +12,8 @@ from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, wood_
 from support.two_loops import CONTROLLERS, scaled
 from support.two_loops import project as full_project
 from trueplant import Project, run
-from trueplant.detect import common_factors, noise_change, stuck
-from trueplant.loop import PID, Controller, Simulation, simulate
+from trueplant.detect import common_factors, noise_change
+from trueplant.loop import PID, Controller, Simulation, Valve, simulate
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.study.plant.causes import _saturated
 
@@ -244,18 +244,13 @@ def test_changed_noise_keeps_its_level_and_sees_colour_and_size():
     assert noise_change([slow], [2 * slow[::-1]], 2).p_value < 1e-10
 
 
-def test_a_stuck_valve_waits_and_then_jumps_to_op():
-    op = np.array([0.0, 0.4, 0.9, 1.2, 1.0, 0.5, 0.1])
-    assert stuck(op, 1.0).tolist() == [0.0, 0.0, 0.0, 1.2, 1.2, 1.2, 0.1]
-    assert stuck(op, 0.0).tolist() == op.tolist()
-
-
-def test_the_stuck_simulation_is_the_simulator_where_nothing_sticks():
-    mine = sticky(49, 0.0, 200)
+@pytest.mark.parametrize("band", [0.0, 0.12])
+def test_the_sticky_simulation_is_the_simulator(band):
+    mine = sticky(49, band, 200)
     rng = np.random.default_rng(49)
     r = random_switching(rng, 200, 2, 20.0)
     v = coloured(rng, 200, 2, [1, -0.8], [1], 0.1)
-    other = simulate(WOOD_BERRY, BLT, r, 1.0, v=v)
+    other = simulate(WOOD_BERRY, BLT, r, 1.0, v=v, valves=[Valve(stick=band), Valve()])
     assert np.allclose(mine.y, other.y, atol=1e-6)
 
 
