@@ -54,6 +54,31 @@ def test_nothing_answered_is_not_identifiable():
     assert judge([evidence])[0].verdict == "not identifiable"
 
 
+def test_unchanged_needs_the_power_to_see_a_change_worth_knowing():
+    """The same estimate, which could have missed a change of 25 %, of 35 %, and any."""
+    model, covariance = (1.0, 5.0), np.diag([0.1, 0.4]) ** 2
+    verdicts = [
+        judge([Evidence(model, np.array([1.05, 5.1]), covariance, (True, True), detectable=share)])[0]
+        for share in (0.25, 0.35, np.inf)
+    ]
+    assert [v.verdict for v in verdicts] == ["unchanged", "not identifiable", "not identifiable"]
+    assert [v.lacks_power for v in verdicts] == [False, True, True]
+    assert verdicts[1].p_adjusted == verdicts[0].p_adjusted and verdicts[1].detectable == 0.35
+    moved = Evidence(model, np.array([2.0, 5.1]), covariance, (True, True), detectable=np.inf)
+    assert judge([moved])[0].verdict == "changed"
+    wide = Evidence(model, np.array([1.05, 5.1]), covariance, (True, True), detectable=0.35)
+    assert judge([wide], worth_knowing=0.4)[0].verdict == "unchanged"
+
+
+def test_a_change_of_the_whole_is_put_on_no_parameter_that_does_not_show_it():
+    """Two gains that are known by their difference alone: it has moved by 12 standard errors, each gain by 0.85."""
+    covariance = np.array([[1.0, 0.99], [0.99, 1.0]])
+    verdict = judge([Evidence((0.0, 0.0), np.array([0.85, -0.85]), covariance, (True, True))])[0]
+    assert verdict.verdict == "changed" and verdict.p_adjusted < 1e-6
+    assert [p.changed for p in verdict.parameters] == [False, False]
+    assert all(p.p_value > 0.3 for p in verdict.parameters)
+
+
 def test_importance_is_the_largest_singular_value_of_one_element_alone():
     rng = np.random.default_rng(4)
     delta = rng.standard_normal((6, 2, 3)) + 1j * rng.standard_normal((6, 2, 3))

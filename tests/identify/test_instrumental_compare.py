@@ -33,7 +33,7 @@ def test_start_from_srivc_saves_the_structured_fit_from_a_wrong_minimum():
     """A resonance with a zero in the right half-plane: from nothing the fit ends elsewhere, from SRIVC it does not."""
     segment, structure = delayed_record(20_001), Structure.parse("pair+lead")
     (spec,) = with_initial_guess([segment], 0, [Spec(0, structure)])
-    assert spec.initial is not None
+    assert spec.guess is not None
     fit = estimate_row(Row((spec,), pieces_of([segment], 0)), 1.0)
     error = np.sqrt(np.diag(fit.covariance))
     assert np.all(np.abs(fit.theta - [0.125, 2, 0.25, -8, DELAYED[-1]]) < 4 * error + [0, 0, 0, 0, 0.005])

@@ -111,15 +111,34 @@ def test_unchanged_plant():
     assert "all 2 elements" in _result(kept, kept).headline
 
 
-def test_no_change_found_says_what_could_hide():
-    gain = _parameter("gain", "degC/%", 2.0, 2.1, 0.2, changed=False)
-    said = _result(_element(verdict="unchanged", parameters=(gain,))).headline
-    largest = 100 * max(abs(end - 2.0) for end in gain.ci) / 2.0
-    assert f"a change of a gain by {largest:.2g} % would still fit these data" in said
+def test_no_change_found_says_what_would_have_been_seen():
+    kept = _element(verdict="unchanged")
+    said = _result(replace(kept, detectable_change=0.09), replace(kept, detectable_change=0.154)).headline
+    assert said == "No change was found in all 2 elements; a change of more than 15 % would have been seen."
+
+
+def test_no_change_found_without_power_is_no_all_clear():
+    """Over 30 % could have been missed: the element is not identifiable, and the headline says by how much."""
+    weak = replace(_element("y1", "u1", "not identifiable", (_parameter(changed=False),)), detectable_change=0.35)
+    assert _result(weak).headline == (
+        "No change was found in u1 -> y1, but these data say too little: one of 35 % could have been missed."
+    )
+    blind = replace(weak, detectable_change=None)
+    assert "in 2 elements, but these data say too little: any could have been missed" in _result(weak, blind).headline
+
+
+def test_a_number_without_a_useful_interval_is_in_no_headline():
+    """A gain of 0.02 that may be anything from -0.21 to 0.25 is not "-96 %"."""
+    gain = _parameter("gain", "degC/%", 0.5, 0.02, 0.23)
+    said = _result(_element(parameters=(gain,))).headline
+    assert "responds with a gain between -0.210 and 0.250 degC/%, not 0.500 degC/%." in said
+    other = _element("y1", "u1", parameters=(gain,))
+    said = _result(replace(other, importance=Importance(9.0, "loop"), parameters=(_parameter(),)), other).headline
+    assert "Changed too: u1 -> y1 (gain between -0.210 and 0.250 degC/%)." in said
 
 
 def test_what_could_not_be_judged_is_said():
-    open_one = _element("y1", "u1", "not identifiable", (_parameter(plant=None, changed=False),))
+    open_one = _element("y1", "u1", "not identifiable", (_parameter(plant=None, changed=False),), p_adjusted=None)
     kept = _element(verdict="unchanged")
     assert _result(kept, open_one).headline.endswith("1 element could not be judged (u1 -> y1).")
     assert "all" not in _result(kept, open_one).headline

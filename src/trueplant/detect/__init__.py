@@ -8,6 +8,7 @@ from trueplant.detect.causes import (
     noise_change,
 )
 from trueplant.detect.correlation import cross_correlation, partial_correlation
+from trueplant.detect.detectable import detectable_change
 from trueplant.detect.elements import Found, elements_found, judge_elements, verdicts
 from trueplant.detect.one_class import one_class
 from trueplant.detect.published import DETECTORS, published
@@ -40,6 +41,7 @@ __all__ = [
     "Verdict",
     "common_factors",
     "cross_correlation",
+    "detectable_change",
     "elements_found",
     "grade",
     "holm",

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.arrays import Array
+from trueplant.detect import levels
+from trueplant.detect.detectable import detectable_change
 from trueplant.detect.verdict import Evidence, Verdict, judge
 from trueplant.identify import (
     OutputEstimate,
@@ -73,6 +75,7 @@ def judge_elements(
     estimates: Mapping[int, OutputEstimate],
     confidence: float = 0.95,
     tolerance_percent: float = 0.0,
+    worth_knowing: float = levels.WORTH_KNOWING,
 ) -> dict[tuple[int, int], Verdict]:
     """The verdict on each element, familywise over all of them: Wald's test and the likelihood have to agree."""
     places = sorted(found)
@@ -84,10 +87,21 @@ def judge_elements(
             tuple(k not in found[p].reasons for k in range(len(found[p].theta))),
             _other_p(estimates[p[0]], found[p]),
             found[p].joint,
+            _detectable(estimates[p[0]], found[p], len(places), 1 - confidence),
         )
         for p in places
     ]
-    return dict(zip(places, judge(evidence, confidence, tolerance_percent), strict=True))
+    return dict(zip(places, judge(evidence, confidence, tolerance_percent, worth_knowing), strict=True))
+
+
+def _detectable(estimate: OutputEstimate, found: Found, elements: int, level: float) -> float:
+    """What would have been seen; of an element that the model lacks as a share of all that PV does."""
+    scale = None
+    if all(value in (0.0, None) for value in found.model):
+        piece = max(estimate.row.pieces, key=lambda piece: piece.y.size)
+        moves = float(piece.input_spread[found.spec.column])
+        scale = piece.spread / moves if moves > 0 else 0.0
+    return detectable_change(found.spec.structure, found.theta, found.joint, elements, level, scale)
 
 
 def _other_p(estimate: OutputEstimate, found: Found) -> float | None:
@@ -111,6 +125,7 @@ def verdicts(
     *,
     confidence: float = 0.95,
     tolerance_percent: float = 0.0,
+    worth_knowing: float = levels.WORTH_KNOWING,
 ) -> dict[tuple[int, int], Verdict]:
     """Which elements of the plant are no longer the model's: {(output, input): verdict}, from segments alone.
 
@@ -119,4 +134,4 @@ def verdicts(
     """
     asked = specs_of(model) if specs is None else specs
     estimates = identify_matrix(segments, model, asked, confidence=confidence)
-    return judge_elements(elements_found(model, estimates), estimates, confidence, tolerance_percent)
+    return judge_elements(elements_found(model, estimates), estimates, confidence, tolerance_percent, worth_knowing)

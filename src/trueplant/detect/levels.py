@@ -4,6 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+# What a verdict is worth
+POWER = 0.8
+"""Share of records in which a change of just the detectable size is found: the usual one in planning experiments."""
+WORTH_KNOWING = 0.3
+"""Change of gain, lag, or dead time relative to dead time plus lag, that "unchanged" has to exclude: a loop with the
+usual margins (gain margin above 2) bears it."""
+
 # The instant of a change
 FIRST_PASS = 60
 """Instants looked at in the first pass over a record."""

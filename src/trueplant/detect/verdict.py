@@ -2,8 +2,9 @@
 
 The elements are tested jointly over their answered parameters, and Holm's procedure (1979) keeps the
 chance of a single false alarm in the whole matrix at the level asked for. Within an element that has
-changed, its parameters are tested one by one with Holm's procedure again; a parameter is called changed only
-where its element is.
+changed, its parameters are tested one by one with Holm's procedure again: one is called changed where its own
+familywise p-value and that of its element say so. An element may so have changed although it cannot be told in which
+parameter. It is unchanged only where a change worth knowing would have been seen.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ class Evidence:
     """p-value of another test of the same question (likelihood ratio, absence), if there is one: the larger counts."""
     joint: Array | None = None
     """Covariance for the test of the whole element, if it is not the one that single parameters are judged by."""
+    detectable: float = 0.0
+    """The change that would just have been found, as a share (`detectable_change`)."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,13 @@ class Verdict:
     verdict: ElementVerdict
     p_adjusted: float | None
     parameters: tuple[ParameterVerdict, ...]
+    detectable: float | None = None
+    """The change that would just have been found, as a share; None where nothing was tested."""
+
+    @property
+    def lacks_power(self) -> bool:
+        """Was it tested, without being able to find a change worth knowing?"""
+        return self.verdict == ElementVerdict.NOT_IDENTIFIABLE and self.p_adjusted is not None
 
 
 def holm(p_values: ArrayLike) -> Array:
@@ -77,11 +87,15 @@ def _joint_p(evidence: Evidence, tested: Sequence[int]) -> float:
 
 
 def judge(
-    elements: Sequence[Evidence], confidence: float = 0.95, tolerance_percent: float = 0.0
+    elements: Sequence[Evidence],
+    confidence: float = 0.95,
+    tolerance_percent: float = 0.0,
+    worth_knowing: float = levels.WORTH_KNOWING,
 ) -> tuple[Verdict, ...]:
     """A verdict for each element, familywise over all of them.
 
-    A change counts as one when it is significant and larger than `tolerance_percent` of the model's value.
+    A change counts as one when it is significant and larger than `tolerance_percent` of the model's value. An element
+    without one is unchanged if a change of `worth_knowing` (a share) would have been found, else not identifiable.
     """
     level = 1 - confidence
     tested = [
@@ -92,12 +106,18 @@ def judge(
     adjusted = iter(holm(known))
     familywise = [None if p is None else float(next(adjusted)) for p in raw]
     return tuple(
-        _verdict(e, t, p, level, tolerance_percent / 100) for e, t, p in zip(elements, tested, familywise, strict=True)
+        _verdict(e, t, p, level, tolerance_percent / 100, worth_knowing)
+        for e, t, p in zip(elements, tested, familywise, strict=True)
     )
 
 
 def _verdict(
-    evidence: Evidence, tested: Sequence[int], p_element: float | None, level: float, tolerance: float
+    evidence: Evidence,
+    tested: Sequence[int],
+    p_element: float | None,
+    level: float,
+    tolerance: float,
+    worth_knowing: float,
 ) -> Verdict:
     none = ParameterVerdict(None, None, False)
     parameters = [none] * len(evidence.model)
@@ -110,14 +130,15 @@ def _verdict(
     allowed = tolerance * np.abs([evidence.model[k] or 0.0 for k in tested])
     beyond = np.abs(shift) > allowed
     significant = p_element < level
-    changed = significant & (adjusted < level) & beyond
-    if significant and not (adjusted < level).any() and (tolerance == 0 or beyond.any()):
-        # Jointly beyond doubt, singly not: the change is put on the parameter that shows it best.
-        changed[int(np.argmin(np.where(beyond, raw, 2.0)))] = True
-    for k, p, q, c in zip(tested, raw, adjusted, changed, strict=True):
+    for k, p, q, c in zip(tested, raw, adjusted, significant & (adjusted < level) & beyond, strict=True):
         parameters[k] = ParameterVerdict(float(p), float(q), bool(c))
-    said = ElementVerdict.CHANGED if changed.any() else ElementVerdict.UNCHANGED
-    return Verdict(said, p_element, tuple(parameters))
+    if significant and (tolerance == 0 or beyond.any()):
+        said = ElementVerdict.CHANGED
+    elif evidence.detectable <= worth_knowing:
+        said = ElementVerdict.UNCHANGED
+    else:
+        said = ElementVerdict.NOT_IDENTIFIABLE
+    return Verdict(said, p_element, tuple(parameters), evidence.detectable)
 
 
 def importance_in_loop(delta: ComplexArray, q_s: ComplexArray) -> Array:

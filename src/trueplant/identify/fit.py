@@ -36,7 +36,7 @@ class RowFit:
     information: Array
     """(size + order, size + order) Gauss-Newton information of theta and ar, in units of 1/variance."""
     cost: float
-    """Sum of squares of the weighted prediction errors."""
+    """Sum of squares of the weighted prediction errors, times what the prior makes of it (`evaluate`)."""
     count: int
     """Prediction errors used."""
     weights: Array
@@ -55,6 +55,15 @@ class RowFit:
         """(size, size) of theta; a very large variance where the data do not determine a parameter."""
         n = self.theta.size
         return self.variance * inverse(self.information)[:n, :n]
+
+    @property
+    def standard_errors_by_data(self) -> Array:
+        """(size,) what the record alone says of theta, without the prior: very large where it says nothing."""
+        n = self.theta.size
+        information = self.information.copy()
+        prior = self.row.prior.normal_equations(self.theta)[0] * self.variance * self.left / max(self.count, 1)
+        information[np.arange(n), np.arange(n)] -= np.where(self.free, prior, 0.0)
+        return np.asarray(np.sqrt(self.variance * np.diag(inverse(information))[:n]))
 
     @property
     def left(self) -> int:
@@ -84,7 +93,10 @@ class Point:
 
 
 def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
-    """Cost and normal equations at theta and ar, operating points and initial states projected out."""
+    """Cost and normal equations at theta and ar, operating points and initial states projected out.
+
+    The prior of theta is in both: the fit is the most probable plant.
+    """
     size = theta.size + ar.size
     information, slope = np.zeros((size, size)), np.zeros(size)
     power = np.zeros((len(row.pieces), 2))
@@ -92,7 +104,14 @@ def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
         power[k] = e @ e, e.size
         information += jacobian @ jacobian.T
         slope += jacobian @ e
-    return Point(float(power[:, 0].sum()), information, slope, int(power[:, 1].sum()), power, weights)
+    squares, count = float(power[:, 0].sum()), int(power[:, 1].sum())
+    unit = squares / max(count, 1)
+    diagonal, pull = row.prior.normal_equations(theta)
+    information[np.arange(theta.size), np.arange(theta.size)] += unit * diagonal
+    slope[: theta.size] += unit * pull
+    # so that count log(cost), which is -2 log likelihood, rises by the penalty
+    cost = squares * np.exp(min(row.prior.penalty(theta) / max(count, 1), levels.LARGEST_EXPONENT))
+    return Point(float(cost), information, slope, count, power, weights)
 
 
 def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tuple[int, Array, Array]]:
@@ -177,7 +196,7 @@ def fit_row(
     frozen = np.flatnonzero(~moving)
     information[frozen, :] = information[:, frozen] = 0.0
     information[frozen, frozen] = 1e30
-    variance = point.cost / left
+    variance = float(point.power[:, 0].sum()) / left
     return RowFit(row, theta, ar, variance, information, point.cost, point.count, point.weights, found.converged, free)
 
 

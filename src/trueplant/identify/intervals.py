@@ -8,6 +8,7 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.likelihood import rise
 from trueplant.identify.row import Row
 
 
@@ -18,14 +19,16 @@ def normal_intervals(row: Row, theta: Array, covariance: Array, confidence: floa
     return np.asarray(np.clip(np.column_stack([theta - half, theta + half]), low[:, None], high[:, None]))
 
 
-def profile_interval(fit: RowFit, index: int, confidence: float, rounds: int = 6) -> tuple[float, float]:
+def profile_interval(
+    fit: RowFit, index: int, confidence: float, factor: float = 1.0, rounds: int = 6
+) -> tuple[float, float]:
     """Interval of theta[index] from the profile likelihood.
 
-    The end points are where the deviance, minimised over everything else, has risen by the chi-square
+    The end points are where the deviance, minimised over everything else, has risen by `factor` times the chi-square
     quantile (Venzon and Moolgavkar 1988). An end that is not found within PROFILE_FURTHEST standard errors, or lies
-    beyond the parameter's bound, is the bound.
+    beyond the parameter's bound, is the bound; one that is not found to PROFILE_TOLERANCE is a value beyond it.
     """
-    z = float(norm.ppf(0.5 + confidence / 2))
+    z = float(norm.ppf(0.5 + confidence / 2) * np.sqrt(factor))
     sigma = float(np.sqrt(fit.covariance[index, index]))
     low, high = fit.row.bounds()
     return tuple(  # type: ignore[return-value]
@@ -72,7 +75,7 @@ def _end(fit: RowFit, index: int, side: int, z: float, sigma: float, low: float,
     nearest = fit
     for _ in range(rounds):
         nearest = _constrained(nearest, index, centre + side * distance)
-        root = float(np.sqrt(max(nearest.deviance - fit.deviance, 0.0)))
+        root = float(np.sqrt(rise(fit, nearest)))
         if abs(root - z) < levels.PROFILE_TOLERANCE * z:
             return centre + side * distance
         if root < z:
@@ -86,17 +89,16 @@ def _end(fit: RowFit, index: int, side: int, z: float, sigma: float, low: float,
         else:
             share = (z - inside_root) / max(outside_root - inside_root, 1e-12)
             distance = inside + min(max(share, 0.05), 0.95) * (outside - inside)
-    return centre + side * distance
+    return bound if outside is None else centre + side * outside
 
 
 def _constrained(fit: RowFit, index: int, value: float) -> RowFit:
-    theta = fit.theta.copy()
-    free = fit.free.copy()
-    # The other parameters follow along the ridge, as the covariance says.
-    slope = fit.covariance[:, index] / max(fit.covariance[index, index], 1e-300)
-    if fit.free[index]:
-        low, high = fit.row.bounds()
-        theta = np.clip(theta + np.where(fit.free, slope, 0.0) * (value - theta[index]), low, high)
-    theta[index] = value
-    free[index] = False
-    return fit_row(fit.row, theta, fit.ar, weights=fit.weights, free=free, reweight=False, iterations=12)
+    """The fit with theta[index] at a value, the others free and starting where they are.
+
+    They are not moved along the ridge first: what the data do not determine would be thrown far off by it.
+    """
+    theta, free = fit.theta.copy(), fit.free.copy()
+    theta[index], free[index] = value, False
+    return fit_row(
+        fit.row, theta, fit.ar, weights=fit.weights, free=free, reweight=False, iterations=levels.PROFILED_STEPS
+    )

@@ -87,19 +87,32 @@ class _Point:
     @cached_property
     def cost(self) -> float:
         """-2 log likelihood up to a constant."""
-        return float(self.count * np.linalg.slogdet(self.sigma)[1])
+        prior = sum(row.prior.penalty(part) for row, part in zip(self.rows, self._parts, strict=True))
+        return float(self.count * np.linalg.slogdet(self.sigma)[1] + prior)
+
+    @property
+    def _parts(self) -> list[Array]:
+        """theta, row by row."""
+        return np.split(self.theta, np.cumsum([row.size for row in self.rows])[:-1])
 
     @cached_property
     def _linearised(self) -> _Errors:
         return _evaluate(self.rows, self.theta, self.ar, self.root)
 
+    @cached_property
+    def _prior(self) -> tuple[Array, Array]:
+        """Diagonal of the information, and the slope, of the priors; 0 for the noise model."""
+        both = [row.prior.normal_equations(part) for row, part in zip(self.rows, self._parts, strict=True)]
+        of_noise = np.zeros(self.ar.size)
+        return np.concatenate([*(d for d, _ in both), of_noise]), np.concatenate([*(s for _, s in both), of_noise])
+
     @property
     def information(self) -> Array:
-        return self._linearised.information
+        return np.asarray(self._linearised.information + np.diag(self._prior[0]))
 
     @property
     def slope(self) -> Array:
-        return self._linearised.slope
+        return np.asarray(self._linearised.slope + self._prior[1])
 
 
 def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | None:

@@ -92,7 +92,7 @@ def _from_both_guesses(
     rival = estimate(others)
     if rival is None or _criterion(rival) >= _criterion(found):
         return found
-    # The initial guess is also the model that the estimate is compared with: it stays the declared one.
+    # Which guess has led there is of no interest to anyone else.
     return replace(rival, fit=replace(rival.fit, row=replace(rival.fit.row, specs=tuple(specs))))
 
 

@@ -141,14 +141,15 @@ def identify_output(
     # small to be seen: then the other parameters are as the fit with it has them.
     shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
-    covariance = covariance + np.diag(np.where(shown, 0.0, shifts**2) + left_out**2 + lacking**2 + least)
+    added = np.where(shown, 0.0, shifts**2) + left_out**2 + lacking**2 + least
+    covariance = covariance + np.diag(added)
     unprofiled = covariance - (factor - 1) * fit.covariance
     intervals = normal_intervals(row, theta, covariance, confidence)
-    if not np.any(shifts) and not np.any(lacking) and not apart:
+    if not apart:
         for index in _profiled(fit):
             # A dead time that is fixed at 0 may still be as large as the data allow.
-            ends = profile_interval(fit if fit.free[index] else full, index, confidence)
-            ends = widened(ends, float(theta[index]), least[index] + more[index, index], confidence)
+            ends = profile_interval(fit if fit.free[index] else full, index, confidence, factor)
+            ends = widened(ends, float(theta[index]), added[index] + more[index, index], confidence)
             covariance = as_wide_as(covariance, index, float(theta[index]), ends, confidence)
             intervals[index] = ends
     return OutputEstimate(
@@ -181,7 +182,8 @@ def _profiled(fit: RowFit) -> list[int]:
 def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
     """The parameters that the data do not determine, by their place in theta."""
     fit, theta = estimate.fit, estimate.theta
-    sigma = np.sqrt(np.diag(estimate.covariance))
+    # The prior keeps every standard error finite: whether a parameter is known is for the record to say.
+    sigma = np.maximum(np.sqrt(np.diag(estimate.covariance)), fit.standard_errors_by_data)
     h = fit.row.pieces[0].h
     found: dict[int, Unanswered] = {}
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):

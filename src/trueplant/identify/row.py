@@ -19,6 +19,7 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.initial_state import Mode, Unknown, lag_mode, pair_modes
 from trueplant.identify.levels import LARGEST_FREE_RESPONSE
+from trueplant.identify.prior import Prior
 from trueplant.lti.sampled import rows_response, sampled_response
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import TransferFunction
@@ -33,8 +34,12 @@ class Spec:
     """Index into the inputs followed by the measured disturbances."""
     structure: Structure
     initial: tuple[float, ...] | None = None
-    """Initial guess of the parameters, which is the model that the estimate is compared with; None where the model has
-    no such element."""
+    """The model's parameters, near which the plant is taken to be (`prior`) and with which the estimate is compared;
+    None where the model has no such element."""
+    undeclared: tuple[int, ...] = ()
+    """Places of parameters in `initial` which the model does not have: the search starts there, and no more."""
+    guess: tuple[float, ...] | None = None
+    """Initial guess of the parameters; None for the model's."""
 
 
 @dataclass(frozen=True)
@@ -260,6 +265,14 @@ class Row:
         low[self.is_lag] = levels.FASTEST_LAG * h
         high[self.is_frequency] = 1 / (levels.FASTEST_LAG * h)
         return low, high
+
+    @cached_property
+    def prior(self) -> Prior:
+        """Of theta, about the model."""
+        initial = (None if s.initial is None else np.array(s.initial, dtype=float) for s in self.specs)
+        return Prior.joined(
+            [Prior.about(s.structure, model, s.undeclared) for s, model in zip(self.specs, initial, strict=True)]
+        )
 
     def measured(self, k: int) -> tuple[Array, BoolArray]:
         piece = self.pieces[k]

@@ -19,8 +19,9 @@ def initial_theta(row: Row, time_scale: float) -> Array:
     """The models' parameters; elements without one get the time scale, unit gain and no dead time."""
     parts = []
     for spec in row.specs:
-        if spec.initial is not None:
-            parts.append(np.array(spec.initial, dtype=float))
+        guess = spec.initial if spec.guess is None else spec.guess
+        if guess is not None:
+            parts.append(np.array(guess, dtype=float))
             continue
         lags = time_scale / np.arange(1, spec.structure.lags + 1)
         parts.append(spec.structure.parameters(1.0, lags, 2.0 / time_scale, 0.7, time_scale / 10, 0.0))

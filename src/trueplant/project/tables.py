@@ -281,6 +281,7 @@ class Analysis(Table):
     method: Method = "auto"
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
     tolerance_percent: NotNegative = 0.0
+    worth_knowing_percent: Positive = 30.0
     seed: Annotated[int, Field(ge=0)] = 0
     detectors: list[Detector] = Field(default_factory=list)
 

@@ -51,3 +51,6 @@ class Element:
     importance: Importance
     grade: str
     """A..D, defined in docs/verdicts.md."""
+    detectable_change: float | None = None
+    """The change that would just have been found, as a share of net gain, lag, or dead time plus lag: the largest of
+    the three. None where nothing was tested or nothing is known."""

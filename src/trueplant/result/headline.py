@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from trueplant.result import levels
 from trueplant.result.element import Element, Parameter
 from trueplant.result.numbers import counted, number, sentence, spoken
 from trueplant.result.outcome import Outcome
@@ -32,12 +33,14 @@ def headline(result: Outcome) -> str:
         whole = "" if open_ones else "all " if kept > 1 else ""
         where = f"{whole}{counted(kept, 'element')}" if kept > 1 or open_ones else _arrow(result.elements[0])
         unchanged = [e for e in result.elements if e.verdict == ElementVerdict.UNCHANGED]
-        text = f"No change was found in {where}{_hidden(unchanged)}."
+        text = f"No change was found in {where}{_would_be_seen(unchanged)}."
         settings = result.provenance.settings
         tolerance, level = settings.tolerance_percent, 1 - settings.confidence
         p_values = [p.p_adjusted for e in result.elements for p in e.parameters if p.p_adjusted is not None]
         if tolerance and min(p_values, default=1.0) < level:
             text += f" Differences beyond chance are there, but none above the tolerance of {tolerance:g} %."
+    elif tested := [e for e in open_ones if e.p_adjusted is not None]:
+        text = f"No change was found in {_named(tested)}, but these data say too little: {_missed(tested)}."
     else:
         text = "No verdict is possible: none of the elements can be told from these data."
     if open_ones and (changed or kept):
@@ -46,13 +49,24 @@ def headline(result: Outcome) -> str:
     return text
 
 
-def _hidden(elements: Sequence[Element]) -> str:
-    """How large a change of a gain could be without being found."""
-    gains = [p for e in elements for p in e.parameters if kind_of(p.name) == "gain" and p.model and p.ci is not None]
-    reach = [100 * max(abs(end - p.model) for end in p.ci or ()) / abs(p.model) for p in gains if p.model]
-    if not reach or not math.isfinite(max(reach)):
+def _named(elements: Sequence[Element]) -> str:
+    return _arrow(elements[0]) if len(elements) == 1 else counted(len(elements), "element")
+
+
+def _missed(elements: Sequence[Element]) -> str:
+    """How large a change could have been missed."""
+    share = max(math.inf if e.detectable_change is None else e.detectable_change for e in elements)
+    return (
+        f"one of {100 * share:.2g} % could have been missed" if math.isfinite(share) else "any could have been missed"
+    )
+
+
+def _would_be_seen(elements: Sequence[Element]) -> str:
+    """How large a change would have been found."""
+    shares = [e.detectable_change for e in elements if e.detectable_change is not None]
+    if not shares or not math.isfinite(max(shares)):
         return ""
-    return f"; a change of a gain by {max(reach):.2g} % would still fit these data"
+    return f"; a change of more than {100 * max(shares):.2g} % would have been seen"
 
 
 def _weight(element: Element) -> tuple[float, float]:
@@ -75,10 +89,10 @@ def _what_changed(element: Element) -> str:
         return f"{where} differs from the model as a whole, though no single parameter does for certain"
     clauses = []
     for parameter in moved:
-        clause = f"{_phrase(parameter, element.parameters)} of {_quantity(parameter.plant, parameter.unit)}"
+        clause = f"{_phrase(parameter, element.parameters)} {_told(parameter)}"
         if parameter.model is not None:
             clause += f", not {_quantity(parameter.model, parameter.unit)}"
-            if parameter.change_percent is not None and math.isfinite(parameter.change_percent):
+            if _is_useful(parameter) and _is_number(parameter.change_percent):
                 clause += f" ({parameter.change_percent:+.0f} %)"
         clauses.append(clause)
     return f"{where} responds with {_listed(clauses)}"
@@ -100,8 +114,8 @@ def _short(element: Element) -> str:
     parts = []
     for p in element.parameters:
         if p.changed and p.plant is not None:
-            told = p.change_percent is not None and math.isfinite(p.change_percent)
-            size = f"{p.change_percent:+.0f} %" if told else f"{number(p.plant)} {p.unit}".strip()
+            told = _is_useful(p) and _is_number(p.change_percent)
+            size = f"{p.change_percent:+.0f} %" if told else _told(p)
             parts.append(f"{p.name.replace('_', ' ')} {size}")
     return ", ".join(parts) or "as a whole"
 
@@ -110,6 +124,28 @@ def _phrase(parameter: Parameter, parameters: Sequence[Parameter]) -> str:
     alike = [p for p in parameters if kind_of(p.name) == kind_of(parameter.name)]
     ordinal = {"": "first", "1": "first", "2": "second", "3": "third"}.get(number_of(parameter.name))
     return f"a {ordinal} {word_of(parameter.name)}" if len(alike) > 1 and ordinal else f"a {word_of(parameter.name)}"
+
+
+def _is_number(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)
+
+
+def _is_useful(parameter: Parameter) -> bool:
+    """Is the value known so well that it may stand without its interval?"""
+    size = max(abs(parameter.plant or 0.0), abs(parameter.model or 0.0))
+    return parameter.ci is None or (parameter.ci[1] - parameter.ci[0]) / 2 <= levels.USEFUL * size
+
+
+def _told(parameter: Parameter) -> str:
+    """The value, or the interval where the value alone would mislead."""
+    if _is_useful(parameter) or parameter.ci is None:
+        return f"of {_quantity(parameter.plant, parameter.unit)}"
+    low, high = parameter.ci
+    if not math.isfinite(low):
+        return f"below {_quantity(high, parameter.unit)}"
+    if not math.isfinite(high):
+        return f"above {_quantity(low, parameter.unit)}"
+    return f"between {number(low)} and {_quantity(high, parameter.unit)}"
 
 
 def _quantity(value: float | None, unit: str) -> str:

@@ -6,13 +6,14 @@ import html
 import math
 
 from trueplant.result.detectors_words import detector_lines
-from trueplant.result.element import Parameter
+from trueplant.result.element import Element, Parameter
 from trueplant.result.headline import headline
 from trueplant.result.methods_words import comparison_lines
 from trueplant.result.numbers import number, sentence, spoken, value_with_interval
 from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of, number_of
 from trueplant.result.robustness import Margins
+from trueplant.result.status import ElementVerdict
 
 _SYMBOLS = {"gain": "K", "slope": "K'", "dead_time": "dead time"}
 
@@ -47,7 +48,8 @@ def text_summary(result: Outcome) -> str:
         lines.append(f"(± is half of the {100 * confidence:g} % interval)")
     for element in result.elements:
         grade = f", grade {element.grade}" if element.grade else ""
-        lines += ["", f"{element.input} -> {element.output} ({element.structure}): {element.verdict}{grade}"]
+        said = f"{element.verdict}{seen(element)}{grade}"
+        lines += ["", f"{element.input} -> {element.output} ({element.structure}): {said}"]
         lines += [f"  {parameter_line(p)}" for p in element.parameters]
         if element.reason:
             lines.append(f"  {sentence(element.reason)}")
@@ -64,6 +66,14 @@ def text_summary(result: Outcome) -> str:
             where = f" ({reason.where})" if reason.where else ""
             lines.append(f"{title}{where}: {sentence(reason.message)}")
     return "\n".join(lines)
+
+
+def seen(element: Element) -> str:
+    """How large a change of an unchanged element would have been found."""
+    share = element.detectable_change
+    if element.verdict != ElementVerdict.UNCHANGED or share is None:
+        return ""
+    return f" (a change of {100 * share:.2g} % would have been seen)"
 
 
 def loop_line(result: Outcome) -> str:

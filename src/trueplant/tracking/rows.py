@@ -192,7 +192,8 @@ class FollowedRow:
         estimates = {self.output: estimate}
         found = detect.elements_found(self.study.model, estimates)
         settings = self.study.project.analysis
-        verdicts = detect.judge_elements(found, estimates, settings.confidence, settings.tolerance_percent)
+        # A window alone need not tell a change worth knowing: all of them together do.
+        verdicts = detect.judge_elements(found, estimates, settings.confidence, settings.tolerance_percent, np.inf)
         offset = self.offsets[window.experiment]
         return Fitted(
             window,

@@ -35,7 +35,7 @@ def with_initial_guess(
         if spec.structure.leads:
             try:
                 value, _ = fit.as_structure(spec.structure, k)
-                spec = replace(spec, initial=tuple(float(x) for x in value))
+                spec = replace(spec, guess=tuple(float(x) for x in value))
             except FormulaError:
                 pass
         found.append(spec)

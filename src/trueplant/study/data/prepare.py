@@ -116,7 +116,8 @@ def _spec(project: Project, system: TransferFunction, i: int, j: int) -> Spec:
     assert structure is not None  # the project has checked that a zero element names a structure
     if own is None:
         return Spec(j, structure, None)
-    return Spec(j, structure, translated(own, values, structure))
+    undeclared = tuple(k for k, name in enumerate(structure.names) if name not in own.names)
+    return Spec(j, structure, translated(own, values, structure), undeclared)
 
 
 def translated(own: Structure, values: Array, wanted: Structure) -> tuple[float, ...]:

@@ -12,7 +12,7 @@ from trueplant.arrays import Array
 from trueplant.detect import Found
 from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
-from trueplant.result import Element, ElementVerdict, Importance, Reason
+from trueplant.result import Code, Element, ElementVerdict, Importance, Reason
 from trueplant.study import levels
 from trueplant.study.plant.causes import causes_of
 from trueplant.study.plant.identified import Identified
@@ -31,6 +31,12 @@ class Judged:
     elements: tuple[Element, ...]
     """Those of the model and of the estimates, row by row."""
     causes: tuple[Reason, ...]
+
+    @property
+    def powerless(self) -> tuple[Reason, ...]:
+        """A note on each element that was tested without being able to find a change worth knowing."""
+        tested = (e for e in self.elements if e.verdict == ElementVerdict.NOT_IDENTIFIABLE and e.p_adjusted is not None)
+        return tuple(Reason(Code.NO_POWER, e.reason, f"{e.input} -> {e.output}") for e in tested)
 
     @property
     def answered(self) -> bool:
@@ -54,7 +60,13 @@ def _elements(
     study: Study, identified: Identified, found: Mapping[Place, Found], plant: TransferMatrix
 ) -> tuple[Element, ...]:
     settings = study.project.analysis
-    verdicts = detect.judge_elements(found, identified.estimates, settings.confidence, settings.tolerance_percent)
+    verdicts = detect.judge_elements(
+        found,
+        identified.estimates,
+        settings.confidence,
+        settings.tolerance_percent,
+        settings.worth_knowing_percent / 100,
+    )
     importance = _importance(study, plant)
     elements = []
     for i in range(study.model.shape[0]):
@@ -130,16 +142,25 @@ def _element(
         tf_mismatch=to_formula(mismatch) if any(answered) else None,
         parameters=parameters,
         verdict=verdict.verdict,
-        reason=_reason(found, answered),
+        reason="; ".join(filter(None, [_power_reason(verdict), _reason(found, answered)])),
         p_adjusted=verdict.p_adjusted,
         importance=Importance(float(peak[i, j]) if any(answered) else None, basis),
         grade=detect.grade(_half_widths(found), answered, sound),
+        detectable_change=verdict.detectable,
     )
 
 
 def _input_unit(study: Study, j: int) -> str:
     inputs = study.project.inputs
     return inputs[j].unit if j < len(inputs) else study.project.disturbances[j - len(inputs)].unit
+
+
+def _power_reason(verdict: detect.Verdict) -> str:
+    if not verdict.lacks_power or verdict.detectable is None:
+        return ""
+    if not np.isfinite(verdict.detectable):
+        return "no change, however large, would have been seen for certain"
+    return f"a change of less than {100 * verdict.detectable:.2g} % would not have been seen for certain"
 
 
 def _reason(found: Found, answered: Sequence[bool]) -> str:

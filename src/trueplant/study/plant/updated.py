@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from trueplant.arrays import Array
 from trueplant.identify import OutputEstimate, unanswered
 from trueplant.lti import KnownRow, TransferMatrix, UncertainPlant
 
@@ -14,8 +15,9 @@ def updated_plant(model: TransferMatrix, estimates: Mapping[int, OutputEstimate]
     """The plant (n_y, n_u + n_d) with its estimated elements, and the covariance of their parameters.
 
     An element of which anything is answered is the estimate as it stands, the numbers that the results show; one of
-    which nothing is answered stays as the model has it. Parameters that the data do not answer have no variance:
-    what is not known at all would only hide what is.
+    which nothing is answered stays as the model has it. Parameters that the data do not answer are held where
+    they are, and the covariance of the others is the one under this condition: what is known of them in combination,
+    such as the sum of two gains, is not lost with what is not known of each.
     """
     rows = {}
     for i, estimate in estimates.items():
@@ -23,9 +25,8 @@ def updated_plant(model: TransferMatrix, estimates: Mapping[int, OutputEstimate]
         if not kept:
             continue
         specs, slices = estimate.row.specs, estimate.row.slices
-        covariance = np.array(estimate.covariance)
         unknown = list(unanswered(estimate))
-        covariance[unknown, :] = covariance[:, unknown] = 0.0
+        covariance = conditional(estimate.covariance, unknown)
         index = np.concatenate([np.arange(estimate.theta.size)[slices[m]] for m in kept])
         rows[i] = KnownRow(
             tuple(specs[m].column for m in kept),
@@ -35,6 +36,18 @@ def updated_plant(model: TransferMatrix, estimates: Mapping[int, OutputEstimate]
             tuple(int(place) for place, k in enumerate(index) if k in unknown),
         )
     return UncertainPlant(_with_rows(model, rows), rows)
+
+
+def conditional(covariance: Array, held: Sequence[int]) -> Array:
+    """A covariance (n, n) given the values of some of its variables, whose own rows and columns become 0."""
+    out, fixed = np.zeros_like(covariance), np.array(held, dtype=np.intp)
+    rest = np.setdiff1d(np.arange(len(covariance)), fixed)
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    normal = covariance / np.outer(scale, scale)
+    cross = normal[np.ix_(rest, fixed)]
+    own = normal[np.ix_(rest, rest)] - cross @ np.linalg.pinv(normal[np.ix_(fixed, fixed)], hermitian=True) @ cross.T
+    out[np.ix_(rest, rest)] = own * np.outer(scale[rest], scale[rest])
+    return out
 
 
 def _answered_elements(estimate: OutputEstimate) -> list[int]:
