@@ -16,7 +16,6 @@ from trueplant.detect.ratio import plant_model_ratio
 from trueplant.detect.sensitivity import nominal_sensitivity
 from trueplant.detect.signals import Detection, Signals, signals_of
 from trueplant.detect.stepwise import stepwise
-from trueplant.detect.stiction import Sticking, sticking
 from trueplant.detect.verdict import (
     Evidence,
     ParameterVerdict,
@@ -37,7 +36,6 @@ __all__ = [
     "NoiseChange",
     "ParameterVerdict",
     "Signals",
-    "Sticking",
     "Verdict",
     "common_factors",
     "cross_correlation",
@@ -58,6 +56,5 @@ __all__ = [
     "published",
     "signals_of",
     "stepwise",
-    "sticking",
     "verdicts",
 ]

@@ -39,16 +39,6 @@ DRIFT_SHOWS = 5
 FEWEST_WINDOWS = 6
 """Windows from which their scatter can be estimated."""
 
-# A sticking valve
-BANDS = np.array([0.04, 0.08, 0.12, 0.18, 0.25, 0.35, 0.5])
-"""Bands of a sticking valve that are tried, relative to OP's range from its 1st to its 99th percentile."""
-STICTION_LONGEST = 10_000
-"""Samples of a record, at most: each band costs a fit."""
-STICTION_ITERATIONS = 3
-"""Steps of the fit for each band, from the fit without one."""
-STICTION = 1e-3
-"""Significance from which a valve is said to stick: bands are tried in the valve of every input."""
-
 # The published detectors
 MOST_LAGS = 100
 """Lags that detectors look at: finely sampled records are decimated to that."""

@@ -11,9 +11,11 @@ from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.strides import Sampling, choose_stride, samples_per_update
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import fit_percent, prediction_errors, simulate_piece
+from trueplant.identify.valves import FoundValve, behind_valves, find_valves
 
 __all__ = [
     "RESIDUAL_TESTS",
+    "FoundValve",
     "Held",
     "Options",
     "OutputEstimate",
@@ -24,9 +26,11 @@ __all__ = [
     "Unanswered",
     "WhyUnanswered",
     "absence_p",
+    "behind_valves",
     "choose_stride",
     "equation_error",
     "estimate_row",
+    "find_valves",
     "fit_percent",
     "fit_row",
     "identify_matrix",

@@ -121,11 +121,9 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tu
         y, valid = row.measured(k)
         if y.size <= order + 1:
             continue
-        whole = whitened_valid(order, valid)
-        if not whole.any():
+        if not whitened_valid(order, valid).any():
             continue
-        first = int(np.argmax(whole))
-        use = slice(first, None) if whole[first:].all() else whole
+        use = _used(order, valid)
         response, gradient = row.response_and_gradient(theta, k)
         unknown = row.unknown(theta, k)
         v = np.where(valid, y - response, 0.0)
@@ -148,6 +146,46 @@ def _weights_of_unknowns(unknown: Unknown, v: Array, ar: Array, use: slice | Boo
     weights = np.zeros(identifiable.size)
     weights[identifiable], basis = eliminated(columns[:, identifiable], errors)
     return weights, basis
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """How changes of the response of one piece reach its prediction errors, at the end of a fit."""
+
+    ar: Array
+    weight: float
+    use: slice | BoolArray
+    basis: Array
+    """(n_used, rank) what operating points and initial states span."""
+    jacobian: Array
+    """(size + order, n_used) of the prediction errors, without what those span."""
+    errors: Array
+    """(n_used,)"""
+
+    @classmethod
+    def of(cls, fit: RowFit) -> tuple[Whitening | None, ...]:
+        """One a piece; None for a piece that has no prediction errors."""
+        found: list[Whitening | None] = [None] * len(fit.row.pieces)
+        for k, jacobian, errors in linearised(fit.row, fit.theta, fit.ar, fit.weights):
+            y, valid = fit.row.measured(k)
+            use = _used(fit.ar.size, valid)
+            unknown = fit.row.unknown(fit.theta, k)
+            v = np.where(valid, y - fit.row.response(fit.theta, k), 0.0)
+            basis = _weights_of_unknowns(unknown, v, fit.ar, use)[1]
+            found[k] = cls(fit.ar, float(fit.weights[k]), use, basis, jacobian, errors)
+        return tuple(found)
+
+    def __call__(self, responses: Array) -> Array:
+        """(m, n_used) what each of the responses (m, n), subtracted from PV, takes off the prediction errors."""
+        filtered = self.weight * whiten(self.ar, responses.T)[self.use].T
+        return np.asarray(filtered - (filtered @ self.basis) @ self.basis.T)
+
+
+def _used(order: int, valid: BoolArray) -> slice | BoolArray:
+    """The prediction errors that rest on measured outputs alone."""
+    whole = whitened_valid(order, valid)
+    first = int(np.argmax(whole))
+    return slice(first, None) if whole[first:].all() else whole
 
 
 def fit_row(

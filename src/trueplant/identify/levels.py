@@ -106,6 +106,18 @@ TOO_UNCERTAIN = 0.5
 """Standard error relative to the parameter from which it counts as not known: the sign begins to be open."""
 HOPELESS_ERROR = 1e3
 """Relative standard error from which a profile of the likelihood is not worth its fits."""
+BACKLASHES = np.geomspace(0.002, 0.5, 58)
+"""Widths of backlash that are tried, relative to the range of OP: 10 % from one to the next."""
+STICK_BANDS = np.geomspace(0.002, 0.5, 280)
+"""Bands of stick-slip that are tried: 2 % from one to the next, as wide as its likelihood is."""
+VALVE = 1e-4
+"""Significance from which a valve is taken not to follow OP, over the bands and inputs tried."""
+VALVE_FACTORS = np.concatenate([np.geomspace(0.5, 0.99, 36), [1.0], np.geomspace(1.01, 2.0, 36)])
+"""By which a width that was found is varied again, the plant fitted behind it: 2 % from one to the next."""
+VALVE_ROUNDS = 8
+"""Such variations in turn, at most; each begins where the one before ended."""
+VALVE_RIVAL_LAGS = (0.3, 3.0, 10.0, 30.0)
+"""Time constants, relative to the lag of an element, of what a structure that is too simple may lack."""
 PRIOR_SCALE = 1.0
 """Of the prior about the model, relative to gain, time constants and dead time plus lag: half of all plants are taken
 to lie within a factor of e. A parameter whose likelihood has a standard error of 10 % moves by 2 % of its change."""

@@ -143,6 +143,7 @@ class Input(Table):
     mode: Name | None = None
     automatic_values: list[int | float | str] = Field(default_factory=list)
     hold: Literal["zoh", "linear"] = "zoh"
+    actuator: Literal["valve", "other"] = "valve"
     slave_sp: Name | None = None
     slave_pv: Name | None = None
 

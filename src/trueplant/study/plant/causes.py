@@ -9,29 +9,27 @@ import numpy as np
 from scipy.stats import norm
 
 from trueplant.arrays import Array
-from trueplant.detect import CommonFactor, Found, common_factors, level_variance, noise_change, sticking
-from trueplant.identify import OutputEstimate
+from trueplant.detect import CommonFactor, Found, common_factors, level_variance, noise_change
+from trueplant.identify import FoundValve, OutputEstimate
 from trueplant.identify.fit import residuals
 from trueplant.result import Code, Element, ElementVerdict, Reason
 from trueplant.study import levels
+from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
 
 
 def causes_of(
-    study: Study,
-    estimates: Mapping[int, OutputEstimate],
-    found: Mapping[tuple[int, int], Found],
-    elements: Sequence[Element],
+    study: Study, identified: Identified, found: Mapping[tuple[int, int], Found], elements: Sequence[Element]
 ) -> list[Reason]:
     """A sentence with its evidence for each cause that the data show; codes "cause-..." as in docs/verdicts.md.
 
     A controller that is not the declared one is said by the check of the controllers (code "controller").
     """
     changed = [e for e in elements if e.verdict == ElementVerdict.CHANGED]
-    stuck = _sticking(study, estimates)
-    causes = [*_saturated(study), *stuck, *_disturbances(study, estimates)]
+    estimates = identified.estimates
+    causes = [*_saturated(study), *_valves(study, identified.valves), *_disturbances(study, estimates)]
     causes += _levels(study, estimates, found)
-    return causes if stuck else causes + _plant(study, estimates, found, changed)
+    return causes + _plant(study, estimates, found, changed)
 
 
 def _saturated(study: Study) -> list[Reason]:
@@ -57,19 +55,17 @@ def _respectively(values: Sequence[str]) -> str:
     return values[0] if len(values) == 1 else f"{', '.join(values[:-1])} and {values[-1]}"
 
 
-def _sticking(study: Study, estimates: Mapping[int, OutputEstimate]) -> list[Reason]:
+def _valves(study: Study, valves: Mapping[int, FoundValve]) -> list[Reason]:
     causes = []
-    for j, name in enumerate(study.project.input_names):
-        found = sticking(list(estimates.values()), j)
-        if found is None:
-            continue
-        unit = study.project.inputs[j].unit
-        message = (
-            f"the valve seems to stick: the records fit better with a valve that stays until OP is about "
-            f"{found.band:.3g} {unit} away and then jumps (p = {found.p_value:.1g}). As long as it does, no change of "
-            "the plant can be told from it"
+    for j, found in valves.items():
+        band = f"{found.band:.3g} {study.project.inputs[j].unit}".rstrip()
+        does = (
+            f"has a backlash: the records fit better with a stem that follows OP only when it has gone back by {band}"
+            if found.valve.backlash
+            else f"sticks: the records fit better with a stem that stays until OP is {band} away and then jumps to it"
         )
-        causes.append(Reason(Code.CAUSE_VALVE_STICKING, message.replace("  ", " "), name))
+        message = f"the valve {does} (p = {found.p_value:.1g}). The plant's numbers are those behind the valve"
+        causes.append(Reason(Code.CAUSE_VALVE_STICKING, message, study.project.input_names[j]))
     return causes
 
 

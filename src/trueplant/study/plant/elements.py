@@ -48,7 +48,7 @@ def judge(study: Study, identified: Identified, plant: TransferMatrix) -> Judged
     """Verdicts, importance, grades and causes; `plant` (n_y, n_u + n_d) as estimated."""
     found = detect.elements_found(study.model, identified.estimates)
     elements = _elements(study, identified, found, plant)
-    causes = causes_of(study, identified.estimates, found, elements) if _answered(elements) else []
+    causes = causes_of(study, identified, found, elements) if _answered(elements) else []
     return Judged(found, elements, tuple(causes))
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from trueplant.disturbance import DisturbedFit
-from trueplant.identify import OutputEstimate, Spec, identify_matrix
+from trueplant.identify import FoundValve, OutputEstimate, Spec, behind_valves, find_valves, identify_matrix
 from trueplant.record import Segment
 from trueplant.result import Code, Reason
 from trueplant.study.data.excitation import unmoved_outputs
@@ -30,6 +30,8 @@ class Identified:
     disturbed: Mapping[int, DisturbedFit]
     """The outputs with a declared unmeasured disturbance, estimated along with it."""
     notes: tuple[Reason, ...] = ()
+    valves: Mapping[int, FoundValve] = field(default_factory=dict)
+    """By input: valves that do not follow OP; the segments then have the positions of their stems for it."""
 
     def of_experiment(self, k: int) -> tuple[Segment, ...]:
         """The segments of one experiment."""
@@ -40,16 +42,21 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     """Estimate all elements of all outputs, with the unmeasured disturbances that the project declares."""
     segments = study.segments
     estimates = estimate(study, segments, say)
+    say("looking for valves that do not follow OP")
+    valves = find_valves(estimates, [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"])
+    if valves:
+        segments = behind_valves(segments, valves)
+        estimates = estimate(study, segments, say)
     fits: dict[int, DisturbedFit] = {}
     if estimates and study.project.unmeasured:
         say("estimating unmeasured disturbances")
         fits = disturbed_fits(study, estimates)
-        segments = with_jumps(study, fits, updated_plant(study.model, estimates).nominal)
+        segments = behind_valves(with_jumps(study, fits, updated_plant(study.model, estimates).nominal), valves)
         if any(segment.jumps for segment in segments):
             estimates = estimate(study, segments, say)
         estimates = _resting_on_disturbances(study, estimates, fits)
     taken = {(i, spec.column): spec for i, found in estimates.items() for spec in found.row.specs}
-    return Identified(estimates, {**study.specs, **taken}, segments, fits, _missing(study, taken))
+    return Identified(estimates, {**study.specs, **taken}, segments, fits, _missing(study, taken), valves)
 
 
 def estimate(study: Study, segments: tuple[Segment, ...], say: Progress = quiet) -> dict[int, OutputEstimate]:

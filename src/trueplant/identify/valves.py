@@ -1,0 +1,191 @@
+"""Valves that do not follow OP: backlash and stick-slip, found by what they do to the prediction errors.
+
+A valve with a band is tried in every input: the stem positions that it would have had are taken for OP, and the fit is
+renewed to first order, together with what else could explain the errors: a gain that depends on the operating point,
+a second lag or lead, a slow tail. What the valve gains beyond all of these, over all outputs that its input moves, has
+to be significant over all that was tried. The likelihood of stick-slip is a spike: its positions change as soon as the
+band passes one of the distances at which it jumps, so that the grid of bands is fine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.stats import chi2
+
+from trueplant.arrays import Array
+from trueplant.identify import levels
+from trueplant.identify.blocks import most_moved
+from trueplant.identify.fit import RowFit, Whitening, fit_row
+from trueplant.identify.linear_algebra import orthonormal
+from trueplant.identify.output import OutputEstimate
+from trueplant.identify.row import Piece, Row
+from trueplant.loop.valve import Valve
+from trueplant.record.types import Segment
+
+
+@dataclass(frozen=True)
+class FoundValve:
+    """A valve that is not where its OP is."""
+
+    valve: Valve
+    p_value: float
+    """That it is, with what a search over all valves and bands finds in noise taken off."""
+
+    @property
+    def band(self) -> float:
+        """In the unit of OP."""
+        return self.valve.backlash or self.valve.stick
+
+
+def find_valves(estimates: Mapping[int, OutputEstimate], columns: Sequence[int]) -> dict[int, FoundValve]:
+    """The valves among these inputs that do not follow OP, by column."""
+    fits = [estimate.fit for estimate in estimates.values() if estimate.fit.count]
+    found = {}
+    for column in columns:
+        own = [fit for fit in fits if any(spec.column == column for spec in fit.row.specs)]
+        valve = _find(own, column, len(columns)) if own else None
+        if valve is not None:
+            found[column] = valve
+    return found
+
+
+def _find(fits: Sequence[RowFit], column: int, inputs: int) -> FoundValve | None:
+    """The valve of one input that explains most, if it explains enough."""
+    parts = [_of_a_part(fit) for fit in fits]
+    op = np.concatenate([piece.inputs[column] for piece in parts[0].row.pieces])
+    moved = float(np.ptp(op))
+    if not moved > 0:
+        return None
+    tests = [_Test(fit, column, fit.row) for fit in parts]
+    kinds = (
+        [Valve(backlash=float(width * moved)) for width in levels.BACKLASHES],
+        [Valve(stick=float(band * moved)) for band in levels.STICK_BANDS],
+    )
+    found = min((_best(tests, tried, inputs * len(kinds)) for tried in kinds), key=lambda one: one.p_value)
+    if found.p_value >= levels.VALVE:
+        return None
+    return replace(found, valve=_refined(parts, column, found.valve))
+
+
+def _best(tests: Sequence[_Test], tried: Sequence[Valve], families: int) -> FoundValve:
+    """The one of some valves that gains most; p-value by Bonferroni over all of them and over such families."""
+    gains = np.array([sum(test.gain(valve) for test in tests) for valve in tried])
+    best = int(np.argmax(gains))
+    p = len(tried) * families * chi2.sf(max(gains[best], 0.0), 1)
+    return FoundValve(tried[best], float(min(1.0, p)))
+
+
+def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> Valve:
+    """The width that explains most, the plant fitted behind each: what was found beside a plant fitted to OP leans."""
+    for _ in range(levels.VALVE_ROUNDS):
+        behind = [_behind(fit, column, valve) for fit in fits]
+        tests = [_Test(moved, column, fit.row) for moved, fit in zip(behind, fits, strict=True)]
+        nearby = [Valve(valve.backlash * factor, valve.stick * factor) for factor in levels.VALVE_FACTORS]
+        gains = [sum(test.gain(one) for test in tests) for one in nearby]
+        best = nearby[int(np.argmax(gains))]
+        if best == valve:
+            break
+        valve = best
+    return valve
+
+
+def _behind(fit: RowFit, column: int, valve: Valve) -> RowFit:
+    """The fit with the positions of the valve's stem for its input."""
+    pieces = []
+    for piece in fit.row.pieces:
+        inputs = piece.inputs.copy()
+        inputs[column] = valve.positions(inputs[column])
+        pieces.append(replace(piece, inputs=inputs))
+    row = replace(fit.row, pieces=tuple(pieces))
+    return fit_row(row, fit.theta, fit.ar, weights=fit.weights, free=fit.free, reweight=False)
+
+
+def _of_a_part(fit: RowFit) -> RowFit:
+    """The fit of that part of a long record in which the inputs move most."""
+    row = most_moved(fit.row)
+    return fit if row is fit.row else fit_row(row, fit.theta, fit.ar, free=fit.free)
+
+
+class _Test:
+    """The prediction errors of one output, ready for what valves in one of its inputs would change.
+
+    `recorded` has OP as it was recorded; `fit` may stand on the positions of a stem already.
+    """
+
+    def __init__(self, fit: RowFit, column: int, recorded: Row) -> None:
+        self._fit, self._column = fit, column
+        self._m = next(m for m, spec in enumerate(fit.row.specs) if spec.column == column)
+        every = zip(fit.row.pieces, recorded.pieces, Whitening.of(fit), strict=True)
+        self._parts = [(piece, raw.inputs[column], of_piece) for piece, raw, of_piece in every if of_piece is not None]
+        free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
+        known = [
+            np.vstack([whitening.jacobian[free], whitening(_rivals(fit, self._m, piece))])
+            for piece, _, whitening in self._parts
+        ]
+        self._basis = orthonormal(np.hstack(known).T)
+        self._errors = self._unexplained(np.concatenate([whitening.errors for _, _, whitening in self._parts]))
+
+    def _unexplained(self, e: Array) -> Array:
+        """What plant, noise model and rivals together leave of errors (n,)."""
+        return np.asarray(e - self._basis @ (self._basis.T @ e))
+
+    def gain(self, valve: Valve) -> float:
+        """What the valve gains in -2 log likelihood, the plant renewed to first order."""
+        changes = []
+        for piece, op, whitening in self._parts:
+            moved = valve.positions(op) - piece.inputs[self._column]
+            changed = _element_response(self._fit, self._m, piece, moved)
+            changes.append(whitening(changed[None])[0])
+        other = self._errors - self._unexplained(np.concatenate(changes))
+        before, after = float(self._errors @ self._errors), float(other @ other)
+        return float(self._fit.left * np.log(max(before, 1e-300) / max(after, 1e-300)))
+
+
+def _element_response(fit: RowFit, m: int, piece: Piece, u: Array) -> Array:
+    """Response (n,) of element m to u (N,) at the strided samples."""
+    row = fit.row
+    spec, part = row.specs[m], row.slices[m]
+    return spec.structure.response(fit.theta[part], u, piece.h, piece.hold[spec.column], row.stride)
+
+
+def _rivals(fit: RowFit, m: int, piece: Piece) -> Array:
+    """(n_rivals, n) what else could explain the errors: to first order what each would add to the response."""
+    op = piece.inputs[fit.row.specs[m].column]
+    answer = _element_response(fit, m, piece, op)
+    squared = _element_response(fit, m, piece, (op - op.mean()) ** 2)
+    step = fit.row.stride * piece.h
+    faster = np.gradient(answer, step)
+    rows = [squared, faster, np.gradient(faster, step)]
+    lag = fit.row.specs[m].structure.lag(fit.theta[fit.row.slices[m]])
+    for times in levels.VALVE_RIVAL_LAGS:
+        pole = np.exp(-step / max(times * lag, step))
+        rows.append(_smoothed(answer, float(pole)))
+    return np.array(rows)
+
+
+def _smoothed(x: Array, pole: float) -> Array:
+    return np.asarray(lfilter([1 - pole], [1.0, -pole], x))
+
+
+def behind_valves(segments: Sequence[Segment], valves: Mapping[int, FoundValve]) -> tuple[Segment, ...]:
+    """The segments with the positions of their stems for OP, from where on these are known.
+
+    Where a stem stood at the beginning of a record, or after a gap, is not known until OP has moved through its band.
+    """
+    moved = []
+    for segment in segments:
+        u, first = segment.u.copy(), 0
+        for column, found in valves.items():
+            op = segment.u[:, column]
+            u[:, column] = found.valve.positions(op)
+            travel = np.maximum.accumulate(op) - np.minimum.accumulate(op)
+            first = max(first, int(np.argmax(travel > found.band)) if travel[-1] > found.band else 0)
+        names = ("t", "r", "u", "y", "d", "free")
+        kept = {name: getattr(replace(segment, u=u), name)[first:] for name in names}
+        jumps = tuple(tuple(k - first for k in own if k > first) for own in segment.jumps)
+        moved.append(replace(segment, jumps=jumps, **kept))
+    return tuple(moved)

@@ -1,0 +1,68 @@
+"""Valves that do not follow OP: found by kind and width, and not found where something else bends the record."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from support.simulated import coloured, random_switching, segment_of
+from trueplant.identify import behind_valves, find_valves, identify_matrix, specs_of
+from trueplant.identify.valves import FoundValve
+from trueplant.loop import PID, Controller, Valve, simulate
+from trueplant.lti import TransferMatrix
+from trueplant.lti.sampled import sampled_response
+
+PLANT = TransferMatrix.of([["2 exp(-3.3 s)/(10 s + 1)"]], "min")
+LAW = Controller.diagonal([PID(Kc=0.66, Ti=10.0, sample_time=1.0)])
+
+
+def record(seed, share=0.0, kind="backlash", std=0.02, samples=2000):
+    """A loop whose valve has a band of this share of OP's span (simulated), and the band."""
+    rng = np.random.default_rng(seed)
+    r, v = random_switching(rng, samples, 1, 40.0), coloured(rng, samples, 1, [1, -0.8], [1], std)
+    band = share * float(np.ptp(simulate(PLANT, LAW, r, 1.0, v=v).u))
+    return segment_of(simulate(PLANT, LAW, r, 1.0, v=v, valves=[Valve(**{kind: band})])), band
+
+
+def valves_of(segment):
+    return find_valves(identify_matrix([segment], PLANT, specs_of(PLANT)), [0])
+
+
+@pytest.mark.parametrize(("kind", "share"), [("backlash", 0.02), ("stick", 0.02)])
+def test_a_valve_is_named_with_its_band_and_the_plant_behind_it_is_unbiased(kind, share):
+    """8 records each: a valve of that kind in all, its band within 20 %, the mean gain within 3 standard errors."""
+    gains, errors = [], []
+    for seed in range(8):
+        segment, band = record(seed, share, kind)
+        found = valves_of(segment)
+        assert getattr(found[0].valve, kind) == pytest.approx(band, rel=0.2), seed
+        (estimate,) = identify_matrix(behind_valves([segment], found), PLANT, specs_of(PLANT)).values()
+        gains.append(estimate.theta[0])
+        errors.append(np.sqrt(estimate.covariance[0, 0]))
+    assert abs(np.mean(gains) - 2.0) < 3 * np.mean(errors) / np.sqrt(8)
+
+
+def test_no_valve_is_named_where_there_is_none():
+    """20 records: at 0.0001 none is to be expected."""
+    assert not any(valves_of(record(seed, std=std)[0]) for seed in range(10) for std in (0.02, 0.2))
+
+
+def test_a_gain_that_depends_on_the_operating_point_is_no_valve():
+    segment, _ = record(3)
+    bent = segment.u[:, 0] + 0.15 * segment.u[:, 0] ** 2
+    noise = coloured(np.random.default_rng(4), len(segment), 1, [1, -0.8], [1], 0.02)
+    y = sampled_response(PLANT[0, 0], bent - bent[0], 1.0)[:, None] + noise
+    assert not valves_of(replace(segment, y=y, closed=False))
+
+
+def test_nothing_is_known_of_the_stem_before_op_has_moved_through_its_band():
+    segment, _ = record(5)
+    band = 0.1 * float(np.ptp(segment.u))
+    (moved,) = behind_valves([segment], {0: FoundValve(Valve(backlash=band), 1e-9)})
+    first = len(segment) - len(moved)
+    early = segment.u[: first + 1, 0]
+    assert np.ptp(early) > band >= np.ptp(early[:-1])
+    assert np.array_equal(moved.u[:, 0], Valve(backlash=band).positions(segment.u[:, 0])[first:])
+    assert np.array_equal(moved.t, segment.t[first:]) and np.array_equal(moved.y, segment.y[first:])
