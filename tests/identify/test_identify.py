@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,7 @@ from trueplant.identify import (
     pieces_of,
     unanswered,
 )
+from trueplant.identify.estimate import is_better
 from trueplant.identify.fit import residuals
 from trueplant.identify.intervals import profile_interval
 from trueplant.identify.noise import choose_order, fit_ar, whiten, whitened_valid
@@ -282,3 +285,16 @@ def test_gains_that_nearly_cancel_have_dynamics_although_neither_is_known():
     assert {0, 1} <= set(reasons) and 2 not in reasons
     assert not any(reason.why is WhyUnanswered.GAIN_NOT_TOLD_FROM_ZERO for reason in reasons.values())
     assert abs(estimate.theta[2] - 12) < 4 * np.sqrt(estimate.covariance[2, 2])
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_the_better_of_two_fits_does_not_depend_on_units_where_samples_are_missing(unit):
+    """A noise model of higher order leaves fewer errors then, and their logarithm may have either sign."""
+    segment = segment_of(wood_berry(3, 1500))
+    y = segment.y * unit
+    y[::25] = np.nan
+    row = Row((Spec(0, FOPDT), Spec(1, FOPDT)), pieces_of([replace(segment, y=y)], 0))
+    theta = np.array([12.8 * unit, 16.7, 1.4, -18.9 * unit, 21.0, 3.4])
+    low, high = (fit_row(row, theta, np.r_[-0.8, np.zeros(order - 1)]) for order in (1, 9))
+    assert high.count < 0.8 * low.count
+    assert is_better(low, high) and not is_better(high, low)

@@ -70,17 +70,56 @@ def _searched(row: Row, time_scale: float, options: Options) -> RowFit:
     """The best minimum, from the grid and from the model."""
     limit = largest_order(row, options.largest_order)
     model = initial_theta(row, time_scale)
+    fit = _from_grid(row, model, options.order, limit)
+    if all(spec.initial is not None for spec in row.specs):
+        fit = _better(row, fit, _from_model(row, model, options.order, limit))
+    return _best_dead_times(_with_noise(fit, options.order, limit, iterations=60))
+
+
+def _from_grid(row: Row, model: Array, order: int | None, limit: int) -> RowFit:
     fit = fit_row(row, grid_guess(row, model, np.zeros(0)), np.zeros(0))
     row = row.without_unseen(fit.theta)
     fit = fit_row(row, fit.theta, np.zeros(0))
-    fit = _with_noise(fit, options.order, limit, iterations=25)
+    fit = _with_noise(fit, order, limit, iterations=25)
     # The grid again, now weighted by the noise model, and the model itself as another initial guess.
     again = grid_guess(row, fit.theta, fit.ar, rounds=1)
     for other in (again, model):
         rival = fit_row(row, other, fit.ar, weights=fit.weights, reweight=False, iterations=25)
         if rival.cost < fit.cost * (1 - levels.BETTER):
             fit = rival
-    return _best_dead_times(_with_noise(fit, options.order, limit, iterations=60))
+    return fit
+
+
+def _from_model(row: Row, model: Array, order: int | None, limit: int) -> RowFit:
+    """From the model with the noise model that it leaves: beside a plant that explains disturbances as well there is
+    another noise, under which the right plant may look worse than it is."""
+    row = row.without_unseen(model)
+    kept = fit_row(row, model, np.zeros(0), free=np.zeros(model.size, dtype=bool))
+    fit = fit_row(row, model, fit_noise(kept, order, limit), weights=kept.weights, iterations=25)
+    return _with_noise(fit, order, limit, iterations=25)
+
+
+def _better(row: Row, one: RowFit, other: RowFit) -> RowFit:
+    """The better one of two fits, on the samples that both of them can use."""
+    longest = max((one.theta, other.theta), key=lambda theta: float(np.max(theta[row.is_dead_time], initial=0.0)))
+    both = row.without_unseen(longest)
+    again = [fit_row(both, fit.theta, fit.ar, iterations=10) for fit in (one, other)]
+    return one if is_better(*again) else other
+
+
+def is_better(one: RowFit, other: RowFit) -> bool:
+    """Has one fit of a row the lower Bayesian criterion?
+
+    Noise models of another order leave other numbers of prediction errors where samples are missing: what counts is
+    the likelihood of an error, times as many as both have.
+    """
+    count = min(one.count, other.count)
+
+    def criterion(fit: RowFit) -> float:
+        size = max(fit.cost, np.finfo(float).tiny) / fit.count
+        return float(count * np.log(size) + np.log(count) * fit.ar.size)
+
+    return criterion(one) <= criterion(other)
 
 
 def _on_the_whole(row: Row, part: RowFit, options: Options) -> RowFit:

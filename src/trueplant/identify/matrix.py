@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from trueplant.identify.estimate import is_better
 from trueplant.identify.instrumental import with_initial_guess
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
@@ -90,17 +91,10 @@ def _from_both_guesses(
     if found is None or others == tuple(specs):
         return found
     rival = estimate(others)
-    if rival is None or _criterion(rival) >= _criterion(found):
+    if rival is None or is_better(found.fit, rival.fit):
         return found
     # Which guess has led there is of no interest to anyone else.
     return replace(rival, fit=replace(rival.fit, row=replace(rival.fit.row, specs=tuple(specs))))
-
-
-def _criterion(found: OutputEstimate) -> float:
-    """Bayesian criterion: the noise models of two fits of the same elements may differ in order."""
-    fit = found.fit
-    cost = max(fit.cost, np.finfo(float).tiny)
-    return float(fit.count * np.log(cost / fit.count) + np.log(fit.count) * fit.ar.size)
 
 
 def _with_shared_disturbances(estimates: dict[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate]:
