@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
+from trueplant.identify import Row, Spec, absence_p, fit_row, identify_output, likelihood_ratio_p, pieces_of
 from trueplant.identify.prior import Prior
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
@@ -74,3 +75,14 @@ def test_a_lag_that_a_lead_cancels_stays_near_the_model():
         without = max(without, float(np.max(np.abs(np.log(np.abs(free.theta[1:3]) / truth[1:3])))))
     assert worst < np.log(3.0)
     assert without > np.log(10.0)
+
+
+def test_verdicts_count_slow_noise_as_intervals_do():
+    """A likelihood ratio is divided by the factor by which the covariance is wider than its curvature says."""
+    fopdt, truth = Structure.parse("fopdt"), np.array([2.0, 10.0, 3.3])
+    found = identify_output([record(fopdt, truth, 4, 600)], 0, [Spec(0, fopdt, tuple(truth))])
+    index, values = np.arange(3), truth * [1.1, 1.1, 1.0]
+    plain = likelihood_ratio_p(found.fit, index, values)
+    assert found.factor > 1.02
+    assert found.likelihood_ratio_p(index, values) == pytest.approx(chi2.sf(chi2.isf(plain, 3) / found.factor, 3))
+    assert found.absence_p(0) >= absence_p(found.fit, 0)

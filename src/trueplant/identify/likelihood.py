@@ -19,12 +19,13 @@ from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, fit_row
 
 
-def likelihood_ratio_p(fit: RowFit, index: Array, values: Array) -> float:
+def likelihood_ratio_p(fit: RowFit, index: Array, values: Array, factor: float = 1.0) -> float:
     """p-value that the parameters theta[index] have these values, all others re-fitted.
 
-    The deviance counts the degrees of freedom that are left, which keeps the level in short records.
+    The deviance counts the degrees of freedom that are left, which keeps the level in short records; `factor` is that
+    of the covariance for what its curvature does not know (`inflation`).
     """
-    return ratio_p(rise(fit, held_at(fit, index, values)), len(index))
+    return ratio_p(rise(fit, held_at(fit, index, values)) / factor, len(index))
 
 
 def ratio_p(rise: float, freedom: int) -> float:
@@ -46,10 +47,13 @@ def rise(fit: RowFit, other: RowFit) -> float:
     return max(float(fit.left * np.log(max(other.cost, 1e-300) / max(fit.cost, 1e-300))), 0.0)
 
 
-def absence_p(fit: RowFit, m: int) -> float:
-    """p-value that element m of the row is absent: the fit without it is as good as a search in noise would make it."""
+def absence_p(fit: RowFit, m: int, factor: float = 1.0) -> float:
+    """p-value that element m of the row is absent: the fit without it is as good as a search in noise would make it.
+
+    `factor` as in `likelihood_ratio_p`.
+    """
     kept = [k for k in range(len(fit.row.specs)) if k != m]
     row = replace(fit.row, specs=tuple(fit.row.specs[k] for k in kept))
     parts = [fit.theta[fit.row.slices[k]] for k in kept]
     without = fit_row(row, np.concatenate([np.zeros(0), *parts]), fit.ar, weights=fit.weights, reweight=False)
-    return ratio_p(rise(fit, without), levels.SEARCHED_FREEDOM + len(fit.row.specs[m].structure.names))
+    return ratio_p(rise(fit, without) / factor, levels.SEARCHED_FREEDOM + len(fit.row.specs[m].structure.names))

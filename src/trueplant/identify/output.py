@@ -50,9 +50,11 @@ class OutputEstimate:
     predicted_by: tuple[int, ...] = ()
     """Other outputs whose past prediction errors predict this one's (`shared_disturbance`); the covariance knows."""
     unprofiled: Array | None = None
-    """The covariance before it was widened for slow noise and to the profile intervals: wider single parameters would
-    misstate strong correlations between them. Joint tests use this one beside the likelihood ratio; None: `covariance`
-    itself."""
+    """The covariance before it was widened to the profile intervals: wider single parameters would misstate strong
+    correlations between them. Joint tests use this one beside the likelihood ratio; None: `covariance` itself."""
+    factor: float = 1.0
+    """Of the covariance, for noise so slow that the record says little of it (`inflation`): intervals, likelihood
+    ratios and verdicts all count it."""
     robust_covariance: bool = False
     """Are the prediction errors heteroscedastic or coloured, so that the covariance is that of `sandwich`?"""
     jointly: bool = False
@@ -77,13 +79,13 @@ class OutputEstimate:
     def likelihood_ratio_p(self, index: Array, values: Array) -> float:
         """p-value that the parameters theta[index] have these values, by the likelihood that belongs to theta."""
         if self.rise is None:
-            return likelihood_ratio_p(self.fit, index, values)
+            return likelihood_ratio_p(self.fit, index, values, self.factor)
         return ratio_p(self.rise(index, values), len(index))
 
     def absence_p(self, m: int) -> float:
         """p-value that element m of the row is absent, by the likelihood that belongs to theta."""
         if self.rise is None:
-            return absence_p(self.fit, m)
+            return absence_p(self.fit, m, self.factor)
         part = self.row.slices[m]
         without = np.where(self.row.is_gain, 0.0, self.theta)[part]
         return ratio_p(self.rise(np.arange(part.start, part.stop), without), SEARCHED_FREEDOM + without.size)
@@ -143,7 +145,7 @@ def identify_output(
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
     added = np.where(shown, 0.0, shifts**2) + left_out**2 + lacking**2 + least
     covariance = covariance + np.diag(added)
-    unprofiled = covariance - (factor - 1) * fit.covariance
+    unprofiled = covariance
     intervals = normal_intervals(row, theta, covariance, confidence)
     if not apart:
         for index in _profiled(fit):
@@ -163,6 +165,7 @@ def identify_output(
         tests=tests,
         validation=validate(fit),
         unprofiled=unprofiled,
+        factor=factor,
         robust_covariance=robust,
         slow_p=slow,
     )

@@ -205,7 +205,7 @@ def test_one_of_two_is_said_and_the_other_answers(tmp_path):
         output=[{"name": f"flow{k}", "pv": f"pv{k}", "sp": f"sp{k}"} for k in names],
         input=[{"name": f"valve{k}", "op": f"op{k}"} for k in names],
         model=[{"output": f"flow{k}", "input": f"valve{k}", "tf": "2 exp(-3 s)/(10 s + 1)"} for k in names],
-        analysis={"worth_knowing_percent": 50},
+        analysis={"worth_knowing_percent": 100},
     )
     result = run(Project.from_toml(made.to_toml(), tmp_path))
     assert result.status == "ok"
