@@ -62,6 +62,14 @@ def test_verdict_is_the_first_thing_said(result, parsed):
     assert [tag for tag, _ in headings].count("h1") == 1
 
 
+def test_an_unchanged_element_says_what_would_have_been_seen(result, page):
+    unchanged = [e for e in result.elements if e.verdict == "unchanged"]
+    assert unchanged
+    for element in unchanged:
+        assert f"(a change of {100 * element.detectable_change:.2g} % would have been seen)" in page
+    assert page.count("would have been seen)") == len(unchanged)
+
+
 def test_headings_skip_no_level(parsed):
     levels = [int(tag[1]) for tag, _, _ in parsed.elements if re.fullmatch("h[1-6]", tag)]
     assert all(after <= before + 1 for before, after in pairwise(levels))

@@ -178,6 +178,7 @@ def _element(output: str, input_: str, model: Array, plant: Array, error: Array,
         smallest,
         Importance(float(abs(plant[0] / model[0] - 1)), "open loop"),
         "A",
+        2.8 * float(max(error / abs(model))),
     )
 
 

@@ -25,7 +25,7 @@ def render(result: Result) -> str:
 
     The same result gives the same text. Raises nothing for results without curves, elements or data.
     """
-    from trueplant.result.summary import loop_line
+    from trueplant.result.summary import loop_line, seen
 
     book = Book()
     scale = tables.percent_scale(result.elements)
@@ -43,6 +43,7 @@ def render(result: Result) -> str:
             fit=tables.fit_table(result.fit),
             residual_tests=tables.residual_table(result.fit),
             loop_line=loop_line(result),
+            seen=seen,
             today=loops.today(result),
             retuned=_retuned(result, book),
             more_data=result.more_data,
