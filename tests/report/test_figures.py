@@ -239,3 +239,11 @@ def test_methods_stand_side_by_side_and_the_rest_is_handed_on():
         ("gain", ("2.00 (1.80 to 2.20)", "2.05")),
         ("dead time", ("–", "1")),
     ]
+
+
+def test_what_could_hide_a_large_change_is_not_called_unchanged():
+    """A gain of 3.6 ± 1.9 beside a model of 4: nothing was found, and half of it could be gone."""
+    wide = Parameter("gain1", "%", 4.0, 3.6, 0.95, (1.7, 5.5), -10.0, 0.7, 1.0, False)
+    assert parameter_row(wide, 30.0).answer == "no change told"
+    narrow = Parameter("gain1", "%", 4.0, 3.9, 0.1, (3.7, 4.1), -2.5, 0.3, 1.0, False)
+    assert parameter_row(narrow, 30.0).answer == "unchanged"

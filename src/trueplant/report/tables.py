@@ -22,6 +22,8 @@ from trueplant.result import (
     Trend,
 )
 from trueplant.result.codec import entries_of
+from trueplant.result.headline import is_useful
+from trueplant.result.parameter_words import kind_of
 
 WIDTH, HALF = 132, 60
 
@@ -101,6 +103,8 @@ def parameter_row(p: Parameter, scale: float) -> ParameterRow:
         kind, answer = "unknown", "not in the model"
     else:
         answer = {"unknown": "not answered", "changed": "changed", "unchanged": "unchanged"}[kind]
+    if answer == "unchanged" and kind_of(p.name) != "dead_time" and not is_useful(p):
+        answer = "no change told"  # what could hide in the interval is no small change
     if p.reason:
         answer += f": {p.reason}"
     return ParameterRow(

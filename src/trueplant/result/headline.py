@@ -92,7 +92,7 @@ def _what_changed(element: Element) -> str:
         clause = f"{_phrase(parameter, element.parameters)} {_told(parameter)}"
         if parameter.model is not None:
             clause += f", not {_quantity(parameter.model, parameter.unit)}"
-            if _is_useful(parameter) and _is_number(parameter.change_percent):
+            if is_useful(parameter) and _is_number(parameter.change_percent):
                 clause += f" ({parameter.change_percent:+.0f} %)"
         clauses.append(clause)
     return f"{where} responds with {_listed(clauses)}"
@@ -114,7 +114,7 @@ def _short(element: Element) -> str:
     parts = []
     for p in element.parameters:
         if p.changed and p.plant is not None:
-            told = _is_useful(p) and _is_number(p.change_percent)
+            told = is_useful(p) and _is_number(p.change_percent)
             size = f"{p.change_percent:+.0f} %" if told else _told(p)
             parts.append(f"{p.name.replace('_', ' ')} {size}")
     return ", ".join(parts) or "as a whole"
@@ -130,15 +130,15 @@ def _is_number(value: float | None) -> bool:
     return value is not None and math.isfinite(value)
 
 
-def _is_useful(parameter: Parameter) -> bool:
-    """Is the value known so well that it may stand without its interval?"""
+def is_useful(parameter: Parameter) -> bool:
+    """Is a value known so well that it may stand without its interval?"""
     size = max(abs(parameter.plant or 0.0), abs(parameter.model or 0.0))
     return parameter.ci is None or (parameter.ci[1] - parameter.ci[0]) / 2 <= levels.USEFUL * size
 
 
 def _told(parameter: Parameter) -> str:
     """The value, or the interval where the value alone would mislead."""
-    if _is_useful(parameter) or parameter.ci is None:
+    if is_useful(parameter) or parameter.ci is None:
         return f"of {_quantity(parameter.plant, parameter.unit)}"
     low, high = parameter.ci
     if not math.isfinite(low):
