@@ -91,7 +91,7 @@ def stages(path: Path, folder: Path) -> dict[str, float]:
     clock("report")
     page = render(result)
     clock("writing")
-    write_results(result, folder, page)
+    write_results(result, project, folder, page)
     clock("")
     return {name: clock.stages[key] for key, name in STAGES.items() if key in clock.stages}
 
