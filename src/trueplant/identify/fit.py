@@ -121,9 +121,9 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tu
         y, valid = row.measured(k)
         if y.size <= order + 1:
             continue
-        if not whitened_valid(order, valid).any():
-            continue
         use = _used(order, valid)
+        if use is None:
+            continue
         response, gradient = row.response_and_gradient(theta, k)
         unknown = row.unknown(theta, k)
         v = np.where(valid, y - response, 0.0)
@@ -169,6 +169,7 @@ class Whitening:
         for k, jacobian, errors in linearised(fit.row, fit.theta, fit.ar, fit.weights):
             y, valid = fit.row.measured(k)
             use = _used(fit.ar.size, valid)
+            assert use is not None  # the piece has prediction errors
             unknown = fit.row.unknown(fit.theta, k)
             v = np.where(valid, y - fit.row.response(fit.theta, k), 0.0)
             basis = _weights_of_unknowns(unknown, v, fit.ar, use)[1]
@@ -181,9 +182,11 @@ class Whitening:
         return np.asarray(filtered - (filtered @ self.basis) @ self.basis.T)
 
 
-def _used(order: int, valid: BoolArray) -> slice | BoolArray:
-    """The prediction errors that rest on measured outputs alone."""
+def _used(order: int, valid: BoolArray) -> slice | BoolArray | None:
+    """The prediction errors that rest on measured outputs alone; None where there are none."""
     whole = whitened_valid(order, valid)
+    if not whole.any():
+        return None
     first = int(np.argmax(whole))
     return slice(first, None) if whole[first:].all() else whole
 
