@@ -22,7 +22,7 @@ def inflation(fit: RowFit, confidence: float) -> float:
     """
     level = float(1 + np.sum(fit.ar))
     n = fit.count * min(level**2, 1.0)
-    taken = int(fit.free.sum()) + fit.row.nuisance_count(fit.theta)
+    taken = int(fit.free.sum()) + fit.row.nuisance_count
     left = max(n - taken, n / 2)
     tail = 0.5 + confidence / 2
     known = level**2 / max(2 * _level_variance(fit), 1e-300)
@@ -44,7 +44,7 @@ def initial_state_share(fit: RowFit) -> float:
     longer independent of past OP, which biases the estimate (Nickell 1981). One initial state does not matter; many
     gaps in a record do.
     """
-    return float((levels.INITIAL_STATE_BIAS * fit.row.nuisance_count(fit.theta)) ** 2 / max(fit.count, 1))
+    return float((levels.INITIAL_STATE_BIAS * fit.row.nuisance_count) ** 2 / max(fit.count, 1))
 
 
 def least_variance(row: Row, theta: Array, timing: float) -> Array:

@@ -65,6 +65,8 @@ class Problem(Generic[P]):
     """(n,) parameters by which the cost can have a kink, downhill on neither side: then all others move on."""
     least: float = -np.inf
     """A cost that is nothing but rounding: there the descent ends."""
+    settled: float = SETTLED
+    """Gain in -2 log likelihood, done and expected, at which the descent ends."""
     reweighted: Callable[[Array, P, int], P | None] = lambda _x, _point, _step: None
     """After each step, counted from 0: the point under new weights, or None where they stay."""
 
@@ -99,7 +101,7 @@ def descend(problem: Problem[P], x: Array, point: P, iterations: int) -> Descent
         if step is None:
             return Descent(x, point, True)
         gain = point.cost - step.point.cost
-        settled = max(gain, step.expected) <= SETTLED * point.unit
+        settled = max(gain, step.expected) <= problem.settled * point.unit
         x, point, damping = step.x, step.point, max(step.damping / 10, LEAST_DAMPING)
         again = problem.reweighted(x, point, done)
         if again is not None:

@@ -68,7 +68,7 @@ class RowFit:
     @property
     def left(self) -> int:
         """Degrees of freedom that parameters, noise model and nuisance terms leave, all of them counted as free."""
-        return max(self.count - self.theta.size - self.ar.size - self.row.nuisance_count(self.theta), 1)
+        return max(self.count - self.theta.size - self.ar.size - self.row.nuisance_count, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,6 +200,7 @@ def fit_row(
     free: BoolArray | None = None,
     reweight: bool = True,
     iterations: int = 100,
+    settled: float = levels.SETTLED,
 ) -> RowFit:
     """Least prediction errors from an initial guess.
 
@@ -228,11 +229,12 @@ def fit_row(
         moving,
         np.concatenate([row.is_dead_time, np.zeros(ar.size, dtype=bool)]),
         levels.EXACT * max(_energy(row), 1e-300),
+        settled,
         reweighted,
     )
     found = descend(problem, np.concatenate([theta, ar]), evaluate(row, theta, ar, weights), iterations)
     theta, ar, point = found.x[:n], found.x[n:], found.point
-    left = max(point.count - int(moving.sum()) - row.nuisance_count(theta), 1)
+    left = max(point.count - int(moving.sum()) - row.nuisance_count, 1)
     information = point.information.copy()
     frozen = np.flatnonzero(~moving)
     information[frozen, :] = information[:, frozen] = 0.0

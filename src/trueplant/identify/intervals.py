@@ -100,5 +100,12 @@ def _constrained(fit: RowFit, index: int, value: float) -> RowFit:
     theta, free = fit.theta.copy(), fit.free.copy()
     theta[index], free[index] = value, False
     return fit_row(
-        fit.row, theta, fit.ar, weights=fit.weights, free=free, reweight=False, iterations=levels.PROFILED_STEPS
+        fit.row,
+        theta,
+        fit.ar,
+        weights=fit.weights,
+        free=free,
+        reweight=False,
+        iterations=levels.PROFILED_STEPS,
+        settled=levels.PROFILE_SETTLED,
     )

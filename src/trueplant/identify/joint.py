@@ -208,7 +208,7 @@ def _finished(rows: Sequence[Row], found: Descent[_Point]) -> JointFit:
     point = found.point
     theta, ar = point.theta, point.ar
     ends = np.cumsum([row.size for row in rows])
-    nuisance = sum(row.nuisance_count(theta[end - row.size : end]) for row, end in zip(rows, ends, strict=True))
+    nuisance = sum(row.nuisance_count for row in rows)
     used = point.count - (theta.size + ar.size + nuisance) / len(rows)
     sigma = point.sigma * point.count / max(used, 1.0)
     # the weight was the inverse of sigma without the degrees of freedom

@@ -333,9 +333,16 @@ class Row:
         """Columns (n, n_z) of `unknown`."""
         return self.unknown(theta, k).columns
 
-    def nuisance_count(self, theta: Array) -> int:
-        """Offsets and free responses over all pieces, which are estimated along."""
-        return sum(self.nuisance(theta, k).shape[1] for k in range(len(self.pieces)))
+    @cached_property
+    def nuisance_count(self) -> int:
+        """Offsets, free responses and jumps over all pieces, which are estimated along."""
+        modes = sum(
+            s.structure.lags + 2 * s.structure.pairs + min(s.structure.integrators, 1) for s in self.specs
+        )
+        return sum(
+            1 + (len(piece.restarts) + (not self.rests(k))) * modes + len(piece.jumps)
+            for k, piece in enumerate(self.pieces)
+        )
 
     def _times(self, k: int) -> Array:
         piece = self.pieces[k]
