@@ -11,7 +11,7 @@ from support.benchmark_records import DELAYED, closed_loop_record, delayed_recor
 from support.simulated import BLT, WOOD_BERRY, segment_of, wood_berry
 from trueplant.errors import FormulaError, Refused
 from trueplant.identify import Row, Spec, estimate_row, pieces_of
-from trueplant.identify.instrumental import choose_orders, with_initial_guess
+from trueplant.identify.instrumental import choose_orders
 from trueplant.lti import Structure
 from trueplant.lti.structure import structure_of
 from trueplant.study.methods.estimators import ESTIMATORS, compare_estimators
@@ -29,17 +29,12 @@ def test_orders_are_chosen_with_a_reason():
     assert (closed.orders[0].poles, closed.orders[0].zeros) == (2, 1)
 
 
-def test_start_from_srivc_saves_the_structured_fit_from_a_wrong_minimum():
-    """A resonance with a zero in the right half-plane: from nothing the fit ends elsewhere, from SRIVC it does not."""
+def test_a_resonance_with_inverse_response_is_found_from_nothing():
+    """The search begins without a model, with a lead of the wrong sign."""
     segment, structure = delayed_record(20_001), Structure.parse("pair+lead")
-    (spec,) = with_initial_guess([segment], 0, [Spec(0, structure)])
-    assert spec.guess is not None
-    fit = estimate_row(Row((spec,), pieces_of([segment], 0)), 1.0)
+    fit = estimate_row(Row((Spec(0, structure),), pieces_of([segment], 0)), 1.0)
     error = np.sqrt(np.diag(fit.covariance))
     assert np.all(np.abs(fit.theta - [0.125, 2, 0.25, -8, DELAYED[-1]]) < 4 * error + [0, 0, 0, 0, 0.005])
-    # no lead, no need; and two lags cannot be had from an oscillation: the old start rather than a wrong one
-    for kept in (Spec(0, FOPDT), Spec(0, Structure.parse("sopdt+lead"), (1.0, 2.0, 0.5, 1.0, 3.0))):
-        assert with_initial_guess([segment], 0, [kept]) == (kept,)
 
 
 def test_estimators_agree_where_they_should():

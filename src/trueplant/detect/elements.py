@@ -13,6 +13,7 @@ from trueplant.detect.detectable import detectable_change
 from trueplant.detect.verdict import Evidence, Verdict, judge
 from trueplant.identify import (
     OutputEstimate,
+    Rejected,
     Spec,
     Unanswered,
     identify_matrix,
@@ -38,6 +39,8 @@ class Found:
     reasons: Mapping[int, Unanswered]
     """Parameters that are not answered, by their place in theta."""
     model: tuple[float | None, ...]
+    rejected: Rejected | None = None
+    """The structure that the record rejects, in favour of that of `spec`; None where it suffices."""
 
 
 def elements_found(model: TransferMatrix, estimates: Mapping[int, OutputEstimate]) -> dict[tuple[int, int], Found]:
@@ -55,19 +58,24 @@ def elements_found(model: TransferMatrix, estimates: Mapping[int, OutputEstimate
                 (estimate.covariance if estimate.unprofiled is None else estimate.unprofiled)[np.ix_(index, index)],
                 estimate.intervals[index],
                 {k: reasons[int(place)] for k, place in enumerate(index) if int(place) in reasons},
-                _model_values(model, i, spec),
+                _model_values(model, i, spec, spec.column in estimate.rejected),
+                estimate.rejected.get(spec.column),
             )
     return found
 
 
-def _model_values(model: TransferMatrix, i: int, spec: Spec) -> tuple[float | None, ...]:
-    """What the model says of each parameter; an element that it lacks has no gain and no dynamics."""
+def _model_values(model: TransferMatrix, i: int, spec: Spec, rejected: bool) -> tuple[float | None, ...]:
+    """What the model says of each parameter; an element that it lacks has no gain and no dynamics.
+
+    Of a structure that was rejected only the gains mean in another one what they meant.
+    """
     system = model[i, spec.column]
     if system.is_zero:
         return tuple(0.0 if gain else None for gain in spec.structure.is_gain)
     own, values = structure_of(system)
-    known = dict(zip(own.names, values, strict=True))
-    return tuple(float(known[name]) if name in known else None for name in spec.structure.names)
+    known, names = dict(zip(own.names, values, strict=True)), spec.structure.names
+    told = [name in known and (gain or not rejected) for name, gain in zip(names, spec.structure.is_gain, strict=True)]
+    return tuple(float(known[name]) if ok else None for name, ok in zip(names, told, strict=True))
 
 
 def judge_elements(
@@ -88,6 +96,7 @@ def judge_elements(
             _other_p(estimates[p[0]], found[p]),
             found[p].joint,
             _detectable(estimates[p[0]], found[p], len(places), 1 - confidence),
+            None if (rejected := found[p].rejected) is None else rejected.p_value,
         )
         for p in places
     ]
@@ -114,6 +123,8 @@ def _other_p(estimate: OutputEstimate, found: Found) -> float | None:
     if found.spec.initial is None:
         return estimate.absence_p(m)
     told = [k for k, value in enumerate(found.model) if value is not None]
+    if not told:
+        return None
     index = estimate.row.slices[m].start + np.array(told)
     return estimate.likelihood_ratio_p(index, np.array([found.model[k] for k in told], dtype=float))
 

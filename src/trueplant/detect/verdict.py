@@ -18,6 +18,7 @@ from scipy.stats import chi2, norm
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.detect import levels
+from trueplant.identify.levels import STRUCTURE_SHARE
 from trueplant.result.status import ElementVerdict
 
 
@@ -36,6 +37,8 @@ class Evidence:
     """Covariance for the test of the whole element, if it is not the one that single parameters are judged by."""
     detectable: float = 0.0
     """The change that would just have been found, as a share (`detectable_change`)."""
+    structure_p: float | None = None
+    """p-value, over all elements, that the declared structure suffices; None where it is not rejected."""
 
 
 @dataclass(frozen=True)
@@ -95,9 +98,10 @@ def judge(
     """A verdict for each element, familywise over all of them.
 
     A change counts as one when it is significant and larger than `tolerance_percent` of the model's value. An element
-    without one is unchanged if a change of `worth_knowing` (a share) would have been found, else not identifiable.
+    without one is unchanged if a change of `worth_knowing` (a share) would have been found, else not identifiable. One
+    whose structure was rejected has changed; of the chance of a false alarm a share is left to that.
     """
-    level = 1 - confidence
+    level = (1 - confidence) * (1 - STRUCTURE_SHARE)
     tested = [
         [k for k, (m, ok) in enumerate(zip(e.model, e.answered, strict=True)) if ok and m is not None] for e in elements
     ]
@@ -121,8 +125,10 @@ def _verdict(
 ) -> Verdict:
     none = ParameterVerdict(None, None, False)
     parameters = [none] * len(evidence.model)
-    if p_element is None:
+    if p_element is None and evidence.structure_p is None:
         return Verdict(ElementVerdict.NOT_IDENTIFIABLE, None, tuple(parameters))
+    if p_element is None:
+        return Verdict(ElementVerdict.CHANGED, evidence.structure_p, tuple(parameters), evidence.detectable)
     shift = np.array([evidence.plant[k] - (evidence.model[k] or 0.0) for k in tested])
     sigma = np.sqrt(np.maximum(np.diag(evidence.covariance)[list(tested)], 1e-300))
     raw = 2 * norm.sf(np.abs(shift) / sigma)
@@ -132,7 +138,9 @@ def _verdict(
     significant = p_element < level
     for k, p, q, c in zip(tested, raw, adjusted, significant & (adjusted < level) & beyond, strict=True):
         parameters[k] = ParameterVerdict(float(p), float(q), bool(c))
-    if significant and (tolerance == 0 or beyond.any()):
+    if evidence.structure_p is not None:
+        said, p_element = ElementVerdict.CHANGED, min(p_element, evidence.structure_p)
+    elif significant and (tolerance == 0 or beyond.any()):
         said = ElementVerdict.CHANGED
     elif evidence.detectable <= worth_knowing:
         said = ElementVerdict.UNCHANGED

@@ -5,7 +5,7 @@ from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
 from trueplant.identify.matrix import identify_matrix, specs_of
-from trueplant.identify.output import OutputEstimate, identify_output, unanswered
+from trueplant.identify.output import OutputEstimate, Rejected, identify_output, unanswered
 from trueplant.identify.residual_tests import RESIDUAL_TESTS
 from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.strides import Sampling, choose_stride, samples_per_update
@@ -19,6 +19,7 @@ __all__ = [
     "Held",
     "Options",
     "OutputEstimate",
+    "Rejected",
     "Row",
     "RowFit",
     "Sampling",

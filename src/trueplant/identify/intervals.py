@@ -107,5 +107,5 @@ def _constrained(fit: RowFit, index: int, value: float) -> RowFit:
         free=free,
         reweight=False,
         iterations=levels.PROFILED_STEPS,
-        settled=levels.PROFILE_SETTLED,
+        settled=levels.TRIED_SETTLED,
     )

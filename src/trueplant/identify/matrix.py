@@ -8,13 +8,12 @@ from functools import partial
 
 import numpy as np
 
-from trueplant.identify.estimate import is_better
-from trueplant.identify.instrumental import with_initial_guess
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
 from trueplant.identify.row import Held, Spec
 from trueplant.identify.shared_disturbance import predicted_outputs, together, widened_for_shared_disturbance
 from trueplant.identify.strides import Sampling, choose_block, choose_stride, samples_per_update, typical_lag
+from trueplant.identify.structures import with_structures
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix
 from trueplant.record.types import Segment
@@ -63,7 +62,7 @@ def identify_matrix(
         held = [Held(j, model[i, j]) for j in range(model.shape[1]) if (i, j) not in specs and not model[i, j].is_zero]
         if tell is not None:
             tell(i)
-        once = partial(
+        estimate = partial(
             identify_output,
             segments,
             i,
@@ -72,29 +71,13 @@ def identify_matrix(
             sampling=sampling,
             time_scale=typical_lag(everywhere),
         )
-        estimate = partial(_from_both_guesses, once, partial(with_initial_guess, segments, i, held=held))
         found = estimate(own)
         if found is not None:
-            estimates[i] = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
+            found = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
+            estimates[i] = with_structures(found, estimate, len(everywhere), confidence)
     if any(segment.closed for segment in segments):
         return _with_shared_disturbances(estimates, confidence)
     return estimates
-
-
-def _from_both_guesses(
-    estimate: Callable[[Sequence[Spec]], OutputEstimate | None],
-    restarted: Callable[[Sequence[Spec]], tuple[Spec, ...]],
-    specs: Sequence[Spec],
-) -> OutputEstimate | None:
-    """The estimate from the declared initial guess or, where that fits better, from SRIVC's for elements with leads."""
-    found, others = estimate(specs), restarted(specs)
-    if found is None or others == tuple(specs):
-        return found
-    rival = estimate(others)
-    if rival is None or is_better(found.fit, rival.fit):
-        return found
-    # Which guess has led there is of no interest to anyone else.
-    return replace(rival, fit=replace(rival.fit, row=replace(rival.fit.row, specs=tuple(specs))))
 
 
 def _with_shared_disturbances(estimates: dict[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate]:

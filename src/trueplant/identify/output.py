@@ -23,11 +23,20 @@ from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.noise_order import order_dependence
 from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.sandwich import needs_sandwich, sandwich_covariance
-from trueplant.identify.slow_tail import slow_errors, slow_p
 from trueplant.identify.strides import Sampling
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
+from trueplant.lti.structure import Structure
 from trueplant.record.types import Segment
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """The structure of an element that the record rejects."""
+
+    structure: Structure
+    p_value: float
+    """That it suffices: with what a search over all elements and structures finds in noise taken off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +73,15 @@ class OutputEstimate:
     the others are free. None: that of `fit`."""
     withheld: Mapping[int, Unanswered] = field(default_factory=dict)
     """Parameters that are not given for reasons that are not in the fit."""
-    slow_p: Array = field(default_factory=lambda: np.ones(0))
-    """(n_columns,) p-value that no element responds more slowly than its structure describes; empty: not tested."""
+    structure_p: Array = field(default_factory=lambda: np.ones(0))
+    """(n_columns,) p-value that the structure of each element suffices; empty: not tested."""
+    rejected: Mapping[int, Rejected] = field(default_factory=dict)
+    """By column: structures that did not suffice and were replaced."""
 
     @property
     def undermodelled(self) -> bool:
         """Is the structure simpler than what the prediction errors show of the plant?"""
-        return bool(min(np.min(self.tests.cross_p), np.min(self.slow_p, initial=1.0)) < UNDERMODELLED)
+        return bool(min(np.min(self.tests.cross_p), np.min(self.structure_p, initial=1.0)) < UNDERMODELLED)
 
     @property
     def row(self) -> Row:
@@ -135,15 +146,13 @@ def identify_output(
         factor = inflation(fit, confidence)
         theta, covariance = fit.theta, fit.covariance * factor + more
     moved, shifts = order_dependence(fit, covariance, tests)
-    slow = slow_p(fit)
-    lacking = slow_errors(fit, slow, confidence)
     least = least_variance(row, theta, sampling.timing)
-    # How far another noise model moves a parameter counts as its error, unless the runs have shown their spread; slow
-    # responses that the structure lacks are the same in every run. A dead time that was left out may be there, too
-    # small to be seen: then the other parameters are as the fit with it has them.
+    # How far another noise model moves a parameter counts as its error, unless the runs have shown their spread. A
+    # dead time that was left out may be there, too small to be seen: then the other parameters are as the fit with it
+    # has them.
     shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
-    added = np.where(shown, 0.0, shifts**2) + left_out**2 + lacking**2 + least
+    added = np.where(shown, 0.0, shifts**2) + left_out**2 + least
     covariance = covariance + np.diag(added)
     unprofiled = covariance
     intervals = normal_intervals(row, theta, covariance, confidence)
@@ -167,7 +176,6 @@ def identify_output(
         unprofiled=unprofiled,
         factor=factor,
         robust_covariance=robust,
-        slow_p=slow,
     )
 
 

@@ -336,9 +336,7 @@ class Row:
     @cached_property
     def nuisance_count(self) -> int:
         """Offsets, free responses and jumps over all pieces, which are estimated along."""
-        modes = sum(
-            s.structure.lags + 2 * s.structure.pairs + min(s.structure.integrators, 1) for s in self.specs
-        )
+        modes = sum(s.structure.lags + 2 * s.structure.pairs + min(s.structure.integrators, 1) for s in self.specs)
         return sum(
             1 + (len(piece.restarts) + (not self.rests(k))) * modes + len(piece.jumps)
             for k, piece in enumerate(self.pieces)

@@ -12,7 +12,9 @@ from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
-from trueplant.identify.row import Row
+from trueplant.identify.row import Piece, Row
+from trueplant.lti.sampled import rows_response
+from trueplant.lti.structure import Structure
 
 
 def initial_theta(row: Row, time_scale: float) -> Array:
@@ -37,7 +39,7 @@ def grid_guess(row: Row, theta: Array, ar: Array, rounds: int = 2, largest: int 
     for _ in range(rounds):
         before = theta.copy()
         for m in range(len(row.specs)):
-            theta = _improve_element(row, theta, ar, m)
+            theta = improved_element(row, theta, ar, m)
         if np.allclose(theta, before, rtol=1e-12, atol=0):
             break
     return _least_squares_gains(row, theta, ar)
@@ -76,7 +78,8 @@ def dead_time_grid(row: Row, m: int, p: Array, h: float, finest: int = 48) -> Ar
     return np.unique(np.round(np.linspace(0, count, min(count + 1, finest))).astype(int))
 
 
-def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
+def improved_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
+    """theta with the time scale, the dead time, the gain and the leads of element m that the data prefer."""
     structure, part = row.specs[m].structure, row.slices[m]
     unit = _unit(row, theta, m)
     exponents = structure.time_scales
@@ -84,10 +87,9 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
     h = row.pieces[0].h
     shifts = dead_time_grid(row, m, unit, h) if dead.any() else np.zeros(1, dtype=int)
     others = _columns(row, theta, skip=m)
-    top = np.zeros((levels.STRETCH.size, shifts.size))
-    gain = np.zeros_like(top)
-    power = np.zeros_like(top)
-    moment = np.zeros_like(top)
+    size = len(_numerators(structure, unit))
+    gram = np.zeros((levels.STRETCH.size, shifts.size, size, size))
+    moment = np.zeros((levels.STRETCH.size, shifts.size, size))
     nominal = theta.copy()
     for k, piece in enumerate(row.pieces):
         y, valid = row.measured(k)
@@ -99,30 +101,66 @@ def _improve_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
         basis = orthonormal(whiten(ar, np.hstack([others[k], row.nuisance(nominal, k)]))[use])
         target = whiten(ar, y)[use]
         target = target - basis @ (basis.T @ target)
-        spec = row.specs[m]
         for a, stretch in enumerate(levels.STRETCH):
             p = unit * stretch**exponents
             p[dead] = unit[dead] - (unit[dead].min() if dead.any() else 0.0)
-            full = structure.response(p, piece.inputs[spec.column], piece.h, piece.hold[spec.column])
-            late = np.concatenate([np.zeros(shifts[-1]), full])
-            shifted = np.array([late[shifts[-1] - shift :][: full.size : row.stride] for shift in shifts]).T
-            x = whiten(ar, shifted)[use]
-            # The target is orthogonal to the basis already, so that only the power of x has to be projected.
-            moment[a] += x.T @ target
-            power[a] += np.einsum("bn,bn->b", x.T, x.T) - np.sum((basis.T @ x) ** 2, axis=0)
-    ok = power > 1e-12 * max(power.max(), 1e-300)
-    top[ok] = moment[ok] ** 2 / power[ok]
-    gain[ok] = moment[ok] / power[ok]
+            full = _responses(row, m, p, piece)
+            late = np.hstack([np.zeros((size, shifts[-1])), full])
+            shifted = np.concatenate(
+                [late[:, shifts[-1] - shift :][:, : piece.y.size : row.stride] for shift in shifts]
+            )
+            x = whiten(ar, shifted.T)[use]
+            x -= basis @ (basis.T @ x)
+            x = x.T.reshape(shifts.size, size, -1)
+            moment[a] += x @ target
+            gram[a] += x @ x.transpose(0, 2, 1)
+    weights = _solved(gram, moment)
+    top = np.sum(weights * moment, axis=-1)
     a, b = divmod(int(np.argmax(top)), shifts.size)
     if top[a, b] <= 0:
         return theta
     p = unit * levels.STRETCH[a] ** exponents
     if dead.any():
         p[dead] = unit[dead] - unit[dead].min() + shifts[b] * h
-    p[: structure.delayed] *= gain[a, b]
+    p[: structure.delayed] *= weights[a, b, -1]
+    if size > 1 and np.all(weights[a, b]):
+        p[structure.is_lead] = -np.real(1 / np.roots(weights[a, b]))
     theta = theta.copy()
     theta[part] = p
     return theta
+
+
+def _numerators(structure: Structure, p: Array) -> Array:
+    """(n, order + 1) numerators whose sum, each with a weight of its own, is that of an element.
+
+    Powers of s where it has leads: the coefficients are linear, whatever the signs of the leads.
+    """
+    if structure.leads and structure.delayed == 1:
+        return np.eye(structure.leads + 1)
+    return structure.polynomials(p)[0][None, :]
+
+
+def _responses(row: Row, m: int, p: Array, piece: Piece) -> Array:
+    """(n, N) responses of the numerators of element m, or of all of its delayed terms together."""
+    spec = row.specs[m]
+    u, hold = piece.inputs[spec.column], piece.hold[spec.column]
+    if spec.structure.delayed > 1:
+        return spec.structure.response(p, u, piece.h, hold)[None, :]
+    num, den = _numerators(spec.structure, p), spec.structure.polynomials(p)[1]
+    padded = np.hstack([np.zeros((len(num), len(den) - num.shape[1])), num]) / den[0]
+    return rows_response(padded, den / den[0], float(spec.structure.dead_times(p)[0]), u, piece.h, hold)
+
+
+def _solved(gram: Array, moment: Array) -> Array:
+    """Weights (..., n) of least squares; 0 where the responses cannot be told from nothing or from each other."""
+    scale = np.sqrt(np.diagonal(gram, axis1=-2, axis2=-1))
+    there = np.all(scale > 1e-6 * max(float(scale.max()), 1e-150), axis=-1)
+    normal = gram / np.where(there[..., None, None], scale[..., :, None] * scale[..., None, :], 1.0)
+    eye = np.eye(moment.shape[-1])
+    normal = np.where(there[..., None, None], normal + levels.RIDGE * eye, eye)
+    safe = np.where(there[..., None], scale, 1.0)
+    weights = np.linalg.solve(normal, (moment / safe)[..., None])[..., 0] / safe
+    return np.asarray(np.where(there[..., None], weights, 0.0))
 
 
 def _least_squares_gains(row: Row, theta: Array, ar: Array) -> Array:

@@ -153,22 +153,25 @@ def _element_response(fit: RowFit, m: int, piece: Piece, u: Array) -> Array:
 
 
 def _rivals(fit: RowFit, m: int, piece: Piece) -> Array:
-    """(n_rivals, n) what else could explain the errors: to first order what each would add to the response."""
+    """(n_rivals, n) what else could explain the errors: a gain that varies with OP, another structure."""
     op = piece.inputs[fit.row.specs[m].column]
-    answer = _element_response(fit, m, piece, op)
     squared = _element_response(fit, m, piece, (op - op.mean()) ** 2)
-    step = fit.row.stride * piece.h
+    return np.vstack([squared, _beyond(fit, m, piece)])
+
+
+def _beyond(fit: RowFit, m: int, piece: Piece) -> Array:
+    """(n_directions, n) what a structure richer than that of element m adds to its response, to first order."""
+    row, spec = fit.row, fit.row.specs[m]
+    answer = _element_response(fit, m, piece, piece.inputs[spec.column])
+    step = row.stride * piece.h
     faster = np.gradient(answer, step)
-    rows = [squared, faster, np.gradient(faster, step)]
-    lag = fit.row.specs[m].structure.lag(fit.theta[fit.row.slices[m]])
-    for times in levels.VALVE_RIVAL_LAGS:
-        pole = np.exp(-step / max(times * lag, step))
-        rows.append(_smoothed(answer, float(pole)))
-    return np.array(rows)
-
-
-def _smoothed(x: Array, pole: float) -> Array:
-    return np.asarray(lfilter([1 - pole], [1.0, -pole], x))
+    directions = [faster, np.gradient(faster, step)]
+    own = spec.structure.lag(fit.theta[row.slices[m]])
+    longest = max(of.span for of in row.pieces) / levels.SLOW_SPANS
+    for times in levels.RICHER_LAGS:
+        pole = float(np.exp(-step / np.clip(times * own, step, max(longest, step))))
+        directions.append(np.asarray(lfilter([1 - pole], [1.0, -pole], answer)))
+    return np.array(directions)
 
 
 def behind_valves(segments: Sequence[Segment], valves: Mapping[int, FoundValve]) -> tuple[Segment, ...]:

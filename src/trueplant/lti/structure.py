@@ -278,6 +278,19 @@ class Structure:
         return exponents
 
 
+def translated(own: Structure, values: Array, wanted: Structure) -> tuple[float, ...]:
+    """Parameters of one structure as a start for another: shared names keep their values, new lags are short."""
+    known = dict(zip(own.names, values, strict=True))
+    dead_time = own.dead_times(values)[0]
+    lag = own.lag(values) or dead_time or 1.0
+    gains = np.where(np.arange(wanted.delayed) == 0, values[0], 0.0)
+    shares = 10.0 * np.arange(1, wanted.lags + 1)
+    if own.lags == 0:
+        shares[:1] = 1.0
+    new = wanted.parameters(gains, lag / shares, 1 / lag, 0.7, lag / 10, dead_time)
+    return tuple(float(known.get(name, value)) for name, value in zip(wanted.names, new, strict=True))
+
+
 def gain_unit(output_unit: str, input_unit: str) -> str:
     """Unit of output by input, with compound ones in brackets: "degC/%", "%/(lb/min)"; empty if neither has one."""
 

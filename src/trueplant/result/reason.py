@@ -37,6 +37,7 @@ class Code(StrEnum):
     UNEVEN_NOISE = "uneven-noise", "the noise is not of one size and colour"
     RUNS_DISAGREE = "runs-disagree", "the experiments disagree"
     ONE_EXPERIMENT = "one-experiment", "the spread between runs is not known"
+    STRUCTURE = "structure", "an element has another structure than its model"
     UNDERMODELLED = "undermodelled", "the structure is simpler than the plant"
     OUTSIDE_BAND = "outside-band", "the plant lies outside of the band of the estimate without a structure"
     MISMATCH_OR_DISTURBANCE = "mismatch-or-disturbance", "mismatch and disturbance cannot be told apart"

@@ -167,6 +167,7 @@ def _notes(study: Study, checked: Checked, found: Found) -> tuple[Reason, ...]:
     notes += cascade_notes(checked.cascades)
     notes += found.compared.outside_band if found.judged.answered else ()
     notes += found.judged.causes
+    notes += found.judged.restructured
     notes += found.judged.powerless
     notes += [Reason(Code.METHODS, sentence) for sentence in found.compared.disagreements]
     notes += [Reason(Code.MORE_DATA, f"to settle what is open: {plan.sentence}") for plan in found.plans[:1]]

@@ -6,7 +6,6 @@ from trueplant.identify.instrumental.noise import ArmaNoise
 from trueplant.identify.instrumental.open_loop import rivc, srivc, state_variable_filter
 from trueplant.identify.instrumental.order import Order
 from trueplant.identify.instrumental.result import PolynomialFit
-from trueplant.identify.instrumental.structured import with_initial_guess
 
 __all__ = [
     "ArmaNoise",
@@ -19,5 +18,4 @@ __all__ = [
     "srivc",
     "state_variable_filter",
     "two_stage",
-    "with_initial_guess",
 ]

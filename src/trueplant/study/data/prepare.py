@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from trueplant.arrays import Array
 from trueplant.errors import ProjectError, UnstableLoop
 from trueplant.identify import Spec
 from trueplant.lti import TransferFunction, TransferMatrix
-from trueplant.lti.structure import Structure, structure_of
+from trueplant.lti.structure import Structure, structure_of, translated
 from trueplant.project import Project
 from trueplant.project.controllers import check_signs
 from trueplant.record import Record, Screened, read_record, screen
@@ -118,16 +117,3 @@ def _spec(project: Project, system: TransferFunction, i: int, j: int) -> Spec:
         return Spec(j, structure, None)
     undeclared = tuple(k for k, name in enumerate(structure.names) if name not in own.names)
     return Spec(j, structure, translated(own, values, structure), undeclared)
-
-
-def translated(own: Structure, values: Array, wanted: Structure) -> tuple[float, ...]:
-    """Parameters of one structure as a start for another: shared names keep their values, new lags are short."""
-    known = dict(zip(own.names, values, strict=True))
-    dead_time = own.dead_times(values)[0]
-    lag = own.lag(values) or dead_time or 1.0
-    gains = np.where(np.arange(wanted.delayed) == 0, values[0], 0.0)
-    shares = 10.0 * np.arange(1, wanted.lags + 1)
-    if own.lags == 0:
-        shares[:1] = 1.0
-    new = wanted.parameters(gains, lag / shares, 1 / lag, 0.7, lag / 10, dead_time)
-    return tuple(float(known.get(name, value)) for name, value in zip(wanted.names, new, strict=True))

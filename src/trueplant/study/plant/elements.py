@@ -17,6 +17,7 @@ from trueplant.study import levels
 from trueplant.study.plant.causes import causes_of
 from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.parameters import parameters_of
+from trueplant.study.plant.structures import restructured
 from trueplant.study.study import Place, Study
 
 KEPT = "kept at its declared value (estimate = false)"
@@ -31,6 +32,8 @@ class Judged:
     elements: tuple[Element, ...]
     """Those of the model and of the estimates, row by row."""
     causes: tuple[Reason, ...]
+    restructured: tuple[Reason, ...] = ()
+    """A note on each element whose structure is not the declared one."""
 
     @property
     def powerless(self) -> tuple[Reason, ...]:
@@ -49,7 +52,7 @@ def judge(study: Study, identified: Identified, plant: TransferMatrix) -> Judged
     found = detect.elements_found(study.model, identified.estimates)
     elements = _elements(study, identified, found, plant)
     causes = causes_of(study, identified, found, elements) if _answered(elements) else []
-    return Judged(found, elements, tuple(causes))
+    return Judged(found, elements, tuple(causes), restructured(study, found))
 
 
 def _answered(elements: Sequence[Element]) -> bool:

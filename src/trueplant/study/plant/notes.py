@@ -107,16 +107,15 @@ def _undermodelled_notes(study: Study, found: Identified, i: int, estimate: Outp
         )
         text = f"the prediction errors still follow the input: {advice}"
         notes.append(Reason(Code.UNDERMODELLED, text, f"{', '.join(follows)} -> {name}"))
-    slow = [study.columns[j] for j, p in enumerate(estimate.slow_p) if p < UNDERMODELLED]
-    if slow:
+    beyond = [study.columns[j] for j, p in enumerate(estimate.structure_p) if p < UNDERMODELLED]
+    if beyond:
         notes.append(
             Reason(
                 Code.UNDERMODELLED,
-                "the prediction errors still follow slow moves of the input: the plant goes on moving after what "
-                "the structure describes, and its gain at rest may differ from the one given. Ask for +lag+lead, "
-                "or read the gain as that of moves that last a few of the time constants given; the intervals "
-                "include what a slow lag would change",
-                f"{', '.join(slow)} -> {name}",
+                "the prediction errors still show more of the response than the structure describes, and none of the "
+                "next richer structures describes it better beyond chance: the gain at rest may differ from the one "
+                "given by more than its interval",
+                f"{', '.join(beyond)} -> {name}",
             )
         )
     return notes

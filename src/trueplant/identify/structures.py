@@ -1,0 +1,193 @@
+"""Structures that are too simple for what the record shows, and the simplest richer one that is not.
+
+Each element is fitted with a structure that describes all next richer ones, and the likelihood ratio says whether its
+own suffices. Where it does not, the richer ones are fitted one by one, and the simplest of them that none of the others
+rejects is taken. All of them have noise models of their own: what a structure lacks is in its noise model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from trueplant.arrays import Array
+from trueplant.identify import levels
+from trueplant.identify.covariance import inflation
+from trueplant.identify.estimate import Options, fit_noise, largest_order
+from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.output import OutputEstimate, Rejected
+from trueplant.identify.row import Row, Spec
+from trueplant.identify.search import improved_element
+from trueplant.lti.structure import Structure, translated
+
+
+def with_structures(
+    estimate: OutputEstimate,
+    again: Callable[[Sequence[Spec]], OutputEstimate | None],
+    tested: int,
+    confidence: float,
+) -> OutputEstimate:
+    """The estimate, with richer structures for those elements whose own ones the record rejects.
+
+    `again` estimates the row with other elements. `tested` is the number of elements of the whole matrix; the chance
+    over all of them that a structure that suffices is rejected is STRUCTURE_SHARE of 1 - confidence.
+    """
+    level = levels.STRUCTURE_SHARE * (1 - confidence) / tested
+    left = set(range(len(estimate.row.specs)))
+    p = _sufficient(estimate.fit, confidence)
+    while left:
+        m = min(left, key=lambda one: float(p[one]))
+        left.remove(m)
+        found = simplest(estimate.fit, m, confidence, level) if p[m] < level else None
+        if found is None:
+            continue
+        old = estimate.row.specs[m]
+        wider = again([_wider(old, *found) if spec is old else spec for spec in estimate.row.specs])
+        if wider is not None:
+            rejected = Rejected(old.structure, min(float(p[m]) * tested, 1.0))
+            estimate = replace(wider, rejected={**estimate.rejected, old.column: rejected})
+            # What this element lacked, the others of its row may have taken on.
+            p = _sufficient(estimate.fit, confidence)
+    whole = np.ones(estimate.row.pieces[0].inputs.shape[0])
+    whole[[spec.column for spec in estimate.row.specs]] = p
+    return replace(estimate, structure_p=whole)
+
+
+def _wider(spec: Spec, structure: Structure, guess: Array) -> Spec:
+    """The element with another structure: of the model's parameters only gains still mean the same."""
+    initial = None if spec.initial is None else translated(spec.structure, np.array(spec.initial), structure)
+    same = structure.is_gain & (structure.integrators == spec.structure.integrators)
+    undeclared = tuple(int(k) for k in np.flatnonzero(~same))
+    return Spec(spec.column, structure, initial, undeclared, tuple(float(x) for x in guess))
+
+
+def _sufficient(fit: RowFit, confidence: float) -> Array:
+    return np.array([sufficient_p(fit, m, confidence) for m in range(len(fit.row.specs))])
+
+
+def sufficient_p(fit: RowFit, m: int, confidence: float = 0.95) -> float:
+    """p-value that the structure of element m suffices.
+
+    By the likelihood ratio against a structure with one lag and one lead more, which may have a complex pair.
+    """
+    structure, p = fit.row.specs[m].structure, fit.theta[fit.row.slices[m]]
+    lag, lags = _scale(structure, p), np.sort(p[structure.is_lag])
+    if lag <= 0 or not any(np.any(piece.inputs[fit.row.specs[m].column]) for piece in fit.row.pieces):
+        return 1.0
+    rivals: list[RowFit] = []
+    for share in levels.SECOND_LAGS:
+        if structure.lags:
+            wanted = replace(structure, lags=structure.lags - 1, pairs=structure.pairs + 1, leads=structure.leads + 1)
+            start = _start(structure, p, wanted, lags[:-1], _pair(lags[-1], share * lag))
+        else:
+            wanted = replace(structure, lags=1, leads=structure.leads + 1)
+            start = _start(structure, p, wanted, np.array([share * lag]))
+        rivals += _fitted(fit, m, wanted, start)
+    best = _polished(min(rivals, key=_criterion))
+    rise = fit.left * (_criterion(_polished(fit)) - _criterion(best)) / inflation(best, confidence)
+    return float(chi2.sf(max(rise, 0.0), levels.STRUCTURE_FREEDOM))
+
+
+def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Structure, Array] | None:
+    """The simplest richer structure of element m that none of the others rejects at this level, with its parameters.
+
+    None where no richer structure is better beyond chance.
+    """
+    declared = fit.row.specs[m].structure
+    found: dict[Structure, RowFit] = {}
+    for structure, start in richer(declared, fit.theta[fit.row.slices[m]]):
+        for rival in _fitted(fit, m, structure, start):
+            if structure not in found or _criterion(rival) < _criterion(found[structure]):
+                found[structure] = rival
+    found = {structure: _polished(rival) for structure, rival in found.items()}
+    taken, best = declared, _polished(fit)
+    # Real lags come before complex pairs: a pair that is damped enough describes two lags as well.
+    for structure in sorted(found, key=lambda one: (len(one.names), one.pairs, _criterion(found[one]))):
+        rise = fit.left * (_criterion(best) - _criterion(found[structure])) / inflation(found[structure], confidence)
+        more = max(len(structure.names) - len(taken.names), 1)
+        if len(found) * chi2.sf(max(rise, 0.0), more) < level:
+            taken, best = structure, found[structure]
+    return None if taken is declared else (taken, best.theta[best.row.slices[m]])
+
+
+def richer(structure: Structure, p: Array) -> Iterator[tuple[Structure, Array]]:
+    """Next richer structures with parameters to begin a search from, several of each.
+
+    They differ in what a search over time scale, dead time, gain and leads does not find: the ratios of the lags, and
+    the damping.
+    """
+    lag, lags = _scale(structure, p), np.sort(p[structure.is_lag])
+    for share in levels.SECOND_LAGS:
+        wanted = replace(structure, lags=structure.lags + 1)
+        yield wanted, _start(structure, p, wanted, np.append(lags, share * lag))
+        wanted = replace(wanted, leads=structure.leads + 1)
+        yield wanted, _start(structure, p, wanted, np.append(lags, share * lag))
+    if structure.relative_degree > 1:
+        wanted = replace(structure, leads=structure.leads + 1)
+        yield wanted, _start(structure, p, wanted, lags)
+    if structure.lags:
+        wanted = replace(structure, lags=max(structure.lags - 2, 0), pairs=structure.pairs + 1)
+        for damping in levels.PAIR_DAMPINGS:
+            yield wanted, _start(structure, p, wanted, lags[: wanted.lags], (2 / lag, damping))
+    if structure.lags and not structure.integrators and structure.relative_degree > 0:
+        wanted = replace(structure, lags=structure.lags - 1, integrators=1)
+        start = _start(structure, p, wanted, lags[:-1])
+        start[wanted.is_gain] /= lags[-1]
+        yield wanted, start
+
+
+def _scale(structure: Structure, p: Array) -> float:
+    return structure.lag(p) or structure.longest_dead_time(p)
+
+
+def _pair(one: float, other: float) -> tuple[float, float]:
+    """Natural frequency and damping ratio of two lags."""
+    root = float(np.sqrt(one * other))
+    return 1 / root, (one + other) / (2 * root)
+
+
+def _start(structure: Structure, p: Array, wanted: Structure, lags: Array, pair: tuple[float, ...] = ()) -> Array:
+    """Parameters of another structure, with these lags, and this natural frequency and damping ratio for a new pair."""
+    leads = np.append(p[structure.is_lead], _scale(structure, p) / 2)[: wanted.leads]
+    frequencies, dampings = np.append(p[structure.is_frequency], pair[:1]), np.append(p[structure.is_damping], pair[1:])
+    return wanted.parameters(p[structure.is_gain], lags, frequencies, dampings, leads, p[structure.is_dead_time])
+
+
+def _fitted(fit: RowFit, m: int, structure: Structure, start: Array) -> Iterator[RowFit]:
+    """Short fits of the row with another structure for element m.
+
+    They begin with the noise model as it is, and with none: what the structure lacked is in the first.
+    """
+    part = fit.row.slices[m]
+    specs = (*fit.row.specs[:m], Spec(fit.row.specs[m].column, structure), *fit.row.specs[m + 1 :])
+    row = Row(specs, fit.row.pieces, fit.row.stride)
+    theta = np.concatenate([fit.theta[: part.start], start, fit.theta[part.stop :]])
+    free = np.concatenate([fit.free[: part.start], np.ones(start.size, dtype=bool), fit.free[part.stop :]])
+    for ar in (fit.ar, np.zeros(0)):
+        begun = np.clip(improved_element(row, theta, ar, m), *row.bounds())
+        short = levels.TRIED_STEPS
+        rival = fit_row(row, begun, ar, weights=fit.weights, free=free, iterations=short, settled=levels.TRIED_SETTLED)
+        yield rival if ar.size else _with_noise(rival, short)
+
+
+def _polished(fit: RowFit) -> RowFit:
+    """The fit to the end, with a noise model of its own."""
+    return _with_noise(_with_noise(fit, levels.TRIED_STEPS), levels.POLISHED_STEPS)
+
+
+def _with_noise(fit: RowFit, iterations: int) -> RowFit:
+    ar = fit_noise(fit, None, largest_order(fit.row, Options().largest_order))
+    return fit_row(fit.row, fit.theta, ar, weights=fit.weights, free=fit.free, iterations=iterations)
+
+
+def _criterion(fit: RowFit) -> float:
+    """-2 log likelihood of a sample, and its share of what the noise model costs (Schwarz 1978).
+
+    Of a sample, as noise models of other orders leave other numbers of prediction errors; without the prior, as the
+    rivals have none.
+    """
+    prior, noise = fit.row.prior.penalty(fit.theta), np.log(fit.count) * fit.ar.size
+    return (fit.deviance - prior + float(noise)) / fit.count
