@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
+from trueplant.identify.blocks import most_moved
 from trueplant.identify.covariance import inflation
 from trueplant.identify.estimate import Options, fit_noise, largest_order
 from trueplant.identify.fit import RowFit, fit_row
@@ -65,7 +66,10 @@ def _wider(spec: Spec, structure: Structure, guess: Array) -> Spec:
 
 
 def _sufficient(fit: RowFit, confidence: float) -> Array:
-    return np.array([sufficient_p(fit, m, confidence) for m in range(len(fit.row.specs))])
+    """(n_specs,) by that part of a long record in which the inputs move most."""
+    row = most_moved(fit.row)
+    part = fit if row is fit.row else fit_row(row, fit.theta, fit.ar, free=fit.free)
+    return np.array([sufficient_p(part, m, confidence) for m in range(len(row.specs))])
 
 
 def sufficient_p(fit: RowFit, m: int, confidence: float = 0.95) -> float:
