@@ -172,7 +172,7 @@ def _weights_of_unknowns(unknown: Unknown, v: Array, ar: Array, use: slice | Boo
     columns, errors = whiten(ar, unknown.columns)[use], whiten(ar, v)[use]
     identifiable = identifiable_columns(columns, errors, unknown.largest)
     weights = np.zeros(identifiable.size)
-    weights[identifiable], basis = eliminated(columns[:, identifiable], errors)
+    weights[identifiable], basis = eliminated(columns.T[identifiable].T, errors)
     return weights, basis
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,7 +10,6 @@ from numba import njit
 
 from trueplant.arrays import Array, ComplexArray, IntArray
 from trueplant.identify import levels
-from trueplant.lti.structure import Structure
 
 RUN = 64
 """Samples over which an exponential is taken from a table: one product for each instead of a call."""
@@ -64,16 +62,6 @@ class Modes(NamedTuple):
     """(n_p,) the element that each parameter belongs to."""
     integrating: IntArray
     """Elements that integrate."""
-
-    @classmethod
-    def of_structures(cls, structures: Sequence[Structure]) -> Modes:
-        lags, pairs, gains = (
-            np.flatnonzero(np.concatenate(masks))
-            for masks in zip(*((s.is_lag, s.is_frequency, s.is_gain) for s in structures), strict=True)
-        )
-        element = np.repeat(np.arange(len(structures)), [len(s.names) for s in structures])
-        integrating = np.flatnonzero([s.integrators > 0 for s in structures])
-        return cls(lags, pairs, gains, element, integrating)
 
     @property
     def free_responses(self) -> int:

@@ -42,11 +42,10 @@ def _eliminated(rows: Array, target: Array) -> tuple[Array, Array]:
         rows[k] /= norms[k] if norms[k] > 0 else 1.0
     left, values, right = np.linalg.svd(_orthonormalise(rows))
     rank = np.sum(values > levels.LOST * values[0])
-    basis, weights = np.zeros((rank, rows.shape[1])), np.zeros(m)
+    shares, weights = np.array([_dot(rows[k], target) for k in range(m)]), np.zeros(m)
     for k in range(rank):
-        for j in range(m):
-            basis[k] += left[j, k] * rows[j]
-        weights += _dot(basis[k], target) / values[k] * right[k]
+        weights += _dot(np.ascontiguousarray(left[:, k]), shares) / values[k] * right[k]
+    basis = rows if rank == m else np.ascontiguousarray(left[:, :rank].T) @ rows
     return np.where(norms > 0, weights / np.maximum(norms, 1e-300), 0.0), basis
 
 

@@ -332,7 +332,14 @@ class Row:
 
     @cached_property
     def _modes(self) -> Modes:
-        return Modes.of_structures([spec.structure for spec in self.specs])
+        structures = [spec.structure for spec in self.specs]
+        return Modes(
+            np.flatnonzero(self.is_lag),
+            np.flatnonzero(self.is_frequency),
+            np.flatnonzero(self.is_gain),
+            np.repeat(np.arange(len(structures)), np.array([len(s.names) for s in structures], dtype=int)),
+            np.flatnonzero([s.integrators > 0 for s in structures]),
+        )
 
     @cached_property
     def _pasts(self) -> tuple[Past, ...]:
