@@ -76,6 +76,7 @@ ELSEWHERE = {
     "versions of file formats": {"result/schema.py:VERSION"},
     "sizes of files": {"output.py:MOST_SAMPLES"},
     "sizes of arrays held at once, which no result depends on": {
+        "identify/initial_state.py:RUN",
         "identify/noise.py:BLOCK",
         "record/laplace.py:_CHUNK",
         "record/spectra.py:BATCH",

@@ -17,8 +17,8 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.descent import Problem, descend
 from trueplant.identify.initial_state import Unknown
-from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse
-from trueplant.identify.noise import lagged, whiten, whitened_valid
+from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse, remove
+from trueplant.identify.noise import filter_rows, whiten, whitened_valid
 from trueplant.identify.row import Row
 
 
@@ -100,10 +100,10 @@ def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
     size = theta.size + ar.size
     information, slope = np.zeros((size, size)), np.zeros(size)
     power = np.zeros((len(row.pieces), 2))
-    for k, jacobian, e in linearised(row, theta, ar, weights):
-        power[k] = e @ e, e.size
-        information += jacobian @ jacobian.T
-        slope += jacobian @ e
+    for piece in linearised(row, theta, ar, weights):
+        power[piece.number] = piece.errors @ piece.errors, piece.errors.size
+        information += piece.jacobian @ piece.jacobian.T
+        slope += piece.jacobian @ piece.errors
     squares, count = float(power[:, 0].sum()), int(power[:, 1].sum())
     unit = squares / max(count, 1)
     diagonal, pull = row.prior.normal_equations(theta)
@@ -114,8 +114,24 @@ def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
     return Point(float(cost), information, slope, count, power, weights)
 
 
-def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tuple[int, Array, Array]]:
-    """Each piece's number, the derivatives (size + order, n) of its weighted prediction errors, and these (n,)."""
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Weighted prediction errors of one piece and their derivatives, operating points and initial states taken out."""
+
+    number: int
+    """Of the piece."""
+    use: slice | BoolArray
+    """The prediction errors that there are."""
+    errors: Array
+    """(n_used,)"""
+    jacobian: Array
+    """(size + order, n_used) by theta and ar."""
+    basis: Array
+    """(n_used, rank) what operating points and initial states span."""
+
+
+def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[Linearised]:
+    """The pieces that have prediction errors."""
     order = ar.size
     for k in range(len(row.pieces)):
         y, valid = row.measured(k)
@@ -129,11 +145,23 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[tu
         v = np.where(valid, y - response, 0.0)
         coefficients, basis = _weights_of_unknowns(unknown, v, ar, use)
         v = np.where(valid, v - unknown.columns @ coefficients, 0.0)
-        e = weights[k] * whiten(ar, v)[use]
-        moved = whiten(ar, gradient + unknown.gradient(coefficients))
-        jacobian = weights[k] * np.vstack([-moved.T, lagged(v, order).T])[:, use]
-        jacobian -= (jacobian @ basis) @ basis.T
-        yield k, jacobian, e
+        errors = weights[k] * whiten(ar, v)[use]
+        moved = np.ascontiguousarray(gradient.T)
+        unknown.add_gradient(coefficients, moved)
+        jacobian = _jacobian(moved, v, weights[k], ar, use)
+        remove(basis.T, jacobian)
+        yield Linearised(k, use, errors, jacobian, basis)
+
+
+def _jacobian(moved: Array, v: Array, weight: float, ar: Array, use: slice | BoolArray) -> Array:
+    """(size + order, n_used) of the weighted prediction errors; `moved` (size, n) is what theta does to the output."""
+    order, size = ar.size, len(moved)
+    first = use.start if isinstance(use, slice) else 0
+    out = np.empty((size + order, v.size - order - first))
+    filter_rows(-weight * np.concatenate([[1.0], ar]), moved, first, out[:size])
+    for lag in range(1, order + 1):
+        out[size + lag - 1] = weight * v[order + first - lag : v.size - lag]
+    return out if isinstance(use, slice) else np.compress(use, out, axis=1)
 
 
 def _weights_of_unknowns(unknown: Unknown, v: Array, ar: Array, use: slice | BoolArray) -> tuple[Array, Array]:
@@ -144,7 +172,7 @@ def _weights_of_unknowns(unknown: Unknown, v: Array, ar: Array, use: slice | Boo
     columns, errors = whiten(ar, unknown.columns)[use], whiten(ar, v)[use]
     identifiable = identifiable_columns(columns, errors, unknown.largest)
     weights = np.zeros(identifiable.size)
-    weights[identifiable], basis = eliminated(columns[:, identifiable], errors)
+    weights[identifiable], basis = eliminated(columns.T[identifiable].T, errors)
     return weights, basis
 
 
@@ -166,14 +194,9 @@ class Whitening:
     def of(cls, fit: RowFit) -> tuple[Whitening | None, ...]:
         """One a piece; None for a piece that has no prediction errors."""
         found: list[Whitening | None] = [None] * len(fit.row.pieces)
-        for k, jacobian, errors in linearised(fit.row, fit.theta, fit.ar, fit.weights):
-            y, valid = fit.row.measured(k)
-            use = _used(fit.ar.size, valid)
-            assert use is not None  # the piece has prediction errors
-            unknown = fit.row.unknown(fit.theta, k)
-            v = np.where(valid, y - fit.row.response(fit.theta, k), 0.0)
-            basis = _weights_of_unknowns(unknown, v, fit.ar, use)[1]
-            found[k] = cls(fit.ar, float(fit.weights[k]), use, basis, jacobian, errors)
+        for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
+            weight = float(fit.weights[piece.number])
+            found[piece.number] = cls(fit.ar, weight, piece.use, piece.basis, piece.jacobian, piece.errors)
         return tuple(found)
 
     def __call__(self, responses: Array) -> Array:

@@ -18,29 +18,37 @@ def whiten(ar: Array, x: Array) -> Array:
     """``x[k] + a1 x[k-1] + ... `` along the first axis of x (n,) or (n, m), without the first len(ar) samples."""
     rows = np.ascontiguousarray(x.T, dtype=float).reshape(-1, len(x))
     out = np.empty((len(rows), max(rows.shape[1] - len(ar), 0)))
-    _filter(np.asarray(ar, dtype=float), rows, out)
+    filter_rows(np.concatenate([[1.0], ar]), rows, 0, out)
     return out[0] if x.ndim == 1 else out.T
 
 
 @njit(cache=True)
-def _filter(ar: Array, rows: Array, out: Array) -> None:
-    """In blocks that stay in the fastest cache, tap by tap."""
-    p, n = ar.size, out.shape[1]
-    for i in range(rows.shape[0]):
-        for first in range(0, n, BLOCK):
-            end = min(first + BLOCK, n)
-            block = out[i, first:end]
-            block[:] = rows[i, first + p : end + p]
-            for tap in range(p):
-                past = rows[i, first + p - 1 - tap : end + p - 1 - tap]
+def filter_rows(taps: Array, rows: Array, first: int, out: Array) -> None:
+    """``taps[0] x[k] + taps[1] x[k-1] + ...`` of rows x (m, N) into (m, n), from sample k = len(taps) - 1 + first on.
+
+    In blocks that stay in the fastest cache, tap by tap.
+    """
+    p, n = taps.size - 1, out.shape[1]
+    for i in range(out.shape[0]):
+        for begin in range(0, n, BLOCK):
+            end = min(begin + BLOCK, n)
+            block = out[i, begin:end]
+            block[:] = taps[0] * rows[i, begin + first + p : end + first + p]
+            for tap in range(1, p + 1):
+                past = rows[i, begin + first + p - tap : end + first + p - tap]
                 for k in range(block.size):
-                    block[k] += ar[tap] * past[k]
+                    block[k] += taps[tap] * past[k]
 
 
+@njit(cache=True)
 def whitened_valid(order: int, valid: BoolArray) -> BoolArray:
     """Where a prediction error of this order uses measured samples only."""
-    bad = np.concatenate([[0], np.cumsum(~valid)])
-    good: BoolArray = bad[order + 1 :] == bad[: len(bad) - order - 1]
+    good = np.zeros(max(valid.size - order, 0), dtype=np.bool_)
+    run = 0
+    for k in range(valid.size):
+        run = run + 1 if valid[k] else 0
+        if k >= order:
+            good[k - order] = run > order
     return good
 
 

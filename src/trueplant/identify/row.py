@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
-from trueplant.identify.initial_state import Mode, Unknown, lag_mode, pair_modes
-from trueplant.identify.levels import LARGEST_FREE_RESPONSE
+from trueplant.identify.initial_state import Modes, Past, Unknown, unknown_of
 from trueplant.identify.prior import Prior
-from trueplant.lti.sampled import rows_response, sampled_response
+from trueplant.lti.sampled import sampled_response
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import TransferFunction
 from trueplant.record.types import Segment
@@ -207,12 +206,12 @@ class Row:
         """Does piece k start in steady state, so that it needs no free response?"""
         return self.pieces[k].starts_at_rest
 
-    @property
+    @cached_property
     def slices(self) -> tuple[slice, ...]:
         ends = np.cumsum([len(s.structure.names) for s in self.specs])
         return tuple(slice(int(e) - len(s.structure.names), int(e)) for s, e in zip(self.specs, ends, strict=True))
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Of all parameters, in the order of theta."""
         return tuple(name for spec in self.specs for name in spec.structure.names)
@@ -221,34 +220,36 @@ class Row:
     def size(self) -> int:
         return len(self.names)
 
-    @property
+    @cached_property
     def is_gain(self) -> BoolArray:
         """(size,) masks over theta: gains and slopes."""
         return self._joined(spec.structure.is_gain for spec in self.specs)
 
-    @property
+    @cached_property
     def is_lag(self) -> BoolArray:
         """(size,) time constants of real poles."""
         return self._joined(spec.structure.is_lag for spec in self.specs)
 
-    @property
+    @cached_property
     def is_frequency(self) -> BoolArray:
         """(size,) natural frequencies of complex pairs."""
         return self._joined(spec.structure.is_frequency for spec in self.specs)
 
-    @property
+    @cached_property
     def is_lead(self) -> BoolArray:
         """(size,) time constants of zeros."""
         return self._joined(spec.structure.is_lead for spec in self.specs)
 
-    @property
+    @cached_property
     def is_dead_time(self) -> BoolArray:
         """(size,)"""
         return self._joined(spec.structure.is_dead_time for spec in self.specs)
 
     @staticmethod
     def _joined(masks: Iterable[BoolArray]) -> BoolArray:
-        return np.concatenate([np.zeros(0, dtype=bool), *masks])
+        joined = np.concatenate([np.zeros(0, dtype=bool), *masks])
+        joined.flags.writeable = False
+        return joined
 
     def lag_of_dead_times(self, theta: Array) -> Array:
         """(size,) for each dead time the lag of its element, against which an error in it shows; 0 for the rest."""
@@ -311,23 +312,14 @@ class Row:
         total, gradient = np.zeros(n), np.zeros((self.size, n))
         for spec, part in zip(self.specs, self.slices, strict=True):
             u, hold = piece.inputs[spec.column], piece.hold[spec.column]
-            for block in spec.structure.gradient_blocks(theta[part]):
-                rows = rows_response(block.num, block.den, block.dead_time, u, piece.h, hold, self.stride)
-                total += rows[0]
-                for index, row in zip(block.index, rows[1:], strict=True):
-                    gradient[part.start + index] += row
+            rows = spec.structure.response_and_gradient(theta[part], u, piece.h, hold, self.stride)
+            total += rows[0]
+            gradient[part] = rows[1:]
         return total, gradient.T
 
     def unknown(self, theta: Array, k: int) -> Unknown:
         """What is linear and not known of piece k: offset, free responses of all modes of an unknown past, jumps."""
-        piece, t = self.pieces[k], self._times(k)
-        starts = ([] if self.rests(k) else [0]) + list(piece.restarts)
-        modes = [mode for start in starts for mode in self._free_responses(theta, piece, t - start * piece.h)]
-        at = np.arange(0, piece.y.size, self.stride)
-        jumps = [(at >= jump).astype(float) for jump in piece.jumps]
-        columns = np.array([np.ones(t.size), *(mode.response for mode in modes), *jumps]).T
-        largest = np.array([piece.spread, *(mode.largest for mode in modes), *(piece.spread for _ in jumps)])
-        return Unknown(columns, largest, tuple(mode.derivatives for mode in modes), self.size)
+        return unknown_of(theta, self._modes, self._pasts[k])
 
     def nuisance(self, theta: Array, k: int) -> Array:
         """Columns (n, n_z) of `unknown`."""
@@ -336,34 +328,32 @@ class Row:
     @cached_property
     def nuisance_count(self) -> int:
         """Offsets, free responses and jumps over all pieces, which are estimated along."""
-        modes = sum(s.structure.lags + 2 * s.structure.pairs + min(s.structure.integrators, 1) for s in self.specs)
-        return sum(
-            1 + (len(piece.restarts) + (not self.rests(k))) * modes + len(piece.jumps)
-            for k, piece in enumerate(self.pieces)
+        return sum(1 + past.starts.size * self._modes.free_responses + past.jumps.size for past in self._pasts)
+
+    @cached_property
+    def _modes(self) -> Modes:
+        structures = [spec.structure for spec in self.specs]
+        return Modes(
+            np.flatnonzero(self.is_lag),
+            np.flatnonzero(self.is_frequency),
+            np.flatnonzero(self.is_gain),
+            np.repeat(np.arange(len(structures)), np.array([len(s.names) for s in structures], dtype=int)),
+            np.flatnonzero([s.integrators > 0 for s in structures]),
         )
 
-    def _times(self, k: int) -> Array:
-        piece = self.pieces[k]
-        return np.asarray(piece.h * np.arange(0, piece.y.size, self.stride))
-
-    def _free_responses(self, theta: Array, piece: Piece, since: Array) -> list[Mode]:
-        """Each mode's free response at times since its start; 0 before it."""
-        began = since >= -1e-9 * piece.h
-        clock = np.where(began, since, 0.0)
-        found: list[Mode] = []
-        for spec, part in zip(self.specs, self.slices, strict=True):
-            driven = float(np.sum(np.abs(theta[part][: spec.structure.delayed]))) * piece.input_spread[spec.column]
-            for index in (int(k) for k in part.start + np.flatnonzero(spec.structure.is_lag)):
-                does = driven * theta[index] if spec.structure.integrators else driven
-                found.append(
-                    lag_mode(theta[index], index, clock, began, max(LARGEST_FREE_RESPONSE * does, piece.spread))
-                )
-            for index in (int(k) for k in part.start + np.flatnonzero(spec.structure.is_frequency)):
-                largest = max(LARGEST_FREE_RESPONSE * driven, piece.spread)
-                found += pair_modes(theta[index], theta[index + 1], index, clock, began, largest)
-            if spec.structure.integrators:
-                # At the start OP's operating point is not known; after a gap the level.
-                after_gap = not began.all()
-                level = began.astype(float) if after_gap else clock / max(piece.span, piece.h)
-                found.append(Mode(level, {}, max(driven * piece.span, piece.spread)))
-        return found
+    @cached_property
+    def _pasts(self) -> tuple[Past, ...]:
+        """Of each piece."""
+        columns = [spec.column for spec in self.specs]
+        return tuple(
+            Past(
+                np.array([*([] if self.rests(k) else [0]), *piece.restarts], dtype=np.int64),
+                np.array(piece.jumps, dtype=np.int64),
+                piece.y.size,
+                self.stride,
+                piece.h,
+                piece.spread,
+                piece.input_spread[columns],
+            )
+            for k, piece in enumerate(self.pieces)
+        )

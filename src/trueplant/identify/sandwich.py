@@ -46,10 +46,10 @@ def sandwich_covariance(fit: RowFit) -> Array:
     """Covariance (size, size) of theta, no standard error below that of the likelihood (Newey and West's weights)."""
     size = fit.theta.size + fit.ar.size
     meat = np.zeros((size, size))
-    for _, jacobian, e in linearised(fit.row, fit.theta, fit.ar, fit.weights):
-        scores = jacobian * e
+    for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
+        scores = piece.jacobian * piece.errors
         meat += scores @ scores.T
-        lags = min(RESIDUAL_LAGS, e.size // 10)
+        lags = min(RESIDUAL_LAGS, piece.errors.size // 10)
         for lag in range(1, lags + 1):
             product = scores[:, lag:] @ scores[:, :-lag].T
             meat += (1 - lag / (lags + 1)) * (product + product.T)

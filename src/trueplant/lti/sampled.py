@@ -18,8 +18,18 @@ from trueplant.lti.transfer import TransferFunction, TransferMatrix
 
 
 @njit(cache=True)
+def _multiply(a: Array, b: Array, out: Array) -> None:
+    """out = a b, of small matrices (n, n), without a call and a new array for each."""
+    out[:] = 0.0
+    for i in range(a.shape[0]):
+        for k in range(a.shape[0]):
+            for j in range(a.shape[0]):
+                out[i, j] += a[i, k] * b[k, j]
+
+
+@njit(cache=True)
 def expm(m: Array) -> Array:
-    """Matrix exponential of a small matrix by Taylor series of order 18 with scaling and squaring."""
+    """Matrix exponential of a small matrix by Taylor series of order 15 with scaling and squaring."""
     n = m.shape[0]
     norm = 0.0
     for i in range(n):
@@ -29,13 +39,16 @@ def expm(m: Array) -> Array:
         norm *= 0.5
         squarings += 1
     scaled = m / 2.0**squarings
-    total = np.eye(n)
-    power = np.eye(n)
-    for k in range(1, 19):
-        power = power @ scaled / k
-        total = total + power
+    total, next_total = np.eye(n), np.empty((n, n))
+    for k in range(15, 0, -1):
+        _multiply(scaled, total, next_total)
+        total, next_total = next_total, total
+        total /= k
+        for i in range(n):
+            total[i, i] += 1.0
     for _ in range(squarings):
-        total = total @ total
+        _multiply(total, total, next_total)
+        total, next_total = next_total, total
     return total
 
 
@@ -106,36 +119,51 @@ def discretise(a: Array, b: Array, h: float, phi: float, linear: bool) -> tuple[
 @njit(cache=True)
 def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear: bool, u: Array, every: int) -> Array:
     n, m, length = ad.shape[0], c.shape[0], u.size
-    y = np.empty((m, (length + every - 1) // every))
-    x = np.zeros(n)
-    new = np.zeros(n)
-    for k in range(length):
-        ahead = u[k - q + 1] if 0 <= k - q + 1 < length else 0.0
-        now = u[k - q] if k >= q else 0.0
-        before = u[k - q - 1] if k > q else 0.0
-        if k % every == 0:
-            held = before if phi > 0.0 else now
-            direct = (1.0 - phi) * now + phi * before if linear else held
-            for i in range(m):
-                value = d[i] * direct
-                for j in range(n):
-                    value += c[i, j] * x[j]
-                y[i, k // every] = value
+    late = np.zeros(length + 2)  # u[k - q - 1], u[k - q] and u[k - q + 1] stand at k, k + 1 and k + 2
+    for k in range(q + 1, min(length + 2, length + q + 1)):
+        late[k] = u[k - q - 1]
+    size = (length + every - 1) // every
+    states = np.empty((n, size))
+    x, new = np.zeros(n), np.zeros(n)
+    for seen in range(size):
         for i in range(n):
-            value = taps[0, i] * ahead + taps[1, i] * now + taps[2, i] * before
-            for j in range(n):
-                value += ad[i, j] * x[j]
-            new[i] = value
-        x, new = new, x
+            states[i, seen] = x[i]
+        for k in range(seen * every, min((seen + 1) * every, length)):
+            for i in range(n):
+                new[i] = taps[0, i] * late[k + 2] + taps[1, i] * late[k + 1] + taps[2, i] * late[k]
+                for j in range(n):
+                    new[i] += ad[i, j] * x[j]
+            x, new = new, x
+    y = np.zeros((m, size))
+    before = phi if linear else (1.0 if phi > 0.0 else 0.0)
+    for i in range(m):
+        for j in range(n):
+            for seen in range(size):
+                y[i, seen] += c[i, j] * states[j, seen]
+        if d[i] != 0.0:
+            for seen in range(size):
+                k = seen * every
+                y[i, seen] += d[i] * ((1.0 - before) * late[k + 1] + before * late[k])
     return y
 
 
+@njit(cache=True)
 def split_dead_time(dead_time: float, h: float) -> tuple[int, float]:
     """Whole samples q and remainder phi in [0, 1), so that dead_time = (q + phi) h."""
     samples = dead_time / h
     q = int(np.floor(samples + levels.WHOLE_SAMPLE))
     phi = samples - q
     return q, (phi if phi > levels.WHOLE_SAMPLE else 0.0)
+
+
+@njit(cache=True)
+def rows_of(num: Array, den: Array, dead_time: float, u: Array, h: float, linear: bool, every: int) -> Array:
+    """Compiled `rows_response`."""
+    a, b, c, d = realise(num, den)
+    q, phi = split_dead_time(dead_time, h)
+    ad, taps = discretise(a, b, h, phi, linear)
+    y: Array = _run(ad, taps, c, d, min(q, u.size + 1), phi, linear, u, every)
+    return y
 
 
 def rows_response(
@@ -146,11 +174,9 @@ def rows_response(
     Of the N samples only each `every`-th is returned, the first among them. Before its first sample u is zero: pass
     deviations from the operating point.
     """
-    a, b, c, d = realise(np.ascontiguousarray(num), np.ascontiguousarray(den))
-    q, phi = split_dead_time(dead_time, h)
-    linear = hold == "linear"
-    ad, taps = discretise(a, b, h, phi, linear)
-    y: Array = _run(ad, taps, c, d, min(q, u.size + 1), phi, linear, np.ascontiguousarray(u, dtype=float), every)
+    rows, common = np.ascontiguousarray(num, dtype=float), np.ascontiguousarray(den, dtype=float)
+    signal = np.ascontiguousarray(u, dtype=float)
+    y: Array = rows_of(rows, common, float(dead_time), signal, float(h), hold == "linear", every)
     return y
 
 

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.errors import FormulaError
-from trueplant.lti.sampled import rows_response
+from trueplant.lti import element
+from trueplant.lti.element import Counts
 from trueplant.lti.transfer import Term, TransferFunction
 
 _BASES = {"gain": (0, 0), "fopdt": (1, 0), "sopdt": (2, 0), "integrator": (0, 1), "pair": (0, 0)}
@@ -178,29 +179,31 @@ class Structure:
         units[self.is_damping] = ""
         return tuple(units)
 
+    @cached_property
+    def _counts(self) -> Counts:
+        """For the compiled functions of `element`."""
+        dead_times = self.delayed if self.has_dead_time else 0
+        return self.delayed, self.lags, self.pairs, self.leads, self.integrators, dead_times
+
     def polynomials(self, p: Array) -> tuple[Array, Array]:
         """Numerator and denominator without gains and dead times, descending powers."""
-        _, lags, pairs, leads, _ = self._slices()
-        num = _product([np.array([lead, 1.0]) for lead in p[leads]])
-        return num, _product(self._factors(p[lags], p[pairs]))
-
-    def _factors(self, lags: Array, pairs: Array) -> list[Array]:
-        """Factors of the denominator: lags, pairs, integrators."""
-        factors = [np.array([tau, 1.0]) for tau in lags]
-        factors += [np.array([1 / w**2, 2 * z / w, 1.0]) for w, z in pairs.reshape(-1, 2)]
-        return factors + [np.array([1.0, 0.0])] * self.integrators
+        num, den = element.polynomials(_contiguous(p), self._counts)
+        return num, den
 
     def dead_times(self, p: Array) -> Array:
         return p[self._slices()[4]] if self.has_dead_time else np.zeros(self.delayed)
 
     def response(self, p: Array, u: Array, h: float, hold: str = "zoh", every: int = 1) -> Array:
         """Sampled response to u (N,) from rest at each `every`-th sample: `sampled_response` of `transfer`."""
-        num, den = self.polynomials(p)
-        padded = np.concatenate([np.zeros(len(den) - len(num)), num]) / den[0]
-        total = np.zeros(-(-u.size // every))
-        for g, theta in zip(p[: self.delayed], self.dead_times(p), strict=True):
-            total += rows_response(g * padded[None, :], den / den[0], float(theta), u, h, hold, every)[0]
-        return total
+        y: Array = element.response(_contiguous(p), self._counts, _contiguous(u), h, hold == "linear", every)
+        return y
+
+    def response_and_gradient(self, p: Array, u: Array, h: float, hold: str = "zoh", every: int = 1) -> Array:
+        """(1 + n_p, n): the `response`, and its derivative by every parameter."""
+        rows: Array = element.response_and_gradient(
+            _contiguous(p), self._counts, _contiguous(u), h, hold == "linear", every
+        )
+        return rows
 
     def transfer(self, p: Array) -> TransferFunction:
         """The transfer function with the parameters p."""
@@ -212,39 +215,12 @@ class Structure:
 
     def gradient_blocks(self, p: Array) -> Iterator[Block]:
         """One block for each delayed term, with the derivative by every parameter that it depends on."""
-        _, lags, pairs, leads, _ = self._slices()
-        num, den = self.polynomials(p)
-        size = 2 * len(den) - 1
-        lead_coefficient = den[0] ** 2
-        factors = self._factors(p[lags], p[pairs])
-        ahead = [np.array([lead, 1.0]) for lead in p[leads]]
-
-        def row(polynomial: Array) -> Array:
-            return np.asarray(np.concatenate([np.zeros(size - len(polynomial)), polynomial]) / lead_coefficient)
-
-        shape: list[tuple[int, Array]] = []
-        for m, k in enumerate(range(lags.start, lags.stop)):
-            rest = _product(factors[:m] + factors[m + 1 :])
-            shape.append((k, -np.convolve(np.convolve(num, rest), [1.0, 0.0])))
-        for m, k in enumerate(range(pairs.start, pairs.stop, 2), start=self.lags):
-            w, z = p[k], p[k + 1]
-            rest = np.convolve(num, _product(factors[:m] + factors[m + 1 :]))
-            shape.append((k, np.convolve(rest, [2 / w**3, 2 * z / w**2, 0.0])))
-            shape.append((k + 1, np.convolve(rest, [-2 / w, 0.0])))
-        for m, k in enumerate(range(leads.start, leads.stop)):
-            shape.append((k, np.convolve(np.convolve(_product(ahead[:m] + ahead[m + 1 :]), [1.0, 0.0]), den)))
-
-        base = np.convolve(num, den)
-        for k, theta in enumerate(self.dead_times(p)):
-            g = p[k]
-            rows, index = [row(g * base), row(base)], [k]
-            for j, polynomial in shape:
-                rows.append(row(g * polynomial))
-                index.append(j)
-            if self.has_dead_time:
-                rows.append(row(-g * np.convolve(base, [1.0, 0.0])))
-                index.append(leads.stop + k)
-            yield Block(np.array(rows), np.convolve(den, den) / lead_coefficient, float(theta), tuple(index))
+        rows, den = element.gradient_polynomials(_contiguous(p), self._counts)
+        last = len(self.names) - self.delayed if self.has_dead_time else len(self.names)
+        for k in range(self.delayed):
+            index = [k, *range(self.delayed, last), *([last + k] if self.has_dead_time else [])]
+            num, dead_time = element.delayed_term(_contiguous(p), self._counts, rows, k)
+            yield Block(num, den, dead_time, tuple(index))
 
     def gradient(self, p: Array, s: ComplexArray) -> ComplexArray:
         """Derivative of the response at complex s (n_s,) by each parameter: (n_s, n_p)."""
@@ -301,11 +277,8 @@ def gain_unit(output_unit: str, input_unit: str) -> str:
     return f"{single(output_unit or '1')}/{single(input_unit)}" if input_unit else output_unit
 
 
-def _product(factors: list[Array]) -> Array:
-    out = np.ones(1)
-    for factor in factors:
-        out = np.convolve(out, factor)
-    return out
+def _contiguous(x: Array) -> Array:
+    return np.ascontiguousarray(x, dtype=float)
 
 
 def structure_of(system: TransferFunction) -> tuple[Structure, Array]:
