@@ -39,7 +39,7 @@ def grid_guess(row: Row, theta: Array, ar: Array, rounds: int = 2, largest: int 
     for _ in range(rounds):
         before = theta.copy()
         for m in range(len(row.specs)):
-            theta = improved_element(row, theta, ar, m)
+            theta = improved_element(row, theta, ar, m)[0]
         if np.allclose(theta, before, rtol=1e-12, atol=0):
             break
     return _least_squares_gains(row, theta, ar)
@@ -78,8 +78,11 @@ def dead_time_grid(row: Row, m: int, p: Array, h: float, finest: int = 48) -> Ar
     return np.unique(np.round(np.linspace(0, count, min(count + 1, finest))).astype(int))
 
 
-def improved_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
-    """theta with the time scale, the dead time, the gain and the leads of element m that the data prefer."""
+def improved_element(row: Row, theta: Array, ar: Array, m: int) -> tuple[Array, float]:
+    """theta with the time scale, the dead time, the gain and the leads of element m that the data prefer.
+
+    And how much of the squares of PV it then explains that the other elements do not.
+    """
     structure, part = row.specs[m].structure, row.slices[m]
     unit = _unit(row, theta, m)
     exponents = structure.time_scales
@@ -118,7 +121,7 @@ def improved_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
     top = np.sum(weights * moment, axis=-1)
     a, b = divmod(int(np.argmax(top)), shifts.size)
     if top[a, b] <= 0:
-        return theta
+        return theta, 0.0
     p = unit * levels.STRETCH[a] ** exponents
     if dead.any():
         p[dead] = unit[dead] - unit[dead].min() + shifts[b] * h
@@ -127,7 +130,7 @@ def improved_element(row: Row, theta: Array, ar: Array, m: int) -> Array:
         p[structure.is_lead] = -np.real(1 / np.roots(weights[a, b]))
     theta = theta.copy()
     theta[part] = p
-    return theta
+    return theta, float(top[a, b])
 
 
 def _numerators(structure: Structure, p: Array) -> Array:

@@ -81,15 +81,15 @@ def sufficient_p(fit: RowFit, m: int, confidence: float = 0.95) -> float:
     lag, lags = _scale(structure, p), np.sort(p[structure.is_lag])
     if lag <= 0 or not any(np.any(piece.inputs[fit.row.specs[m].column]) for piece in fit.row.pieces):
         return 1.0
-    rivals: list[RowFit] = []
+    starts = []
     for share in levels.SECOND_LAGS:
         if structure.lags:
             wanted = replace(structure, lags=structure.lags - 1, pairs=structure.pairs + 1, leads=structure.leads + 1)
-            start = _start(structure, p, wanted, lags[:-1], _pair(lags[-1], share * lag))
+            starts.append(_start(structure, p, wanted, lags[:-1], _pair(lags[-1], share * lag)))
         else:
             wanted = replace(structure, lags=1, leads=structure.leads + 1)
-            start = _start(structure, p, wanted, np.array([share * lag]))
-        rivals += _fitted(fit, m, wanted, start)
+            starts.append(_start(structure, p, wanted, np.array([share * lag])))
+    rivals = _fitted(fit, m, wanted, starts)
     best = _polished(min(rivals, key=_criterion))
     rise = fit.left * (_criterion(_polished(fit)) - _criterion(best)) / inflation(best, confidence)
     return float(chi2.sf(max(rise, 0.0), levels.STRUCTURE_FREEDOM))
@@ -101,12 +101,12 @@ def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Stru
     None where no richer structure is better beyond chance.
     """
     declared = fit.row.specs[m].structure
-    found: dict[Structure, RowFit] = {}
+    starts: dict[Structure, list[Array]] = {}
     for structure, start in richer(declared, fit.theta[fit.row.slices[m]]):
-        for rival in _fitted(fit, m, structure, start):
-            if structure not in found or _criterion(rival) < _criterion(found[structure]):
-                found[structure] = rival
-    found = {structure: _polished(rival) for structure, rival in found.items()}
+        starts.setdefault(structure, []).append(start)
+    found = {
+        structure: _polished(min(_fitted(fit, m, structure, own), key=_criterion)) for structure, own in starts.items()
+    }
     taken, best = declared, _polished(fit)
     # Real lags come before complex pairs: a pair that is damped enough describes two lags as well.
     for structure in sorted(found, key=lambda one: (len(one.names), one.pairs, _criterion(found[one]))):
@@ -160,21 +160,25 @@ def _start(structure: Structure, p: Array, wanted: Structure, lags: Array, pair:
     return wanted.parameters(p[structure.is_gain], lags, frequencies, dampings, leads, p[structure.is_dead_time])
 
 
-def _fitted(fit: RowFit, m: int, structure: Structure, start: Array) -> Iterator[RowFit]:
-    """Short fits of the row with another structure for element m.
+def _fitted(fit: RowFit, m: int, structure: Structure, starts: Sequence[Array]) -> list[RowFit]:
+    """Short fits of the row with another structure for element m, each from the best of the starts.
 
     They begin with the noise model as it is, and with none: what the structure lacked is in the first.
     """
     part = fit.row.slices[m]
     specs = (*fit.row.specs[:m], Spec(fit.row.specs[m].column, structure), *fit.row.specs[m + 1 :])
     row = Row(specs, fit.row.pieces, fit.row.stride)
-    theta = np.concatenate([fit.theta[: part.start], start, fit.theta[part.stop :]])
-    free = np.concatenate([fit.free[: part.start], np.ones(start.size, dtype=bool), fit.free[part.stop :]])
+    new = np.ones(len(structure.names), dtype=bool)
+    free = np.concatenate([fit.free[: part.start], new, fit.free[part.stop :]])
+    whole = [np.concatenate([fit.theta[: part.start], start, fit.theta[part.stop :]]) for start in starts]
+    short, near = levels.TRIED_STEPS, levels.TRIED_SETTLED
+    rivals = []
     for ar in (fit.ar, np.zeros(0)):
-        begun = np.clip(improved_element(row, theta, ar, m), *row.bounds())
-        short = levels.TRIED_STEPS
-        rival = fit_row(row, begun, ar, weights=fit.weights, free=free, iterations=short, settled=levels.TRIED_SETTLED)
-        yield rival if ar.size else _with_noise(rival, short)
+        begun = max((improved_element(row, theta, ar, m) for theta in whole), key=lambda found: found[1])[0]
+        begun = np.clip(begun, *row.bounds())
+        rival = fit_row(row, begun, ar, weights=fit.weights, free=free, iterations=short, settled=near)
+        rivals.append(rival if ar.size else _with_noise(rival, short))
+    return rivals
 
 
 def _polished(fit: RowFit) -> RowFit:
