@@ -82,12 +82,17 @@ def _from_grid(row: Row, model: Array, order: int | None, limit: int) -> RowFit:
     fit = fit_row(row, fit.theta, np.zeros(0))
     fit = _with_noise(fit, order, limit, iterations=25)
     # The grid again, now weighted by the noise model, and the model itself as another initial guess.
-    again = grid_guess(row, fit.theta, fit.ar, rounds=1)
-    for other in (again, model):
-        rival = fit_row(row, other, fit.ar, weights=fit.weights, reweight=False, iterations=25)
-        if rival.cost < fit.cost * (1 - levels.BETTER):
-            fit = rival
+    fit = _tried(fit, model)
+    while (better := _tried(fit, grid_guess(row, fit.theta, fit.ar, rounds=1))) is not fit:
+        fit = better
     return fit
+
+
+def _tried(fit: RowFit, theta: Array) -> RowFit:
+    """The fit, or a better one from another initial guess."""
+    rival = fit_row(fit.row, theta, fit.ar, weights=fit.weights, reweight=False, iterations=25)
+    gain = fit.left * np.log(max(fit.cost, np.finfo(float).tiny) / max(rival.cost, np.finfo(float).tiny))
+    return rival if gain > levels.TRIED_SETTLED else fit
 
 
 def _from_model(row: Row, model: Array, order: int | None, limit: int) -> RowFit:
