@@ -60,7 +60,7 @@ STAGES = {
     "project": "project file",
     "reading": "reading",
     "screening": "screening",
-    "checking": "controllers replayed",
+    "checking": "controllers checked",
     "estimating": "estimates",
     "comparing": "other methods",
     "putting": "result put together",

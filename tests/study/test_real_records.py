@@ -10,7 +10,9 @@ import pytest
 
 from support import ROOT
 from trueplant import Project, Result, run
-from trueplant.result import Element, Parameter
+from trueplant.result import ControllerCheck, Element, Parameter
+from trueplant.study.data.controller_check import check_controllers
+from trueplant.study.data.prepare import prepare
 
 pytestmark = pytest.mark.real
 EXAMPLES = ROOT / "examples"
@@ -142,15 +144,30 @@ def test_refinery_loops_have_a_gain_and_no_dynamics(real_data, name):
         assert 1.4 < gain.plant < 1.8
 
 
-def test_oven_whose_controller_is_not_what_its_owner_declared(real_data):
-    result = analysed("pid_oven_20180114")
-    by_run = {entry["experiment"]: entry for entry in result.to_dict()["methods"]["controller_consistency"]}
+def consistency(project: Project) -> dict[str, ControllerCheck]:
+    return {check.experiment: check for check in check_controllers(prepare(project))}
+
+
+def test_oven_whose_controller_is_not_what_its_owner_believed(real_data):
+    """His program ran every 0.25 s, not every 0.1 s: the integral is 0.4 times, the derivative 2.5 times as strong."""
+    acts = Project.load(EXAMPLES / "pid_oven_20180114.toml")
+    assert {name: check.confirmed for name, check in consistency(acts).items()} == dict.fromkeys(
+        consistency(acts), True
+    )
+    believed = acts.to_toml()
+    for one, other in (("Ki = 0.2", "Ki = 0.5"), ("Kd = 2.5", "Kd = 1.0"), ("Kd = 1.25", "Kd = 0.5")):
+        assert one in believed
+        believed = believed.replace(one, other)
+    found = consistency(Project.from_toml(believed, EXAMPLES))
     # Only P acts in run 5, so that a wrong period does not show there.
-    assert [entry["confirmed"] for name, entry in sorted(by_run.items()) if "run5" in name] == [True]
-    wrong = [entry for name, entry in by_run.items() if "run5" not in name]
+    assert {name: check.confirmed for name, check in found.items()} == {name: "run5" in name for name in found}
+    wrong = [check for name, check in found.items() if "run5" not in name]
     assert len(wrong) == 2
-    assert not any(entry["confirmed"] for entry in wrong)
-    assert sum(note.code == "controller" for note in result.notes) == 2
+    for check in wrong:
+        ratios = {ratio.name: ratio.value for ratio in check.ratios}
+        assert ratios["gain"] == pytest.approx(1.0, abs=0.01)
+        assert ratios["integral time"] == pytest.approx(2.5, rel=0.03)
+        assert ratios["derivative time"] == pytest.approx(2.5, rel=0.03)
 
 
 def test_oven_runs_together_confirm_the_controller_and_claim_no_more_than_they_know(real_data):

@@ -3,6 +3,7 @@
 from trueplant.loop.closed import LoopFunctions, check_loop, complementary, loop_functions, sensitivity
 from trueplant.loop.controller import Controller
 from trueplant.loop.linear import LinearLoop
+from trueplant.loop.parts import Kind, Part, Sum, law_parts
 from trueplant.loop.pid import PID, Linear
 from trueplant.loop.signals import alternating_steps, ar1, arma, drift, random_steps, step_disturbance
 from trueplant.loop.simulate import Simulation, replay, simulate
@@ -12,10 +13,13 @@ from trueplant.loop.valve import Valve
 __all__ = [
     "PID",
     "Controller",
+    "Kind",
     "Linear",
     "LinearLoop",
     "LoopFunctions",
+    "Part",
     "Simulation",
+    "Sum",
     "Valve",
     "alternating_steps",
     "ar1",
@@ -23,6 +27,7 @@ __all__ = [
     "check_loop",
     "complementary",
     "drift",
+    "law_parts",
     "loop_functions",
     "random_steps",
     "replay",

@@ -57,7 +57,7 @@ class StateSpace(NamedTuple):
 def law_of(controller: Controller, h: float) -> Law:
     """The recursion for steps of h. Raises LoopError for what cannot be run in time."""
     n = len(controller.entries)
-    systems = [_dynamics(entry, place) for place, entry in controller.entries.items()]
+    systems = [dynamics(entry, place) for place, entry in controller.entries.items()]
     width = max([1, *(s.b.size for s in systems)])
     law = Law(
         i=np.array([i for i, _ in controller.entries], dtype=np.int64),
@@ -92,7 +92,7 @@ def _scan_steps(entry: Entry, h: float) -> int:
     return steps
 
 
-def _dynamics(entry: Entry, place: tuple[int, int]) -> StateSpace:
+def dynamics(entry: Entry, place: tuple[int, int]) -> StateSpace:
     """What of the entry has states besides the integral: the filtered derivative, or the transfer function."""
     where = f"the controller from output {place[1] + 1} to input {place[0] + 1}"
     if isinstance(entry, PID):
@@ -102,10 +102,10 @@ def _dynamics(entry: Entry, place: tuple[int, int]) -> StateSpace:
         if tf == 0:
             raise LoopError(f"{where} has a derivative without a filter: give it a filter time or a sample_time")
         return StateSpace(np.array([[-1 / tf]]), np.array([1 / tf]), np.array([-kd / tf]), kd / tf)
-    return _state_space(entry.tf, where)
+    return state_space(entry.tf, where)
 
 
-def _state_space(system: TransferFunction, where: str) -> StateSpace:
+def state_space(system: TransferFunction, where: str) -> StateSpace:
     if not system.is_proper:
         raise LoopError(f"{where} is improper ({system}): add a filter to run it in time")
     if any(term.dead_time for term in system.terms):
@@ -127,7 +127,7 @@ def _state_space(system: TransferFunction, where: str) -> StateSpace:
     return StateSpace(a, b, c, float(sum(d[0] for *_, d in parts)))
 
 
-def _backward(system: StateSpace, h: float) -> tuple[Array, Array, Array, float]:
+def backward(system: StateSpace, h: float) -> tuple[Array, Array, Array, float]:
     """x[k] = a x[k-1] + b e[k], y[k] = c x[k-1] + d e[k]: s replaced by (1 - z^-1)/h."""
     m: Array = np.linalg.inv(np.eye(system.b.size) - h * system.a).astype(np.float64)
     b = m @ system.b * h
@@ -151,7 +151,7 @@ def _fill(law: Law, e: int, entry: Entry, system: StateSpace, h: float) -> None:
             return
     n = system.b.size
     if entry.sample_time is not None:
-        a, b, c, d0 = _backward(system, entry.sample_time)
+        a, b, c, d0 = backward(system, entry.sample_time)
         d1 = 0.0
     else:
         joint = np.zeros((n + 1, n + 1))
@@ -171,19 +171,28 @@ def filtered_setpoint(entry: Entry, r: Array, h: float, start: float) -> Array:
         return r
     if entry.sample_time is None:
         return start + sampled_response(prefilter, r - start, h)
-    m, b, c, d = _backward(_state_space(prefilter, "the set-point filter"), entry.sample_time)
+    m, b, c, d = backward(state_space(prefilter, "the set-point filter"), entry.sample_time)
     every = _scan_steps(entry, h)
-    out: Array = start + np.repeat(_recursion(m, b, c, d, r[::every] - start), every)[: r.size]
+    out: Array = start + np.repeat(recursion(m, b, c, d, r[::every] - start), every)[: r.size]
     return out
 
 
 @njit(cache=True)
-def _recursion(a: Array, b: Array, c: Array, d: float, e: Array) -> Array:
+def recursion(a: Array, b: Array, c: Array, d: float, e: Array) -> Array:
+    """y[k] = c x + d e[k], x = a x + b e[k] from x = 0."""
+    n = b.size
     y = np.empty(e.size)
-    x = np.zeros(b.size)
+    x, new = np.zeros(n), np.zeros(n)
     for k in range(e.size):
-        y[k] = c @ x + d * e[k]
-        x = a @ x + b * e[k]
+        out = d * e[k]
+        for p in range(n):
+            out += c[p] * x[p]
+            state = b[p] * e[k]
+            for q in range(n):
+                state += a[p, q] * x[q]
+            new[p] = state
+        y[k] = out
+        x, new = new, x
     return y
 
 

@@ -29,6 +29,17 @@ class MethodElement:
 
 
 @dataclass(frozen=True)
+class LawRatio:
+    """A gain or a time of the law that wrote OP over the declared one."""
+
+    output: str
+    name: str
+    """"gain", "integral time" or "derivative time"; of a transfer function its integral and all else."""
+    value: float
+    std_error: float
+
+
+@dataclass(frozen=True)
 class ControllerCheck:
     """Does a declared controller reproduce OP?"""
 
@@ -38,12 +49,14 @@ class ControllerCheck:
     confirmed: bool | None
     """None where it cannot be checked."""
     rms: float | None
-    """Of recorded less replayed OP, in its unit."""
+    """Of OP less what the law as declared makes of set-points and PVs within short windows, in its unit."""
     message: str
     relative: float | None = None
     """The same relative to OP's own movement."""
     since: float | None = field(default=None, metadata=key("from"))
     """From when on they differ; None if throughout, or not at all."""
+    ratios: tuple[LawRatio, ...] = ()
+    """For each output that the law acts on: its gain, integral time and derivative time."""
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from trueplant.project import Project
 from trueplant.result import Code, Reason, Result
 from trueplant.study.assemble import Checked, Found, assemble, refused
 from trueplant.study.data.cascade import check_cascades
+from trueplant.study.data.controller_check import check_controllers
 from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.nonparametric import coherence_of
 from trueplant.study.data.prepare import prepare
-from trueplant.study.data.replay import check_controllers
 from trueplant.study.experiment.plans import more_data
 from trueplant.study.loops.retuning import Retuning, retuning_of
 from trueplant.study.loops.robustness import LoopToday, robustness_of

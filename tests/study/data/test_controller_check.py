@@ -1,0 +1,194 @@
+"""The declared controller against the OP that it wrote, summed up, limited and started in every way (simulated)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from support.laws import STARTS, SUMS, WINDUPS, Law, Loop, drawn
+from trueplant import Project
+from trueplant.loop import PID, Controller, Linear, simulate
+from trueplant.lti import TransferMatrix, tf
+from trueplant.result import ControllerCheck
+from trueplant.study.data.controller_check import check_controllers
+from trueplant.study.data.prepare import prepare
+
+WRONG = [{"gain": 1.1}, {"gain": 0.9}, {"ti": 1.25}, {"ti": 0.75}]
+PI = Law(Kc=2.0, Ti=40.0)
+
+
+def checked(loop: Loop, frame: pl.DataFrame | None = None, **declared: Any) -> ControllerCheck:
+    study = prepare(loop.project(**declared), frames=[loop.record() if frame is None else frame])
+    return check_controllers(study)[0]
+
+
+def ratios(check: ControllerCheck) -> dict[str, float]:
+    return {r.name: r.value for r in check.ratios}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("decade", range(30))
+def test_a_right_law_is_confirmed_and_a_wrong_one_is_found_out(decade):
+    """300 seeds over P, PI and PID, three sums, five wind-ups, derivative on error and PV, started at rest and not.
+
+    With two manual stretches, 0.25 % of PV lost or wrong in the record alone, OP and PV rounded, OP at its limits. The
+    200 with an integral are declared with another time, too.
+    """
+    for seed in range(10 * decade, 10 * decade + 10):
+        loop = drawn(seed)
+        study = prepare(loop.project(), frames=[loop.record()])
+        right = check_controllers(study)[0]
+        assert right.confirmed is True, f"{seed}: {right.message}"
+        for declared in WRONG:
+            if loop.law.Ti or "ti" not in declared:
+                law = loop.project(**declared).controller(0)
+                wrong = check_controllers(replace(study, records=replace(study.records, declared=(law,))))[0]
+                assert wrong.confirmed is False, f"{seed}, {declared}: {wrong.message}"
+
+
+@pytest.mark.parametrize("how", SUMS)
+@pytest.mark.parametrize("windup", WINDUPS)
+def test_each_sum_and_wind_up(how, windup):
+    law = replace(PI, sum=how, windup=windup, Td=3.0, alpha=0.2, derivative_on="pv", start=STARTS[1])
+    loop = Loop(law, gain=1.2, limits=(42.0, 60.0), offset=8.0, manual=((700, 900),), bad=0.0025, seed=3)
+    frame = loop.record()
+    assert 0.01 < np.mean(np.isin(frame["op"], (42.0, 60.0))) < 0.4
+    right = checked(loop, frame)
+    assert right.confirmed is True, right.message
+    assert f"the integral a {how} sum" in right.message
+    for declared in WRONG:
+        wrong = checked(loop, frame, **declared)
+        assert wrong.confirmed is False, wrong.message
+
+
+def test_the_gains_and_times_found_are_those_of_the_law():
+    wrong = checked(Loop(replace(PI, Td=4.0), seed=5), gain=0.8, ti=1.5)
+    found = ratios(wrong)
+    errors = {r.name: r.std_error for r in wrong.ratios}
+    for name, true in {"gain": 1 / 0.8, "integral time": 1 / 1.5, "derivative time": 1.0}.items():
+        assert found[name] == pytest.approx(true, abs=4 * errors[name]), wrong.message
+    assert "throughout" in wrong.message
+
+
+@pytest.mark.parametrize(("pv_digits", "op_digits"), [(0.01, 0.01), (0.2, 0.1), (0.5, 0.1)])
+def test_the_standard_errors_know_the_rounding(pv_digits, op_digits):
+    """30 records with noise of 0.3: errors in standard errors have mean 0 and the usual size 1.
+
+    Where few windows bear the information on the integral, single ones reach 5 (of 0.02 %).
+    """
+    loops = [
+        Loop(PI, noise=0.3, pv_digits=pv_digits, op_digits=op_digits, samples=1500, seed=seed) for seed in range(30)
+    ]
+    found = [checked(loop).ratios for loop in loops]
+    for k, name in enumerate(("gain", "integral time")):
+        z = np.array([(one[k].value - 1) / one[k].std_error for one in found])
+        assert [one[k].name for one in found] == [name] * 30
+        assert abs(np.mean(z)) < 3 / np.sqrt(30), name
+        assert 0.4 < 1.48 * np.median(np.abs(z)) < 1.4, name
+        assert np.sum(np.abs(z) > 3) <= 2, name
+
+
+def test_another_tuning_is_dated():
+    before = Loop(PI, seed=7)
+    after = replace(before, law=replace(PI, Kc=2.6), seed=8)
+    first, second = before.record(), after.record()
+    frame = pl.concat([first, second.with_columns(pl.col("t") + before.samples)])
+    found = checked(before, frame)
+    assert found.confirmed is False
+    assert found.since == pytest.approx(before.samples, abs=200)
+    assert ratios(found)["gain"] > 1.05
+    assert "from then on it is gain 1.30" in found.message
+
+
+@pytest.mark.parametrize(("on", "words"), [("pv", "the derivative on PV"), ("error", "the derivative on the error")])
+def test_a_derivative_on_the_other_signal_is_named(on, words):
+    loop = Loop(replace(PI, Td=6.0, derivative_on=on), seed=9)
+    other = replace(loop, law=replace(loop.law, derivative_on="pv" if on == "error" else "error"))
+    found = checked(other, loop.record())
+    assert found.confirmed is False
+    assert words in found.message
+
+
+def test_an_undeclared_integral_is_found_out():
+    loop = Loop(PI, seed=11)
+    found = checked(replace(loop, law=Law(Kc=2.0)), loop.record())
+    assert found.confirmed is False, found.message
+
+
+def test_an_op_that_hardly_moves_tells_nothing():
+    loop = Loop(PI, size=0.0, noise=0.05, pv_digits=0.5, op_digits=0.5, seed=1)
+    found = checked(loop)
+    assert found.confirmed is None
+    assert found.message.startswith("the controller cannot be checked: ")
+
+
+def declared_loops(laws: Controller, plant: TransferMatrix, controllers: list[Mapping[str, Any]]) -> ControllerCheck:
+    """The first OP of a loop with one or two outputs under `laws`, checked against what is declared."""
+    n_y, n_u = plant.shape
+    rng = np.random.default_rng(1)
+    r = np.cumsum(rng.choice([-1.0, 0.0, 1.0], (2000, n_y), p=[0.005, 0.99, 0.005]), axis=0)
+    made = simulate(plant, laws, r, 1.0, noise=0.05, quantisation=0.01, seed=2)
+    columns = (
+        {"t": made.t} | {f"sp{j}": made.r[:, j] for j in range(n_y)} | {f"pv{j}": made.y[:, j] for j in range(n_y)}
+    )
+    frame = pl.DataFrame(columns | {f"op{i}": np.round(made.u[:, i], 2) for i in range(n_u)})
+    project = Project(
+        time_unit="s",
+        data={"files": ["loops.csv"], "time": "t"},
+        output=[{"name": f"y{j}", "pv": f"pv{j}", "sp": f"sp{j}"} for j in range(n_y)],
+        input=[{"name": f"u{i}", "op": f"op{i}"} for i in range(n_u)],
+        model=[{"output": f"y{j}", "input": "u0", "tf": "1/(30 s + 1)"} for j in range(n_y)],
+        controller=list(controllers),
+    )
+    return check_controllers(prepare(project, frames=[frame]))[0]
+
+
+@pytest.mark.parametrize(("factor", "confirmed"), [("2", True), ("2.2", False)])
+def test_a_transfer_function_is_checked_by_its_own_recursion(factor, confirmed):
+    law = "(20 s + 1) (2 s + 1)/(20 s (0.5 s + 1))"
+    entry = Linear(tf(f"2 {law}"), sample_time=1.0)
+    plant = TransferMatrix.of([["exp(-3 s)/(30 s + 1)"]])
+    declared = {"input": "u0", "output": "y0", "tf": f"{factor} {law}", "sample_time": 1.0}
+    found = declared_loops(Controller.diagonal([entry]), plant, [declared])
+    assert found.confirmed is confirmed, found.message
+
+
+def test_two_outputs_that_write_one_op_are_told_apart():
+    laws = Controller(
+        {(0, 0): PID(Kc=1.5, Ti=30.0, sample_time=1.0), (0, 1): PID(Kc=0.6, Ti=50.0, sample_time=1.0)}, 1, 2
+    )
+    plant = TransferMatrix.of([["exp(-3 s)/(30 s + 1)"], ["0.4 exp(-5 s)/(20 s + 1)"]])
+    right = [
+        {"input": "u0", "output": "y0", "Kc": 1.5, "Ti": 30.0, "sample_time": 1.0},
+        {"input": "u0", "output": "y1", "Kc": 0.6, "Ti": 50.0, "sample_time": 1.0},
+    ]
+    assert declared_loops(laws, plant, right).confirmed is True
+    found = declared_loops(laws, plant, [right[0], right[1] | {"Kc": 0.72}])
+    assert found.confirmed is False
+    values = {(r.output, r.name): r.value for r in found.ratios}
+    assert values.pop(("y1", "gain")) == pytest.approx(0.6 / 0.72, abs=0.01)
+    assert len(values) == 3
+    assert all(value == pytest.approx(1.0, abs=0.01) for value in values.values())
+
+
+def test_a_slower_scan_is_found_by_when_op_moves():
+    law = PID(Kc=1.5, Ti=30.0, sample_time=4.0)
+    plant = TransferMatrix.of([["exp(-3 s)/(30 s + 1)"]])
+    for declared, confirmed in (({}, True), ({"sample_time": 4.0}, True), ({"Kc": 1.9}, False)):
+        table = {"input": "u0", "output": "y0", "Kc": 1.5, "Ti": 30.0} | declared
+        found = declared_loops(Controller.diagonal([law]), plant, [table])
+        assert found.confirmed is confirmed, found.message
+
+
+def test_scans_that_are_no_whole_samples_cannot_be_checked():
+    law = PID(Kc=1.5, Ti=30.0, sample_time=1.0)
+    plant = TransferMatrix.of([["exp(-3 s)/(30 s + 1)"]])
+    table = {"input": "u0", "output": "y0", "Kc": 1.5, "Ti": 30.0, "sample_time": 2.5}
+    found = declared_loops(Controller.diagonal([law]), plant, [table])
+    assert found.confirmed is None
+    assert "whole multiple" in found.message
