@@ -3,6 +3,7 @@
 from trueplant.loop.closed import LoopFunctions, check_loop, complementary, loop_functions, sensitivity
 from trueplant.loop.controller import Controller
 from trueplant.loop.linear import LinearLoop
+from trueplant.loop.loads import Coloured, Filtered, Load, Ramp, RandomWalk, Step
 from trueplant.loop.pid import PID, Linear
 from trueplant.loop.signals import alternating_steps, ar1, arma, drift, random_steps, step_disturbance
 from trueplant.loop.simulate import Simulation, replay, simulate
@@ -11,11 +12,17 @@ from trueplant.loop.valve import Valve
 
 __all__ = [
     "PID",
+    "Coloured",
     "Controller",
+    "Filtered",
     "Linear",
     "LinearLoop",
+    "Load",
     "LoopFunctions",
+    "Ramp",
+    "RandomWalk",
     "Simulation",
+    "Step",
     "Valve",
     "alternating_steps",
     "ar1",
