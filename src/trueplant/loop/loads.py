@@ -223,7 +223,7 @@ def _acting(given: Loads | None, grid: Grid, n: int, rng: np.random.Generator, n
     """(steps, n) each: the sum of what holds between the instants, and of what runs straight."""
     held, straight = np.zeros((grid.steps, n)), np.zeros((grid.steps, n))
     loads = _loads_of(given)
-    if not loads:
+    if not loads and not (isinstance(given, (list, tuple)) and not given):
         return signal_of(cast("ArrayLike | None", given), held.shape, name), straight
     for load, own in zip(loads, rng.spawn(len(loads)), strict=True):
         total = straight if load.straight else held
