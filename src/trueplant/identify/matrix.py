@@ -8,6 +8,8 @@ from functools import partial
 
 import numpy as np
 
+from trueplant.identify.estimate import Options
+from trueplant.identify.fit import RowFit
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
 from trueplant.identify.row import Held, Spec
@@ -39,13 +41,15 @@ def identify_matrix(
     update_interval: float = 0.0,
     timing: float = 0.0,
     tell: Callable[[int], None] | None = None,
+    starts: Mapping[int, RowFit] | None = None,
 ) -> dict[int, OutputEstimate]:
     """The estimate of each output that has elements to estimate and data to do it from.
 
     `model` (n_y, n_u + n_d) holds the elements that are not in `specs` at their values; those of its zeros that the
     record shows to act are estimated along (`with_missing`). `update_interval` is the time between real updates of
     PV, `timing` the standard error of the instants (`Sampling`). `tell` is told the number of each output
-    before it is estimated.
+    before it is estimated. `starts` are fits of outputs on nearly the same data: these are neither searched anew nor
+    looked over for missing elements.
     """
     everywhere = list(specs.values())
     sampling = Sampling(
@@ -56,7 +60,7 @@ def identify_matrix(
     )
     places = np.ndindex(*model.shape)
     absent = [place for place in places if place not in specs and model[place].is_zero]
-    estimates = {}
+    estimates: dict[int, OutputEstimate] = {}
     for i in range(model.shape[0]):
         own = [spec for (row, _), spec in sorted(specs.items()) if row == i]
         held = [Held(j, model[i, j]) for j in range(model.shape[1]) if (i, j) not in specs and not model[i, j].is_zero]
@@ -71,6 +75,12 @@ def identify_matrix(
             sampling=sampling,
             time_scale=typical_lag(everywhere),
         )
+        start = None if starts is None else starts.get(i)
+        if start is not None:
+            kept = [one for one in held if one.column not in {spec.column for spec in start.row.specs}]
+            again = estimate(start.row.specs, held=kept, options=Options(start=start))
+            estimates |= {} if again is None else {i: again}
+            continue
         found = estimate(own)
         if found is not None:
             found = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))

@@ -6,7 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from trueplant.disturbance import DisturbedFit
-from trueplant.identify import FoundValve, OutputEstimate, Spec, behind_valves, find_valves, identify_matrix
+from trueplant.identify import (
+    FoundHold,
+    FoundValve,
+    OutputEstimate,
+    RowFit,
+    Spec,
+    behind_valves,
+    find_holds,
+    find_valves,
+    identify_matrix,
+    widened_for_holds,
+    with_holds,
+)
 from trueplant.record import Segment
 from trueplant.result import Code, Reason
 from trueplant.study.data.excitation import unmoved_outputs
@@ -32,6 +44,8 @@ class Identified:
     notes: tuple[Reason, ...] = ()
     valves: Mapping[int, FoundValve] = field(default_factory=dict)
     """By input: valves that do not follow OP; the segments then have the positions of their stems for it."""
+    holds: Mapping[int, FoundHold] = field(default_factory=dict)
+    """By column: measured disturbances of which the project does not say how they run between samples."""
 
     def of_experiment(self, k: int) -> tuple[Segment, ...]:
         """The segments of one experiment."""
@@ -40,8 +54,12 @@ class Identified:
 
 def identify(study: Study, say: Progress = quiet) -> Identified:
     """Estimate all elements of all outputs, with the unmeasured disturbances that the project declares."""
-    segments = study.segments
-    estimates = estimate(study, segments, say)
+    estimates, segments = estimate(study, study.segments, say), study.segments
+    holds = find_holds(estimates, study.model, study.holds_to_find)
+    if any(found.hold == "zoh" for found in holds.values()):
+        segments = with_holds(segments, holds)
+        starts = {i: fit for found in holds.values() if found.hold == "zoh" for i, fit in found.held.items()}
+        estimates = estimate(study, segments, say, {i: one.fit for i, one in estimates.items()} | starts)
     say("looking for valves that do not follow OP")
     valves = find_valves(estimates, [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"])
     if valves:
@@ -51,16 +69,26 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     if estimates and study.project.unmeasured:
         say("estimating unmeasured disturbances")
         fits = disturbed_fits(study, estimates)
-        segments = behind_valves(with_jumps(study, fits, updated_plant(study.model, estimates).nominal), valves)
+        known = with_holds(study.segments, holds)
+        segments = behind_valves(with_jumps(study, fits, updated_plant(study.model, estimates).nominal, known), valves)
         if any(segment.jumps for segment in segments):
             estimates = estimate(study, segments, say)
         estimates = _resting_on_disturbances(study, estimates, fits)
+    estimates = widened_for_holds(estimates, holds, study.project.analysis.confidence)
     taken = {(i, spec.column): spec for i, found in estimates.items() for spec in found.row.specs}
-    return Identified(estimates, {**study.specs, **taken}, segments, fits, _missing(study, taken), valves)
+    return Identified(estimates, {**study.specs, **taken}, segments, fits, _missing(study, taken), valves, holds)
 
 
-def estimate(study: Study, segments: tuple[Segment, ...], say: Progress = quiet) -> dict[int, OutputEstimate]:
-    """The estimate of each output that has elements to estimate and data to do it from."""
+def estimate(
+    study: Study,
+    segments: tuple[Segment, ...],
+    say: Progress = quiet,
+    starts: Mapping[int, RowFit] | None = None,
+) -> dict[int, OutputEstimate]:
+    """The estimate of each output that has elements to estimate and data to do it from.
+
+    `starts` as in `identify_matrix`.
+    """
     found = identify_matrix(
         segments,
         study.model,
@@ -69,6 +97,7 @@ def estimate(study: Study, segments: tuple[Segment, ...], say: Progress = quiet)
         update_interval=update_interval(study),
         timing=timing_error(study),
         tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
+        starts=starts,
     )
     unmoved = unmoved_outputs(study)
     return {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items() if i not in unmoved}
