@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 
 import numpy as np
 from scipy.special import softmax
@@ -34,8 +35,13 @@ from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.record.types import Segment
 
-STRAIGHT, SMOOTH, HELD = range(3)
-"""The ways that are compared, in this order."""
+
+class Way(IntEnum):
+    """What is compared, in this order."""
+
+    STRAIGHT = 0
+    SMOOTH = 1
+    HELD = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +58,7 @@ class FoundHold:
     @property
     def gain(self) -> float:
         """By how much -2 log likelihood is lower where it is held than where it runs on."""
-        return float(min(self.deviances[STRAIGHT], self.deviances[SMOOTH]) - self.deviances[HELD])
+        return float(min(self.deviances[Way.STRAIGHT], self.deviances[Way.SMOOTH]) - self.deviances[Way.HELD])
 
     @property
     def decided(self) -> bool:
@@ -71,7 +77,7 @@ class FoundHold:
 
     def shifts(self, i: int) -> Array:
         """(3, size) by how much the parameters of an output are larger with each way than with the one taken."""
-        return np.asarray(self.thetas[i] - self.thetas[i][HELD if self.hold == "zoh" else STRAIGHT])
+        return np.asarray(self.thetas[i] - self.thetas[i][Way.HELD if self.hold == "zoh" else Way.STRAIGHT])
 
 
 def find_holds(
@@ -89,8 +95,8 @@ def find_holds(
             if estimate.fit.count and (own or not model[i, column].is_zero):
                 ways = _ways(estimate.fit, column, None if own else model[i, column])
                 costs = np.array([max(way.cost, 1e-300) for way in ways])
-                deviances += ways[STRAIGHT].left * np.log(costs / costs[STRAIGHT]) / estimate.factor
-                held[i], thetas[i] = ways[HELD], np.array([way.theta for way in ways])
+                deviances += ways[Way.STRAIGHT].left * np.log(costs / costs[Way.STRAIGHT]) / estimate.factor
+                held[i], thetas[i] = ways[Way.HELD], np.array([way.theta for way in ways])
         if held:
             found[column] = FoundHold(deviances, held, thetas)
     return found
