@@ -198,14 +198,11 @@ def outside_of(
     holds = (hold,) * n_d if isinstance(hold, str) else tuple(hold)
     if len(holds) != n_d or not set(holds) <= {"zoh", "linear"}:
         raise LoopError(f'd_hold must be "zoh" or "linear", one for all measured disturbances or {n_d}, not {hold!r}')
-    # beside the streams of noise and spikes; one a place, so that loads at one leave those at another as they are
-    streams = np.random.default_rng(seed).spawn(5)[2:]
-    output, behind = (
-        _acting(one, grid, n, rng, name)
-        for one, n, rng, name in zip(given[:2], sizes[:2], streams[:2], ("v", "input_disturbance"), strict=True)
-    )
+    # streams 0 and 1 are those of noise and spikes; one a place, so that loads at one leave those at others as they are
+    output = _acting(given[0], grid, sizes[0], "v", (seed, 2))
+    behind = _acting(given[1], grid, sizes[1], "input_disturbance", (seed, 3))
     recorded = bool(_loads_of(given[2]))
-    d = sum(_acting(given[2], grid.record if recorded else grid, n_d, streams[2], "d"), np.zeros(n_d))
+    d = sum(_acting(given[2], grid.record if recorded else grid, n_d, "d", (seed, 4)), np.zeros(n_d))
     return Outside(output, behind, grid.between(d, holds) if recorded else d, holds)
 
 
@@ -219,13 +216,14 @@ def _loads_of(given: Loads | None) -> tuple[Load, ...]:
     return found
 
 
-def _acting(given: Loads | None, grid: Grid, n: int, rng: np.random.Generator, name: str) -> tuple[Array, Array]:
+def _acting(given: Loads | None, grid: Grid, n: int, name: str, stream: tuple[int, int]) -> tuple[Array, Array]:
     """(steps, n) each: the sum of what holds between the instants, and of what runs straight."""
     held, straight = np.zeros((grid.steps, n)), np.zeros((grid.steps, n))
     loads = _loads_of(given)
     if not loads and not (isinstance(given, (list, tuple)) and not given):
         return signal_of(cast("ArrayLike | None", given), held.shape, name), straight
-    for load, own in zip(loads, rng.spawn(len(loads)), strict=True):
+    for k, load in enumerate(loads):
+        own = np.random.default_rng(np.random.SeedSequence(stream[0], spawn_key=(stream[1], k)))
         total = straight if load.straight else held
         total += load.sampled(grid, n, own)
     return held, straight

@@ -23,7 +23,9 @@ def channels(value: ArrayLike, n: int, name: str) -> Array:
 
 def signal_of(value: ArrayLike | None, shape: tuple[int, int], name: str) -> Array:
     """(N, n) from None (zeros), a number, one value a channel or the whole signal."""
-    given = np.asarray(0.0 if value is None else value, dtype=float)
+    if value is None:
+        return np.zeros(shape)
+    given = np.asarray(value, dtype=float)
     if given.ndim and given.shape not in (shape, shape[1:]):
         raise LoopError(f"{name} must be a number, {shape[1]} numbers or an array {shape}, not of shape {given.shape}")
     if not np.all(np.isfinite(given)):
