@@ -5,7 +5,7 @@ from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.holds import FoundHold, find_holds, widened_for_holds, with_holds
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
-from trueplant.identify.matrix import identify_matrix, specs_of
+from trueplant.identify.matrix import identify_matrix, identify_with_holds, specs_of
 from trueplant.identify.output import OutputEstimate, Rejected, identify_output, unanswered
 from trueplant.identify.residual_tests import RESIDUAL_TESTS
 from trueplant.identify.row import Held, Row, Spec, pieces_of
@@ -39,6 +39,7 @@ __all__ = [
     "fit_row",
     "identify_matrix",
     "identify_output",
+    "identify_with_holds",
     "likelihood_ratio_p",
     "paper_route",
     "pieces_of",

@@ -30,7 +30,7 @@ from trueplant.identify.estimate import best_dead_times
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.intervals import mixed
 from trueplant.identify.output import OutputEstimate
-from trueplant.identify.row import Piece, Row
+from trueplant.identify.row import Piece, Row, Spec
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.record.types import Segment
@@ -170,6 +170,11 @@ def _with_input(
     return replace(piece, inputs=inputs, hold=hold, y=y)
 
 
+def held_fits(holds: Mapping[int, FoundHold]) -> dict[int, RowFit]:
+    """By output: a fit with a disturbance that was found to be held."""
+    return {i: fit for found in holds.values() if found.hold == "zoh" for i, fit in found.held.items()}
+
+
 def with_holds(segments: Sequence[Segment], holds: Mapping[int, FoundHold]) -> tuple[Segment, ...]:
     """The segments, saying how their measured disturbances were found to run."""
     out = []
@@ -181,6 +186,17 @@ def with_holds(segments: Sequence[Segment], holds: Mapping[int, FoundHold]) -> t
     return tuple(out)
 
 
+def _placed(values: Array, of: Row, row: Row) -> Array:
+    """(m, row.size) values (m, of.size) of the parameters of one row in another; 0 for what only that one has."""
+    known = {(spec.column, name): k for k, (spec, name) in enumerate(_named(of))}
+    places = [known.get((spec.column, name)) for spec, name in _named(row)]
+    return np.column_stack([np.zeros(len(values)) if k is None else values[:, k] for k in places])
+
+
+def _named(row: Row) -> list[tuple[Spec, str]]:
+    return [(spec, name) for spec in row.specs for name in spec.structure.names]
+
+
 def widened_for_holds(
     estimates: Mapping[int, OutputEstimate], holds: Mapping[int, FoundHold], confidence: float
 ) -> dict[int, OutputEstimate]:
@@ -188,7 +204,8 @@ def widened_for_holds(
     out = dict(estimates)
     for found in holds.values():
         for i in found.thetas.keys() & out.keys():
-            one, shifts = out[i], found.shifts(i)
+            one = out[i]
+            shifts = _placed(found.shifts(i), found.held[i].row, one.row)
             more = (shifts.T * found.shares) @ shifts
             low, high = one.row.bounds()
             ends = mixed(one.intervals, one.theta, shifts, found.shares, confidence)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from trueplant.disturbance import DisturbedFit
@@ -10,12 +10,10 @@ from trueplant.identify import (
     FoundHold,
     FoundValve,
     OutputEstimate,
-    RowFit,
     Spec,
     behind_valves,
-    find_holds,
     find_valves,
-    identify_matrix,
+    identify_with_holds,
     widened_for_holds,
     with_holds,
 )
@@ -54,12 +52,8 @@ class Identified:
 
 def identify(study: Study, say: Progress = quiet) -> Identified:
     """Estimate all elements of all outputs, with the unmeasured disturbances that the project declares."""
-    estimates, segments = estimate(study, study.segments, say), study.segments
-    holds = find_holds(estimates, study.model, study.holds_to_find)
-    if any(found.hold == "zoh" for found in holds.values()):
-        segments = with_holds(segments, holds)
-        starts = {i: fit for found in holds.values() if found.hold == "zoh" for i, fit in found.held.items()}
-        estimates = estimate(study, segments, say, {i: one.fit for i, one in estimates.items()} | starts)
+    estimates, holds = estimate_and_holds(study, study.segments, study.holds_to_find, say)
+    segments = with_holds(study.segments, holds)
     say("looking for valves that do not follow OP")
     valves = find_valves(estimates, [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"])
     if valves:
@@ -79,28 +73,27 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     return Identified(estimates, {**study.specs, **taken}, segments, fits, _missing(study, taken), valves, holds)
 
 
-def estimate(
-    study: Study,
-    segments: tuple[Segment, ...],
-    say: Progress = quiet,
-    starts: Mapping[int, RowFit] | None = None,
-) -> dict[int, OutputEstimate]:
-    """The estimate of each output that has elements to estimate and data to do it from.
+def estimate(study: Study, segments: tuple[Segment, ...], say: Progress = quiet) -> dict[int, OutputEstimate]:
+    """The estimate of each output that has elements to estimate and data to do it from."""
+    return estimate_and_holds(study, segments, (), say)[0]
 
-    `starts` as in `identify_matrix`.
-    """
-    found = identify_matrix(
+
+def estimate_and_holds(
+    study: Study, segments: tuple[Segment, ...], undeclared: Sequence[int], say: Progress = quiet
+) -> tuple[dict[int, OutputEstimate], dict[int, FoundHold]]:
+    """`estimate`, and how the measured disturbances in the `undeclared` columns run between their samples."""
+    found, holds = identify_with_holds(
         segments,
         study.model,
         study.specs,
-        confidence=study.project.analysis.confidence,
-        update_interval=update_interval(study),
-        timing=timing_error(study),
+        undeclared,
+        study.project.analysis.confidence,
+        update_interval(study),
+        timing_error(study),
         tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
-        starts=starts,
     )
     unmoved = unmoved_outputs(study)
-    return {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items() if i not in unmoved}
+    return {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items() if i not in unmoved}, holds
 
 
 def _resting_on_disturbances(
