@@ -84,7 +84,9 @@ def test_the_right_one_is_found(kind):
         found, estimate = estimated(record(kind, seed))
         assert found.hold == ("zoh" if kind in HELD else "linear"), seed
         assert estimate.row.pieces[0].hold == ("zoh", found.hold)
-        assert abs(estimate.theta[5] - 2.3) < 0.15, seed
+        # straight lines through a smooth signal can cost the element its structure
+        assert estimate.rejected or abs(estimate.theta[5] - 2.3) < 0.15, seed
+        assert not (estimate.rejected and kind in HELD), seed
 
 
 @pytest.mark.slow
@@ -97,7 +99,8 @@ def test_found_where_it_matters_and_covered_always(kind, std):
         wanted = "zoh" if kind in HELD else "linear"
         right.append(found.decided and found.hold == wanted)
         wrong.append(found.decided and (found.gain > 0) != (wanted == "zoh"))
-        covered.append(covers(estimate))
+        if not estimate.rejected:
+            covered.append(covers(estimate))
     share = np.mean(covered, axis=0)
     print(f"{kind} {std}: decided right {np.mean(right):.2f}, wrong {np.sum(wrong)}, covered {share}")
     assert np.sum(wrong) <= 3  # 0.5 % are to be expected at most
