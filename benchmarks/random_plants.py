@@ -15,7 +15,7 @@ import trueplant as tp
 from trueplant.errors import TrueplantError
 from trueplant.identify import Row, Spec, fit_row, pieces_of
 from trueplant.identify.noise import fit_ar
-from trueplant.loop import Controller, Simulation, Valve, alternating_steps, simulate, unstable_poles
+from trueplant.loop import Controller, Simulation, Step, Valve, alternating_steps, simulate, unstable_poles
 from trueplant.lti import Structure, TransferFunction, TransferMatrix, to_formula
 from trueplant.lti.sampled import sampled_response
 from trueplant.notebook.loops import project_of
@@ -240,16 +240,17 @@ def _record(case: Case, plant: TransferMatrix, rng: np.random.Generator) -> Case
     steps, h, kind = still.t.size, still.h, case.levels["actuator"]
     spread = np.std(still.y, axis=0)
     v = _noise(rng, case.levels, steps, h, spread)
-    load = np.zeros((steps, n))
+    loads = []
     if case.levels["besides"] == "load steps":
         for at in rng.integers(50, steps - 50, 3):
             j = int(rng.integers(n))
-            load[at:, j] += rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.6) * np.std(still.u[:, j])
+            size = rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.6) * np.std(still.u[:, j])
+            loads.append(Step(at * h, tuple(size * np.eye(n)[j])))
     white = np.std(np.diff(v, axis=0), axis=0)
     spikes = (0.01, 10 * float(np.mean(white))) if case.levels["besides"] == "outliers" else None
     quantum = rng.uniform(0.2, 1.0) * white if kind == "rounding" else None
     limits, valves = None, None
-    given = {"v": v, "input_disturbance": load, "spikes": spikes, "quantisation": quantum, "seed": case.number}
+    given = {"v": v, "input_disturbance": loads, "spikes": spikes, "quantisation": quantum, "seed": case.number}
     try:
         free = simulate(plant, case.law, case.noise, h, **given)
         if kind == "limits":

@@ -145,3 +145,21 @@ def test_segments_hold_only_recorded_values_at_their_times(steps: list[int], h: 
         assert np.isfinite(segment.y[[0, -1]]).all()
         seen += int(np.isfinite(segment.y).sum())
     assert seen <= int(result.usable_y.sum())
+
+
+@pytest.mark.parametrize("hold", [None, "linear", "zoh"])
+def test_a_measured_disturbance_comes_to_the_grid_as_it_runs(hold: str | None) -> None:
+    t = np.cumsum(RNG.uniform(0.3, 1.7, 600))
+    data = record_at(t) | {"amb": RNG.standard_normal(600)}
+    layout = Layout(
+        LAYOUT.outputs, LAYOUT.inputs, (Channel("amb", "amb", hold=hold),), time_unit="s", project_time_unit="s"
+    )
+    (segment,) = screen(read_record(data, layout), layout).segments
+    assert segment.holds == ("zoh", hold or "linear")
+    if hold == "zoh":
+        # what acts until the next instant of the grid, from a grid 1,000 times as fine
+        fine = segment.t[:-1, None] + segment.h * (np.arange(1000) + 0.5) / 1000
+        expected = data["amb"][np.searchsorted(t, fine, side="right") - 1].mean(axis=1)
+        np.testing.assert_allclose(segment.d[:-1, 0], expected, atol=0.01)
+    else:
+        np.testing.assert_allclose(segment.d[:, 0], np.interp(segment.t, t, data["amb"]))

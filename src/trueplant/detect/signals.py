@@ -121,7 +121,7 @@ def model_error(segment: Segment, model: TransferMatrix) -> tuple[Array, Array]:
     """y minus the model's output from the recorded OP, and y, (N, n_y); missing PVs are interpolated."""
     inputs = np.hstack([segment.u, segment.d])
     inputs = inputs - inputs[0]
-    hold = segment.hold + ("linear",) * segment.d.shape[1]
+    hold = segment.holds
     y = np.column_stack([_filled(column) for column in segment.y.T])
     error = y.copy()
     for i, row in enumerate(model.elements):

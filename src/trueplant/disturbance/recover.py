@@ -62,7 +62,7 @@ def recover(
             f"{segment.d.shape[1]} measured disturbances: they must agree"
         )
     inputs = np.hstack([segment.u, segment.d])[:, :columns]
-    hold = (segment.hold + ("linear",) * segment.d.shape[1])[:columns]
+    hold = segment.holds[:columns]
     forced = sampled_response(plant, inputs - inputs[0], segment.h, hold)
     shape = segment.y.shape
     raw, value, std, known = (np.full(shape, np.nan) for _ in range(4))

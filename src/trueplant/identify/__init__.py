@@ -3,8 +3,9 @@
 from trueplant.identify.equation_error import equation_error, paper_route
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.holds import FoundHold, find_holds, widened_for_holds, with_holds
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
-from trueplant.identify.matrix import identify_matrix, specs_of
+from trueplant.identify.matrix import identify_matrix, identify_with_holds, specs_of
 from trueplant.identify.output import OutputEstimate, Rejected, identify_output, unanswered
 from trueplant.identify.residual_tests import RESIDUAL_TESTS
 from trueplant.identify.row import Held, Row, Spec, pieces_of
@@ -15,6 +16,7 @@ from trueplant.identify.valves import FoundValve, behind_valves, find_valves
 
 __all__ = [
     "RESIDUAL_TESTS",
+    "FoundHold",
     "FoundValve",
     "Held",
     "Options",
@@ -31,11 +33,13 @@ __all__ = [
     "choose_stride",
     "equation_error",
     "estimate_row",
+    "find_holds",
     "find_valves",
     "fit_percent",
     "fit_row",
     "identify_matrix",
     "identify_output",
+    "identify_with_holds",
     "likelihood_ratio_p",
     "paper_route",
     "pieces_of",
@@ -44,4 +48,6 @@ __all__ = [
     "simulate_piece",
     "specs_of",
     "unanswered",
+    "widened_for_holds",
+    "with_holds",
 ]

@@ -25,6 +25,8 @@ class Options:
     """Of the autoregressive noise model."""
     order: int | None = None
     """Fixed order of the noise model; None chooses it."""
+    start: RowFit | None = None
+    """A fit of the row on nearly the same data to start from, instead of a search."""
 
 
 def largest_order(row: Row, limit: int) -> int:
@@ -59,8 +61,8 @@ def estimate_row(row: Row, time_scale: float, options: Options | None = None) ->
     """
     options = options or Options()
     part = most_moved(row)
-    fit = _searched(part, time_scale, options)
-    if part is not row:
+    fit = options.start or _searched(part, time_scale, options)
+    if options.start is not None or part is not row:
         fit = _on_the_whole(row, fit, options)
     limit = largest_order(row, options.largest_order)
     return fit if options.order is not None else _whitened(fit, limit)
@@ -73,7 +75,7 @@ def _searched(row: Row, time_scale: float, options: Options) -> RowFit:
     fit = _from_grid(row, model, options.order, limit)
     if all(spec.initial is not None for spec in row.specs):
         fit = _better(row, fit, _from_model(row, model, options.order, limit))
-    return _best_dead_times(_with_noise(fit, options.order, limit, iterations=60))
+    return best_dead_times(_with_noise(fit, options.order, limit, iterations=60))
 
 
 def _from_grid(row: Row, model: Array, order: int | None, limit: int) -> RowFit:
@@ -133,7 +135,7 @@ def _on_the_whole(row: Row, part: RowFit, options: Options) -> RowFit:
     sigma = np.sqrt(np.diag(part.covariance)[row.is_dead_time])
     reach = min(levels.DEAD_TIME_REACH, 1 + int(np.ceil(4 * float(np.max(sigma, initial=0.0)) / row.pieces[0].h)))
     fit = fit_row(row.without_unseen(part.theta), part.theta, part.ar)
-    return _best_dead_times(_with_noise(fit, options.order, limit, iterations=60), reach)
+    return best_dead_times(_with_noise(fit, options.order, limit, iterations=60), reach)
 
 
 def _whitened(fit: RowFit, limit: int) -> RowFit:
@@ -154,7 +156,7 @@ def _whitened(fit: RowFit, limit: int) -> RowFit:
     return fit
 
 
-def _best_dead_times(fit: RowFit, reach: int = levels.DEAD_TIME_REACH, rounds: int = 4) -> RowFit:
+def best_dead_times(fit: RowFit, reach: int = levels.DEAD_TIME_REACH, rounds: int = 4) -> RowFit:
     """The fit, or a better one whose dead times lie in other sample intervals, up to `reach` samples away."""
     row = fit.row
     low, high = row.bounds()

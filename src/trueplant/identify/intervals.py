@@ -59,6 +59,27 @@ def widened(ends: tuple[float, float], value: float, variance: float, confidence
     return (max(float(low), 0.0) if ends[0] >= 0 else float(low)), float(high)
 
 
+def mixed(intervals: Array, theta: Array, shifts: Array, shares: Array, confidence: float) -> Array:
+    """(n, 2) intervals where theta may be larger by each of `shifts` (m, n) with the probabilities `shares` (m,).
+
+    The ends are quantiles of the mixture of normals, one on each side of theta, as wide as the intervals say.
+    """
+    z, tail = norm.ppf(0.5 + confidence / 2), (1 - confidence) / 2
+    widths = np.maximum(np.abs(intervals - theta[:, None]).T / z, 1e-300)
+    out = intervals.copy()
+    for side, share in ((0, tail), (1, 1 - tail)):
+        finite = np.isfinite(widths).all(axis=0)
+        low, high = intervals[:, 0] + shifts.min(axis=0), intervals[:, 1] + shifts.max(axis=0)
+        low, high = np.where(finite, low, 0.0), np.where(finite, high, 0.0)
+        for _ in range(np.finfo(float).nmant):
+            middle = (low + high) / 2
+            from_each = middle - theta - shifts
+            below = shares @ norm.cdf(from_each / np.where(from_each < 0, widths[0], widths[1])) < share
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        out[:, side] = np.where(finite, (low + high) / 2, intervals[:, side])
+    return out
+
+
 def _end(fit: RowFit, index: int, side: int, z: float, sigma: float, low: float, high: float, rounds: int) -> float:
     centre = float(fit.theta[index])
     bound = low if side < 0 else high

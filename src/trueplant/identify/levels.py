@@ -131,6 +131,9 @@ STICK_BANDS = np.geomspace(0.002, 0.5, 280)
 """Bands of stick-slip that are tried: 2 % from one to the next, as wide as its likelihood is."""
 VALVE = 1e-4
 """Significance from which a valve is taken not to follow OP, over the bands and inputs tried."""
+HOLD = 0.01
+"""Significance from which the likelihoods of two ways of a measured disturbance to run between its samples differ
+beyond chance: the wrong one is then taken in at most 0.5 % of records."""
 VALVE_FACTORS = np.concatenate([np.geomspace(0.5, 0.99, 36), [1.0], np.geomspace(1.01, 2.0, 36)])
 """By which a width that was found is varied again, the plant fitted behind it: 2 % from one to the next."""
 VALVE_ROUNDS = 8

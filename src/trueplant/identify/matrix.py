@@ -8,6 +8,8 @@ from functools import partial
 
 import numpy as np
 
+from trueplant.identify.estimate import Options
+from trueplant.identify.holds import FoundHold, find_holds, held_fits, with_holds
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
 from trueplant.identify.row import Held, Spec
@@ -47,6 +49,25 @@ def identify_matrix(
     PV, `timing` the standard error of the instants (`Sampling`). `tell` is told the number of each output
     before it is estimated.
     """
+    told = (confidence, update_interval, timing)
+    return identify_with_holds(segments, model, specs, (), *told, tell=tell)[0]
+
+
+def identify_with_holds(
+    segments: Sequence[Segment],
+    model: TransferMatrix,
+    specs: Mapping[tuple[int, int], Spec],
+    undeclared: Sequence[int],
+    confidence: float,
+    update_interval: float,
+    timing: float,
+    tell: Callable[[int], None] | None = None,
+) -> tuple[dict[int, OutputEstimate], dict[int, FoundHold]]:
+    """`identify_matrix`, and how the measured disturbances in the `undeclared` columns run between their samples.
+
+    That is found before structures are tested: what a wrong hold leaves in the prediction errors would pass for
+    dynamics that the structure lacks.
+    """
     everywhere = list(specs.values())
     sampling = Sampling(
         stride=choose_stride(segments, everywhere, update_interval),
@@ -54,30 +75,44 @@ def identify_matrix(
         block=choose_block(segments, everywhere),
         timing=timing,
     )
-    places = np.ndindex(*model.shape)
-    absent = [place for place in places if place not in specs and model[place].is_zero]
-    estimates = {}
+    absent = [place for place in np.ndindex(*model.shape) if place not in specs and model[place].is_zero]
+    estimates, again = {}, {}
     for i in range(model.shape[0]):
         own = [spec for (row, _), spec in sorted(specs.items()) if row == i]
-        held = [Held(j, model[i, j]) for j in range(model.shape[1]) if (i, j) not in specs and not model[i, j].is_zero]
         if tell is not None:
             tell(i)
-        estimate = partial(
+        again[i] = partial(
             identify_output,
-            segments,
-            i,
-            held=held,
+            output=i,
+            held=[
+                Held(j, model[i, j]) for j in range(model.shape[1]) if (i, j) not in specs and not model[i, j].is_zero
+            ],
             confidence=confidence,
             sampling=sampling,
             time_scale=typical_lag(everywhere),
         )
+        estimate = partial(_estimated, again[i], segments)
         found = estimate(own)
         if found is not None:
-            found = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
-            estimates[i] = with_structures(found, estimate, len(everywhere), confidence)
+            estimates[i] = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
+    holds = find_holds(estimates, model, undeclared)
+    segments = with_holds(segments, holds)
+    for i, fit in held_fits(holds).items():
+        estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
+    for i, found in estimates.items():
+        estimates[i] = with_structures(found, partial(_estimated, again[i], segments), len(everywhere), confidence)
     if any(segment.closed for segment in segments):
-        return _with_shared_disturbances(estimates, confidence)
-    return estimates
+        estimates = _with_shared_disturbances(estimates, confidence)
+    return estimates, holds
+
+
+def _estimated(
+    estimate: Callable[..., OutputEstimate | None],
+    segments: Sequence[Segment],
+    specs: Sequence[Spec],
+    options: Options | None = None,
+) -> OutputEstimate | None:
+    return estimate(segments, specs=specs, options=options)
 
 
 def _with_shared_disturbances(estimates: dict[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate]:

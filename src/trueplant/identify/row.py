@@ -123,7 +123,7 @@ def pieces_of(
         valid = np.isfinite(whole.y[:, output])
         inputs = np.column_stack([whole.u, whole.d])
         inputs = np.ascontiguousarray((inputs - inputs[0]).T)
-        hold = whole.hold + ("linear",) * whole.d.shape[1]
+        hold = whole.holds
         y = np.where(valid, whole.y[:, output], 0.0)
         for element in held:
             y = y - sampled_response(element.system, inputs[element.column], whole.h, hold[element.column])

@@ -3,6 +3,7 @@
 from trueplant.loop.closed import LoopFunctions, check_loop, complementary, loop_functions, sensitivity
 from trueplant.loop.controller import Controller
 from trueplant.loop.linear import LinearLoop
+from trueplant.loop.loads import Coloured, Filtered, Load, Ramp, RandomWalk, Step
 from trueplant.loop.parts import Kind, Part, Sum, law_parts
 from trueplant.loop.pid import PID, Linear
 from trueplant.loop.signals import alternating_steps, ar1, arma, drift, random_steps, step_disturbance
@@ -12,13 +13,19 @@ from trueplant.loop.valve import Valve
 
 __all__ = [
     "PID",
+    "Coloured",
     "Controller",
+    "Filtered",
     "Kind",
     "Linear",
     "LinearLoop",
+    "Load",
     "LoopFunctions",
     "Part",
+    "Ramp",
+    "RandomWalk",
     "Simulation",
+    "Step",
     "Sum",
     "Valve",
     "alternating_steps",

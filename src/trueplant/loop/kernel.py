@@ -94,9 +94,10 @@ def run_loop(
     r_mean: Array,
     r_end: Array,
     added: Array,
+    smooth: Array,
     spikes: Array,
     quantum: Array,
-    input_disturbance: Array,
+    behind: Array,
     limits: Array,
     u0: Array,
     y0: Array,
@@ -104,11 +105,13 @@ def run_loop(
     x_law: Array,
     integral: Array,
 ) -> tuple[Array, Array, Array]:
-    """OP (N, n_u), measured PV and plant output (N, n_y). r_mean, r_end are (n_e, N), `added` is disturbance and noise.
-    valves (n_u, 2): backlash and stick of each; an OP reaches the plant through its valve.
+    """OP (N, n_u), measured PV and continuous output (N, n_y). r_mean, r_end are (n_e, N).
+    `added` is what PV holds from one instant to the next, disturbance and noise; `smooth` (N, n_y) what runs on between
+    them, and is in the continuous output with what the plant makes of OP. `behind` (N, n_u) is added to OP behind its
+    valve; valves (n_u, 2): backlash and stick of each.
 
-    A continuous entry sees, over the step centred on k, the mean of the plant's continuous output and of
-    what is added to it in steps; at the centre of the step that its output is held for, the plant's output is
+    A continuous entry sees, over the step centred on k, the mean of the continuous output and of
+    what is added to it in steps; at the centre of the step that its output is held for, that output is
     extrapolated by half a step. Both are of second order, and what is recorded is the held OP.
     """
     # arrays taken out of their tuples once: within the loop that would cost more than the arithmetic, as would views
@@ -119,7 +122,7 @@ def run_loop(
     pad = 2
     for t in range(n_t):
         pad = max(pad, q[t] + 2)
-    u, y, p = np.empty((steps, n_u)), np.empty((steps, n_y)), np.zeros((steps, n_y))
+    u, y, p = np.empty((steps, n_u)), np.empty((steps, n_y)), smooth.copy()
     du = np.zeros((n_u, pad + steps))
     x, spare = np.zeros((n_t, A.shape[1])), np.empty(max(A.shape[1], law_A.shape[1]))
     out, raw = np.zeros(n_e), np.empty(n_u)
@@ -159,7 +162,7 @@ def run_loop(
         for i in range(n_u):
             u[k, i] = _within(raw[i], limits, i)
             position[i] = stem(u[k, i], position[i], valves[i, 0], valves[i, 1])
-            du[i, pad + k] = position[i] - u0[i] + input_disturbance[k, i]
+            du[i, pad + k] = position[i] - u0[i] + behind[k, i]
         for e in range(n_e):
             if track[e] > 0.0 and k % every[e] == 0:
                 integral[e] += track[e] * (u[k, law_i[e]] - raw[law_i[e]])

@@ -13,7 +13,9 @@ from trueplant.errors import LoopError, UnstableLoop
 from trueplant.loop.controller import Controller
 from trueplant.loop.kernel import run_law, run_loop, terms_of
 from trueplant.loop.law import filtered_setpoint, law_of, rest
+from trueplant.loop.loads import Grid, Loads, Outside, from_rest, outside_of
 from trueplant.loop.pid import PID
+from trueplant.loop.signals import signal_of
 from trueplant.loop.valve import Valve
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferMatrix
@@ -23,8 +25,9 @@ from trueplant.lti.transfer import TransferMatrix
 class Simulation:
     """A simulated record; time first. u is held from each instant to the next.
 
-    r, y (measured), y_true, v: (N, n_y); u: (N, n_u). y_true is without measurement noise, quantisation and
-    spikes; v is all that acts on y besides the plant: output disturbances and Gd d.
+    r, y (measured), y_true, v: (N, n_y); u, w: (N, n_u); d: (N, n_d). y_true is without measurement noise, quantisation
+    and spikes; v is all that acts on y besides the plant: output disturbances and Gd d. w is what was added to OP
+    behind the valves, d the measured disturbances.
     """
 
     t: Array
@@ -33,6 +36,17 @@ class Simulation:
     y: Array
     y_true: Array
     v: Array
+    w: Array
+    d: Array
+    y_model: Array | None = None
+    """(N, n_y) what the model makes of OP and d; None where no model was given."""
+
+    @property
+    def e(self) -> Array:
+        """(N, n_y) y less y_model, the paper's residual. Raises LoopError where no model was given."""
+        if self.y_model is None:
+            raise LoopError("simulate was given no model to compare the plant with: add model = ...")
+        return np.asarray(self.y - self.y_model)
 
     @property
     def h(self) -> float:
@@ -40,23 +54,12 @@ class Simulation:
         return float(self.t[1] - self.t[0]) if self.t.size > 1 else 0.0
 
 
-def _signal(value: ArrayLike | None, shape: tuple[int, int], name: str) -> Array:
-    """(N, n) from None (zeros), a number, one value a channel or the whole signal."""
-    given = np.asarray(0.0 if value is None else value, dtype=float)
-    if given.ndim and given.shape not in (shape, shape[1:]):
-        raise LoopError(f"{name} must be a number, {shape[1]} numbers or an array {shape}, not of shape {given.shape}")
-    if not np.all(np.isfinite(given)):
-        raise LoopError(f"{name} must be finite throughout")
-    # always a writable copy: the kernel is compiled once more for read-only arrays
-    return np.array(np.broadcast_to(given, shape), order="C")
-
-
 def _measurement(
     noise: ArrayLike | None, spikes: tuple[float, float] | None, shape: tuple[int, int], seed: int
 ) -> tuple[Array, Array]:
     """Measurement noise and spikes (N, n_y); each has its own stream of random numbers."""
     streams = np.random.default_rng(seed).spawn(2)
-    noisy, outliers = _signal(noise, shape, "noise"), np.zeros(shape)
+    noisy, outliers = signal_of(noise, shape, "noise"), np.zeros(shape)
     if noise is not None and np.ndim(noise) < 2:
         noisy = noisy * streams[0].standard_normal(shape)
     if spikes is not None:
@@ -71,13 +74,15 @@ class _Surroundings:
     """All that acts on a loop besides its controller: first axis time, but for quantum, limits and operating point."""
 
     added: Array
-    """(N, n_y) disturbances and noise on PV."""
+    """(N, n_y) on PV, held from one instant to the next: disturbances and noise."""
+    smooth: Array
+    """(N, n_y) on PV, running on between the instants: what loads make of it by way of a model or of the plant."""
     spikes: Array
     """(N, n_y)"""
     quantum: Array
     """(n_y,) of each PV, 0 for none."""
     behind: Array
-    """(N, n_u) added to OP behind the controller."""
+    """(N, n_u) added to OP behind the valves, held from one instant to the next."""
     limits: Array
     """(n_u, 2) of OP."""
     u0: Array
@@ -104,10 +109,12 @@ def simulate(
     h: float,
     *,
     u: ArrayLike | None = None,
-    v: ArrayLike | None = None,
-    d: ArrayLike | None = None,
+    v: Loads | None = None,
+    d: Loads | None = None,
     Gd: TransferMatrix | None = None,
-    input_disturbance: ArrayLike | None = None,
+    d_hold: str | Sequence[str] = "zoh",
+    input_disturbance: Loads | None = None,
+    model: TransferMatrix | None = None,
     noise: ArrayLike | None = None,
     quantisation: ArrayLike | None = None,
     spikes: tuple[float, float] | None = None,
@@ -126,8 +133,12 @@ def simulate(
     plant's and the controller's times, and thin out with record_every. Where an element passes its input on
     without lag or dead time, PV is read before OP is written.
 
-    u (N, n_u): the OP without a controller. v (N, n_y): output disturbances; d (N, n_d) with Gd: measured ones;
-    input_disturbance (N, n_u): added to OP behind the controller. All are held between instants.
+    u (N, n_u): the OP without a controller. v (N, n_y): disturbances at the output; d (N, n_d) with Gd: measured
+    ones, which run between the instants as d_hold says ("zoh" or "linear", one for all or one each);
+    input_disturbance (N, n_u): added to OP behind the valves. Each of the three is a signal, held between instants, or
+    loads (`trueplant.loop.loads`: Step, Ramp, RandomWalk, Coloured, Filtered), which add up; random ones, and all that
+    d consists of, are known at the instants of the record. model (n_y, n_u) or (n_y, n_u + n_d): a model that gets the
+    same OP and d, for `Simulation.y_model`.
     noise: standard deviations of white measurement noise, or the noise (N, n_y). quantisation: quantum of each
     PV. spikes: (probability, standard deviation) of single outliers. limits: (low, high) of each OP, instead
     of those that the controller declares. valves: one an input, between OP and plant, at rest on u0. The same seed
@@ -142,36 +153,33 @@ def simulate(
     if not (np.isfinite(h) and h > 0):
         raise LoopError(f"the step h must be above 0, not {h:g}")
     steps = setpoints.shape[0]
-    setpoints = _signal(setpoints, (steps, n_y), "r")
+    setpoints = signal_of(setpoints, (steps, n_y), "r")
     start_u = np.broadcast_to(np.asarray(u0, dtype=float), (n_u,)).copy()
     start_y = np.broadcast_to(np.asarray(y0, dtype=float), (n_y,)).copy()
     noisy, outliers = _measurement(noise, spikes, (steps, n_y), seed)
-    quantum = _signal(quantisation, (1, n_y), "quantisation")[0]
-    added = _signal(v, (steps, n_y), "v")
+    quantum = signal_of(quantisation, (1, n_y), "quantisation")[0]
     if (d is None) != (Gd is None):
         raise LoopError("a measured disturbance needs both d and Gd")
+    grid, n_d = Grid(steps, h, record_every), 0 if Gd is None else Gd.shape[1]
+    outside = outside_of((v, input_disturbance, d), (n_y, n_u, n_d), d_hold, grid, seed)
+    (added, on_pv), (behind, straight) = outside.output, outside.input
     if Gd is not None:
-        added = added + sampled_response(Gd, _signal(d, (steps, Gd.shape[1]), "d"), h)
-    behind = _signal(input_disturbance, (steps, n_u), "input_disturbance")
+        on_pv = on_pv + from_rest(Gd, outside.d, h, outside.hold)
+    smooth = on_pv + from_rest(plant, straight, h, "linear") if np.any(straight) else on_pv
     bounds = _wide(limits, controller, n_u)
     fitted = tuple(valves) if valves is not None else (Valve(),) * n_u
     if len(fitted) != n_u:
         raise LoopError(f"valves must be {n_u}, one an input, not {len(fitted)}")
+    play = np.array([(valve.backlash, valve.stick) for valve in fitted])
+    around = _Surroundings(added + noisy, smooth, outliers, quantum, behind, bounds, start_u, start_y, play)
     if controller is None:
         if u is None:
             raise LoopError("without a controller the inputs u (N, n_u) must be given")
-        op = np.clip(_signal(u, (steps, n_u), "u"), bounds[:, 0], bounds[:, 1])
-        at = np.column_stack([fitted[i].positions(op[:, i], start_u[i]) for i in range(n_u)])
-        plant_y = sampled_response(plant, at - start_u + behind, h)
-        measured = start_y + plant_y + added + noisy
-        rounded = np.round(measured / np.where(quantum > 0, quantum, 1.0)) * quantum
-        measured = np.where(quantum > 0, rounded, measured) + outliers
+        op, measured, moved = _open(plant, signal_of(u, (steps, n_u), "u"), h, fitted, around)
     else:
         if u is not None:
             raise LoopError("give either a controller or the inputs u, not both")
-        play = np.array([(valve.backlash, valve.stick) for valve in fitted])
-        around = _Surroundings(added + noisy, outliers, quantum, behind, bounds, start_u, start_y, play)
-        op, measured, plant_y = _closed(plant, controller, setpoints, h, around)
+        op, measured, moved = _closed(plant, controller, setpoints, h, around)
     if not (np.all(np.isfinite(measured)) and np.all(np.isfinite(op))):
         raise UnstableLoop("the simulated loop runs away to infinity: check gains, signs and action with check_loop")
     keep = slice(None, None, record_every)
@@ -180,15 +188,39 @@ def simulate(
         r=setpoints[keep],
         u=op[keep],
         y=measured[keep],
-        y_true=(start_y + plant_y + added)[keep],
-        v=added[keep],
+        y_true=(start_y + moved + added)[keep],
+        v=(added + on_pv)[keep],
+        w=(behind + straight)[keep],
+        d=outside.d[keep],
+        y_model=None if model is None else (start_y + _of_model(model, op - start_u, outside, h))[keep],
     )
+
+
+def _of_model(model: TransferMatrix, u: Array, outside: Outside, h: float) -> Array:
+    """(N, n_y) what a model (n_y, n_u) or (n_y, n_u + n_d) makes of OP, and of the measured disturbances."""
+    n_u, n_d = u.shape[1], outside.d.shape[1]
+    if model.shape[1] not in (n_u, n_u + n_d):
+        raise LoopError(f"the model has {model.shape[1]} inputs and must have {n_u}, or {n_u + n_d} with those of d")
+    both, holds = np.hstack([u, outside.d]), ("zoh",) * n_u + outside.hold
+    return from_rest(model, both[:, : model.shape[1]], h, holds[: model.shape[1]])
+
+
+def _open(
+    plant: TransferMatrix, u: Array, h: float, valves: Sequence[Valve], around: _Surroundings
+) -> tuple[Array, Array, Array]:
+    """OP within its limits, measured PV and continuous output from the operating point on, without a controller."""
+    op = np.clip(u, around.limits[:, 0], around.limits[:, 1])
+    at = np.column_stack([valve.positions(op[:, i], around.u0[i]) for i, valve in enumerate(valves)])
+    moved = sampled_response(plant, at - around.u0 + around.behind, h) + around.smooth
+    measured = around.y0 + moved + around.added
+    rounded = np.round(measured / np.where(around.quantum > 0, around.quantum, 1.0)) * around.quantum
+    return op, np.where(around.quantum > 0, rounded, measured) + around.spikes, moved
 
 
 def _closed(
     plant: TransferMatrix, controller: Controller, r: Array, h: float, around: _Surroundings
 ) -> tuple[Array, Array, Array]:
-    """OP, measured PV and the plant's own output from its operating point on."""
+    """OP, measured PV and continuous output from the operating point on."""
     if (controller.n_u, controller.n_y) != (plant.shape[1], plant.shape[0]):
         raise LoopError(
             f"the controller has {controller.n_u} inputs and {controller.n_y} outputs, the plant {plant.shape[1]} and "
@@ -214,8 +246,8 @@ def _closed(
     at_rest = around.y0[law.j]
     x, integral = rest(law, at_rest, at_rest, around.u0, around.limits)
     given = (getattr(around, f.name) for f in fields(around))
-    op, measured, plant_y = run_loop(terms_of(plant, h), law, r_mean, r_end, *given, x, integral)
-    return op, measured, plant_y
+    op, measured, moved = run_loop(terms_of(plant, h), law, r_mean, r_end, *given, x, integral)
+    return op, measured, moved
 
 
 def replay(
@@ -241,8 +273,8 @@ def replay(
     pv = np.asarray(y, dtype=float)
     if pv.ndim != 2 or pv.shape[1] != controller.n_y or pv.shape[0] == 0:
         raise LoopError(f"y must have shape (N, {controller.n_y}), not {pv.shape}")
-    pv = _signal(pv, pv.shape, "y")
-    sp = _signal(np.asarray(r, dtype=float), pv.shape, "r")
+    pv = signal_of(pv, pv.shape, "y")
+    sp = signal_of(np.asarray(r, dtype=float), pv.shape, "r")
     law = law_of(controller, h)
     bounds = _wide(limits, controller, controller.n_u)
     n_e = law.i.size

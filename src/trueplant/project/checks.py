@@ -139,8 +139,10 @@ def _check_simulation(project: Declaration) -> None:
         _known(move.output, outputs, "[[output]]", "simulate", "setpoints", k, "output")
         if move.time > project.simulate.duration:
             raise problem("comes after the end (simulate.duration)", "simulate", "setpoints", k, "time")
+    sources = (*project.input_names, *project.disturbance_names)
     for name in project.simulate.start:
-        _known(name, (*outputs, *project.input_names), "[[output]] or [[input]]", "simulate", "start", name)
+        _known(name, (*outputs, *sources), "[[output]], [[input]] or [[disturbance]]", "simulate", "start", name)
+    _check_loads(project)
     for key in ("noise", "quantisation"):
         table = getattr(project.simulate, key)
         for name in table if isinstance(table, dict) else ():
@@ -148,7 +150,20 @@ def _check_simulation(project: Declaration) -> None:
     if isinstance(project.simulate.plant, list):
         for k, element in enumerate(project.simulate.plant):
             _known(element.output, outputs, "[[output]]", "simulate", "plant", k, "output")
-            _known(element.input, project.input_names, "[[input]]", "simulate", "plant", k, "input")
+            _known(element.input, sources, "[[input]] or [[disturbance]]", "simulate", "plant", k, "input")
+
+
+def _check_loads(project: Declaration) -> None:
+    """Each load acts at signals that are there, all of one kind."""
+    assert project.simulate is not None
+    tables = (project.output_names, project.input_names, project.disturbance_names)
+    names = [name for table in tables for name in table]
+    for k, load in enumerate(project.simulate.loads):
+        for name in load.places:
+            _known(name, names, "[[output]], [[input]] or [[disturbance]]", "simulate", "loads", k, "at")
+        if not any(set(load.places) <= set(table) for table in tables) or len(set(load.places)) < len(load.places):
+            text = "must name signals of one kind, each once: outputs, inputs or measured disturbances"
+            raise problem(text, "simulate", "loads", k, "at")
 
 
 def _known(name: str, names: Iterable[str], table: str, *where: str | int) -> None:

@@ -100,7 +100,7 @@ def layout_of(project: Declaration) -> Layout:
             )
             for e in project.inputs
         ),
-        disturbances=tuple(Channel(e.name, e.column, unit=e.unit) for e in project.disturbances),
+        disturbances=tuple(Channel(e.name, e.column, unit=e.unit, hold=e.hold) for e in project.disturbances),
         time=data.time,
         time_unit=data.time_unit or project.time_unit,
         project_time_unit=project.time_unit,

@@ -11,6 +11,7 @@ from pydantic import Field, PrivateAttr, ValidationError
 from trueplant import datasets
 from trueplant.lti import tf
 from trueplant.project.messages import message
+from trueplant.project.simulated import Simulate
 from trueplant.project.tables import (
     Analysis,
     Controller,
@@ -23,7 +24,6 @@ from trueplant.project.tables import (
     ModelElement,
     Output,
     Robustness,
-    Simulate,
     Table,
     TimeUnit,
     Tuning,

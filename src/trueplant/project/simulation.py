@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,11 @@ from trueplant.lti import TransferMatrix
 from trueplant.project.controllers import check_signs
 from trueplant.project.levels import DECIMALS, MOST_STEPS, STEPS_PER_TIME_CONSTANT, WHOLE_NUMBER
 from trueplant.project.project import Project
-from trueplant.project.tables import Simulate
+from trueplant.project.simulated import Simulate, SimulatedLoad
 
 
 def simulate_record(project: Project) -> pl.DataFrame:
-    """Columns: time, then set-points, OPs and PVs under the project's own column names.
+    """Columns: time, then set-points, OPs, PVs and measured disturbances under the project's own column names.
 
     Raises ProjectError without a [simulate] table or a controller, or with a pv_transform, LoopError for a loop that is
     unstable or cannot run.
@@ -37,17 +38,23 @@ def simulate_record(project: Project) -> pl.DataFrame:
             f"{project.source}: the controller of {curved[0]} has a pv_transform, and such a controller can be checked "
             "against a record but not simulated: leave pv_transform out to simulate the loop about one PV"
         )
-    plant = _plant(project, plan)
+    plant, Gd = _plant(project, plan)
     laws = project.experiments[0].controllers if project.experiments else project.controllers
     check_signs(project, laws, plant, controller)
     every = steps_per_sample(project, plan, plant)
     h = plan.sample_time / every
     r, y0, u0 = _setpoints(project, plan, h)
+    disturbances = project.disturbance_names
     done = loop.simulate(
         plant,
         controller,
         r,
         h,
+        v=_loads(plan, project.output_names, project.time_unit),
+        input_disturbance=_loads(plan, project.input_names, project.time_unit),
+        d=_loads(plan, disturbances, project.time_unit) if disturbances else None,
+        Gd=Gd,
+        d_hold=[entry.hold or "linear" for entry in project.disturbances],
         noise=_per_output(project, plan.noise),
         quantisation=_per_output(project, plan.quantisation),
         u0=u0,
@@ -62,6 +69,8 @@ def simulate_record(project: Project) -> pl.DataFrame:
         columns[entry.op] = done.u[:, j]
     for i, output in enumerate(project.outputs):
         columns[output.pv] = done.y[:, i]
+    for k, name in enumerate(disturbances):
+        columns[project.disturbances[k].column] = plan.start.get(name, 0.0) + done.d[:, k]
     return pl.DataFrame({name: np.round(column, DECIMALS) for name, column in columns.items()})
 
 
@@ -83,20 +92,56 @@ def as_file(frame: pl.DataFrame, path: str | Path) -> bytes:
     return buffer.getvalue()
 
 
-def _plant(project: Project, plan: Simulate) -> TransferMatrix:
+def _plant(project: Project, plan: Simulate) -> tuple[TransferMatrix, TransferMatrix | None]:
+    """From the inputs (n_y, n_u), and from the measured disturbances (n_y, n_d), if there are any."""
     if plan.plant == "model":
-        return project.model_matrix()
+        return project.model_matrix(), project.disturbance_matrix()
+    sources = (*project.input_names, *project.disturbance_names)
     if isinstance(plan.plant, str):
         other = Project.load(project.folder / plan.plant)
-        if (other.output_names, other.input_names) != (project.output_names, project.input_names):
+        if (other.output_names, *other.input_names, *other.disturbance_names) != (project.output_names, *sources):
             raise ProjectError(
-                f"{project.source}: simulate.plant: {plan.plant} has other outputs or inputs than this project: "
-                f"name them alike and in the same order"
+                f"{project.source}: simulate.plant: {plan.plant} has other outputs, inputs or disturbances than this "
+                f"project: name them alike and in the same order"
             )
-        return other.model_matrix()
+        return other.model_matrix(), other.disturbance_matrix()
     cells = {(e.output, e.input): e.tf for e in plan.plant}
-    rows = [[cells.get((y, u), 0.0) for u in project.input_names] for y in project.output_names]
-    return TransferMatrix.of(rows, project.time_unit)
+    rows = [[cells.get((y, u), 0.0) for u in sources] for y in project.output_names]
+    n_u, whole = len(project.inputs), TransferMatrix.of(rows, project.time_unit)
+    return whole.columns(0, n_u), whole.columns(n_u) if project.disturbances else None
+
+
+def _loads(plan: Simulate, names: Sequence[str], unit: str) -> list[loop.Load]:
+    """Those of the loads that act at these signals."""
+    return [_load(entry, names, unit) for entry in plan.loads if set(entry.places) <= set(names)]
+
+
+def _load(entry: SimulatedLoad, names: Sequence[str], unit: str) -> loop.Load:
+    """The load at the signals `names`; 0 at those that it does not name."""
+    if entry.tf is None:
+        return _source(entry, np.array([names.index(name) for name in entry.places]), len(names))
+    formulas = entry.tf if isinstance(entry.tf, list) else [entry.tf] * len(entry.places)
+    own = dict(zip(entry.places, formulas, strict=True))
+    model = TransferMatrix.of([[own.get(name, 0.0)] for name in names], unit)
+    return loop.Filtered(model, _source(entry, np.zeros(1, dtype=int), 1))
+
+
+def _source(entry: SimulatedLoad, places: NDArray[np.int64], n: int) -> loop.Load:
+    """A load of n channels that acts in some of them."""
+    sizes = np.zeros(n)
+    sizes[places] = entry.std if entry.size is None else entry.size
+    size = tuple(map(float, sizes))
+    if entry.kind == "step":
+        return loop.Step(entry.time, size)
+    if entry.until is not None:
+        return loop.Ramp(entry.time, entry.until, size)
+    together = np.eye(n)
+    together[np.ix_(places, places)] += entry.correlation * (1 - np.eye(len(places)))
+    correlation = tuple(tuple(map(float, row)) for row in together)
+    if entry.kind == "random walk":
+        return loop.RandomWalk(size, correlation, entry.seed)
+    c, a = tuple(entry.c) or (1.0,), tuple(entry.a) or (1.0,)
+    return loop.Coloured(size, entry.time_constant, c, a, correlation, entry.seed)
 
 
 def steps_per_sample(project: Project, plan: Simulate, plant: TransferMatrix) -> int:

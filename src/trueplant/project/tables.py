@@ -11,7 +11,6 @@ from pydantic_core import PydanticCustomError
 from trueplant.errors import FormulaError
 from trueplant.lti import parse_pv, require_proper, tf
 from trueplant.lti.structure import Structure
-from trueplant.project.levels import MOST_SAMPLES
 from trueplant.tune import ALL_METHODS
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -157,11 +156,12 @@ class Input(Table):
 
 
 class Disturbance(Table):
-    """A measured disturbance."""
+    """A measured disturbance. `hold` says how it runs between its samples; None: found by what fits."""
 
     name: Name
     column: Name
     unit: str = ""
+    hold: Literal["zoh", "linear"] | None = None
 
 
 class Unmeasured(Table):
@@ -340,40 +340,4 @@ class Tuning(Table):
             for k, name in enumerate(self.methods):
                 if name not in ALL_METHODS:
                     raise problem(f"{name!r} is no tuning method: use {', '.join(ALL_METHODS)}", "methods", k)
-        return self
-
-
-class Move(Table):
-    """A set-point that goes to a new value and stays there."""
-
-    time: NotNegative
-    output: Name
-    value: Finite
-
-
-class Simulate(Table):
-    """What `trueplant simulate` runs: the plant, the moves, and what the instruments add.
-
-    Times are in the project's time unit. `start` gives the values that outputs and inputs rest at before the first
-    move (0 where it names none); noise and quantisation are in the unit of each output, one number for all or a table.
-    """
-
-    plant: Name | list[ModelElement] = "model"
-    duration: Positive
-    sample_time: Positive
-    setpoints: list[Move] = Field(default_factory=list)
-    start: dict[str, Finite] = Field(default_factory=dict)
-    noise: NotNegative | dict[str, NotNegative] = 0.0
-    quantisation: NotNegative | dict[str, NotNegative] = 0.0
-    seed: Annotated[int, Field(ge=0)] = 0
-
-    @model_validator(mode="after")
-    def _has_steps(self) -> Simulate:
-        if self.duration < 2 * self.sample_time:
-            raise problem("must be at least two sample times", "duration")
-        if self.duration / self.sample_time > MOST_SAMPLES:
-            raise problem(
-                f"gives more than {MOST_SAMPLES // 1_000_000} million samples: shorten it or raise sample_time",
-                "duration",
-            )
         return self

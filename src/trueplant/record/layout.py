@@ -10,7 +10,8 @@ class Channel:
     """One output, input or measured disturbance.
 
     `column` is the PV of an output, the OP of an input, or the disturbance itself; `sp` the set-point of an output;
-    `mode`, `slave_sp` and `slave_pv` belong to inputs. `hold` ("zoh" or "linear") says how OP runs between samples.
+    `mode`, `slave_sp` and `slave_pv` belong to inputs. `hold` ("zoh" or "linear") says how OP or a disturbance runs
+    between samples; None: "zoh" for OP, and to be found for a disturbance.
     """
 
     name: str
@@ -20,7 +21,7 @@ class Channel:
     limits: tuple[float, float] | None = None
     mode: str | None = None
     automatic_values: tuple[object, ...] = (1, "1", "AUTO", "Auto", "A", True)
-    hold: str = "zoh"
+    hold: str | None = None
     slave_sp: str | None = None
     slave_pv: str | None = None
 

@@ -97,7 +97,8 @@ def _record(columns: _Columns, layout: Layout, name: str) -> Record:
         inputs=tuple(c.name for c in layout.inputs),
         disturbances=tuple(c.name for c in layout.disturbances),
         time_unit=layout.project_time_unit,
-        hold=tuple(c.hold for c in layout.inputs),
+        hold=tuple(c.hold or "zoh" for c in layout.inputs),
+        d_hold=tuple(c.hold for c in layout.disturbances),
         slave_sp=slave_sp if any(c.slave_sp for c in layout.inputs) else None,
         slave_pv=slave_pv if any(c.slave_pv for c in layout.inputs) else None,
     )

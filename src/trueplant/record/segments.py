@@ -114,11 +114,14 @@ def _on_grid(own: _Signals, clock: Clock, record: Record, experiment: int) -> Se
         grid = t[0] + h * np.arange(int(np.floor((t[-1] - t[0]) / h + 1e-9)) + 1)
         latest = np.searchsorted(t, grid + 1e-9 * h, side="right") - 1
         placed = np.column_stack([_between(grid, t, column, levels.NEAR * h) for column in own.y.T])
-    r, u = own.r[latest], own.u[latest]
+    r, u, d = own.r[latest], own.u[latest], own.d[latest]
     if not clock.uniform:
         # what acts from one instant of the grid to the next is the mean of what was held meanwhile
         means = (_mean_held(grid, h, t, x) for x in (own.r, own.u))
         r, u = (np.where(np.isfinite(m), m, x) for m, x in zip(means, (r, u), strict=True))
+        for k, x in enumerate(own.d.T):
+            held = record.d_hold[k : k + 1] == ("zoh",)
+            d[:, k] = _mean_held(grid, h, t, x[:, None])[:, 0] if held else np.interp(grid, t, x)
     return Segment(
         experiment=experiment,
         h=h,
@@ -126,10 +129,11 @@ def _on_grid(own: _Signals, clock: Clock, record: Record, experiment: int) -> Se
         r=r,
         u=u,
         y=placed,
-        d=own.d[latest],
+        d=d,
         free=own.free[latest],
         hold=record.hold,
         closed=record.closed,
+        d_hold=tuple(hold or "linear" for hold in record.d_hold),
     )
 
 

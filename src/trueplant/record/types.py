@@ -33,6 +33,8 @@ class Record:
     time_unit: str
     hold: tuple[str, ...]
     """One of "zoh", "linear" for each input: how it runs between samples."""
+    d_hold: tuple[str | None, ...] = ()
+    """The same for each measured disturbance; None where it was not declared."""
     closed: bool = True
     slave_sp: Array | None = None
     slave_pv: Array | None = None
@@ -142,6 +144,13 @@ class Segment:
     closed: bool = True
     jumps: tuple[tuple[int, ...], ...] = ()
     """For each output the samples from which on a disturbance holds it at another level; empty where none is known."""
+    d_hold: tuple[str, ...] = ()
+    """How each measured disturbance runs between samples, as `hold`; empty: all in straight lines."""
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """Of the inputs, followed by the measured disturbances."""
+        return self.hold + (self.d_hold or ("linear",) * self.d.shape[1])
 
     def __len__(self) -> int:
         return int(self.t.size)

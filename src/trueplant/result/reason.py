@@ -33,6 +33,7 @@ class Code(StrEnum):
     COMPRESSED = "compressed", "a historian stored only part of a signal"
     CONTROLLER = "controller", "a declared controller does not reproduce OP"
     SCAN = "scan", "OP was written between the recorded samples"
+    HOLD = "hold", "how a measured disturbance runs between its samples"
     SHARED_DISTURBANCE = "crossed", "a disturbance reaches several outputs"
     UNEVEN_NOISE = "uneven-noise", "the noise is not of one size and colour"
     RUNS_DISAGREE = "runs-disagree", "the experiments disagree"

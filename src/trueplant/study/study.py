@@ -97,6 +97,11 @@ class Study:
         return len(self.project.inputs)
 
     @property
+    def holds_to_find(self) -> tuple[int, ...]:
+        """Columns of measured disturbances of which the project does not say how they run between samples."""
+        return tuple(j for j, entry in enumerate(self.project.disturbances, start=self.n_u) if entry.hold is None)
+
+    @property
     def columns(self) -> tuple[str, ...]:
         """Names of the model's columns."""
         return (*self.project.input_names, *self.project.disturbance_names)

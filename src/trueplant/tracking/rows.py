@@ -10,17 +10,20 @@ import numpy as np
 from trueplant import detect
 from trueplant.arrays import Array
 from trueplant.identify import (
+    FoundHold,
     Held,
     OutputEstimate,
     Row,
     Sampling,
     Spec,
     choose_stride,
+    find_holds,
     identify_matrix,
     identify_output,
     pieces_of,
     samples_per_update,
     unanswered,
+    with_holds,
 )
 from trueplant.identify.row import Piece
 from trueplant.identify.shared_disturbance import widened_for_shared_disturbance
@@ -226,6 +229,7 @@ def follow_rows(study: Study, offsets: Mapping[int, float], precision: float, sa
     moves = {k: moves_of(study.screened[k].segments) for k in usable}
     say("a first estimate")
     pilots, (where, segments) = _pilots(study, moves, interval, timing)
+    study = _with_holds(study, find_holds(pilots, study.model, study.holds_to_find))
     stretch = (float(segments[0].t[0]) + offsets[where], float(segments[-1].t[-1]) + offsets[where])
     rows = []
     for i, pilot in pilots.items():
@@ -236,6 +240,12 @@ def follow_rows(study: Study, offsets: Mapping[int, float], precision: float, sa
         pieces = {k: found for k, found in pieces.items() if found}
         rows.append(FollowedRow(study, i, pilot, held, update, timing, precision, offsets, moves, pieces, stretch))
     return rows
+
+
+def _with_holds(study: Study, holds: Mapping[int, FoundHold]) -> Study:
+    """The study with the measured disturbances running between samples as the pilot estimates found."""
+    screened = tuple(replace(one, segments=with_holds(one.segments, holds)) for one in study.screened)
+    return replace(study, records=replace(study.records, screened=screened))
 
 
 def _pilots(

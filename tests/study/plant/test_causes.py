@@ -137,7 +137,7 @@ def sticky(seed: int, band: float, samples: int = SAMPLES) -> Simulation:
         for i in range(2):
             for j in range(2):
                 response[k:, i] += moved[j] * kernel[i][j][: samples - k]
-    return Simulation(np.arange(samples, dtype=float), r, op, y, y, v)
+    return Simulation(np.arange(samples, dtype=float), r, op, y, y, v, np.zeros((samples, 2)), np.zeros((samples, 0)))
 
 
 def _step(system, samples):

@@ -73,7 +73,7 @@ def samples_of(segments: Sequence[Segment], output: int, held: Sequence[Held] = 
                 np.where(valid, segment.y[:, output], 0.0),
                 valid,
                 np.ascontiguousarray(inputs - inputs[:, :1]),
-                segment.hold + ("linear",) * segment.d.shape[1],
+                segment.holds,
                 _of_segment(segment, output, inputs),
                 (),
                 None,

@@ -17,8 +17,8 @@ from trueplant.arrays import Array
 from trueplant.errors import LoopError
 from trueplant.identify import OutputEstimate, unanswered
 from trueplant.lti import TransferMatrix
+from trueplant.project.simulated import Simulate
 from trueplant.project.simulation import steps_per_sample
-from trueplant.project.tables import Simulate
 from trueplant.result import MoreData, PlannedMove, Settled
 from trueplant.result.plan_words import plan_sentence
 from trueplant.study import levels

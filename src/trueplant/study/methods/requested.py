@@ -141,7 +141,7 @@ def _without_disturbances(study: Study, segments: Sequence[Segment], plant: Tran
             for j in range(n_u, plant.shape[1]):
                 if not plant[i, j].is_zero:
                     d = segment.d[:, j - n_u]
-                    y[:, i] -= sampled_response(plant[i, j], d - d[0], segment.h, "linear")
+                    y[:, i] -= sampled_response(plant[i, j], d - d[0], segment.h, segment.holds[j])
         cleaned.append(replace(segment, y=y))
     return cleaned
 

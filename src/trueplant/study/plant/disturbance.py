@@ -61,7 +61,7 @@ def without_measured(
     if not study.project.disturbances:
         return list(segments)
     measured = plant.columns(n_u)
-    return [_without(s, sampled_response(measured, s.d - s.d[0], s.h, "linear"), controller) for s in segments]
+    return [_without(s, sampled_response(measured, s.d - s.d[0], s.h, s.holds[n_u:]), controller) for s in segments]
 
 
 def acts_alike(controller: Controller) -> bool:
@@ -109,15 +109,17 @@ def disturbed_fits(study: Study, estimates: Mapping[int, OutputEstimate]) -> dic
     return {i: fit_with_disturbance(estimates[i].fit, p) for i, p in declared_parts(study).items() if i in estimates}
 
 
-def with_jumps(study: Study, fits: Mapping[int, DisturbedFit], plant: TransferMatrix) -> tuple[Segment, ...]:
+def with_jumps(
+    study: Study, fits: Mapping[int, DisturbedFit], plant: TransferMatrix, segments: tuple[Segment, ...]
+) -> tuple[Segment, ...]:
     """The segments, saying at which samples a declared step was found to jump.
 
     The fit then gives every jump a level of its own, as it does with an offset.
     """
     if not any(any(fit.jumps) for fit in fits.values()):
-        return study.segments
-    recovered = _recovered(study, fits, _plant(plant, fits), study.segments)
-    return tuple(replace(s, jumps=found.jumps) for s, found in zip(study.segments, recovered, strict=True))
+        return segments
+    recovered = _recovered(study, fits, _plant(plant, fits), segments)
+    return tuple(replace(s, jumps=found.jumps) for s, found in zip(segments, recovered, strict=True))
 
 
 def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float, confidence: float) -> OutputEstimate:

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from trueplant.disturbance import DisturbedFit
-from trueplant.identify import FoundValve, OutputEstimate, Spec, behind_valves, find_valves, identify_matrix
+from trueplant.identify import (
+    FoundHold,
+    FoundValve,
+    OutputEstimate,
+    Spec,
+    behind_valves,
+    find_valves,
+    identify_with_holds,
+    widened_for_holds,
+    with_holds,
+)
 from trueplant.record import Segment
 from trueplant.result import Code, Reason
 from trueplant.study.data.excitation import unmoved_outputs
@@ -32,6 +42,8 @@ class Identified:
     notes: tuple[Reason, ...] = ()
     valves: Mapping[int, FoundValve] = field(default_factory=dict)
     """By input: valves that do not follow OP; the segments then have the positions of their stems for it."""
+    holds: Mapping[int, FoundHold] = field(default_factory=dict)
+    """By column: measured disturbances of which the project does not say how they run between samples."""
 
     def of_experiment(self, k: int) -> tuple[Segment, ...]:
         """The segments of one experiment."""
@@ -40,8 +52,8 @@ class Identified:
 
 def identify(study: Study, say: Progress = quiet) -> Identified:
     """Estimate all elements of all outputs, with the unmeasured disturbances that the project declares."""
-    segments = study.segments
-    estimates = estimate(study, segments, say)
+    estimates, holds = estimate_and_holds(study, study.segments, study.holds_to_find, say)
+    segments = with_holds(study.segments, holds)
     say("looking for valves that do not follow OP")
     valves = find_valves(estimates, [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"])
     if valves:
@@ -51,27 +63,37 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     if estimates and study.project.unmeasured:
         say("estimating unmeasured disturbances")
         fits = disturbed_fits(study, estimates)
-        segments = behind_valves(with_jumps(study, fits, updated_plant(study.model, estimates).nominal), valves)
+        known = with_holds(study.segments, holds)
+        segments = behind_valves(with_jumps(study, fits, updated_plant(study.model, estimates).nominal, known), valves)
         if any(segment.jumps for segment in segments):
             estimates = estimate(study, segments, say)
         estimates = _resting_on_disturbances(study, estimates, fits)
+    estimates = widened_for_holds(estimates, holds, study.project.analysis.confidence)
     taken = {(i, spec.column): spec for i, found in estimates.items() for spec in found.row.specs}
-    return Identified(estimates, {**study.specs, **taken}, segments, fits, _missing(study, taken), valves)
+    return Identified(estimates, {**study.specs, **taken}, segments, fits, _missing(study, taken), valves, holds)
 
 
 def estimate(study: Study, segments: tuple[Segment, ...], say: Progress = quiet) -> dict[int, OutputEstimate]:
     """The estimate of each output that has elements to estimate and data to do it from."""
-    found = identify_matrix(
+    return estimate_and_holds(study, segments, (), say)[0]
+
+
+def estimate_and_holds(
+    study: Study, segments: tuple[Segment, ...], undeclared: Sequence[int], say: Progress = quiet
+) -> tuple[dict[int, OutputEstimate], dict[int, FoundHold]]:
+    """`estimate`, and how the measured disturbances in the `undeclared` columns run between their samples."""
+    found, holds = identify_with_holds(
         segments,
         study.model,
         study.specs,
-        confidence=study.project.analysis.confidence,
-        update_interval=update_interval(study),
-        timing=timing_error(study),
+        undeclared,
+        study.project.analysis.confidence,
+        update_interval(study),
+        timing_error(study),
         tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
     )
     unmoved = unmoved_outputs(study)
-    return {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items() if i not in unmoved}
+    return {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items() if i not in unmoved}, holds
 
 
 def _resting_on_disturbances(

@@ -24,6 +24,7 @@ def controller_notes(consistency: Sequence[ControllerCheck]) -> list[Reason]:
 def notes_of(study: Study, found: Identified, consistency: Sequence[ControllerCheck]) -> list[Reason]:
     """What the reader should know although an answer was possible."""
     notes = [*setpoint_rank_note(study), *compression_notes(study), *controller_notes(consistency), *_scan_note(study)]
+    notes += _hold_notes(study, found)
     for i, estimate in found.estimates.items():
         name = study.project.output_names[i]
         notes += _shared_disturbance_note(study, estimate, name)
@@ -54,6 +55,19 @@ def _scan_note(study: Study) -> list[Reason]:
         "a sample, which its interval includes. Export the record at the controller's scan"
     )
     return [Reason(Code.SCAN, text)]
+
+
+def _hold_notes(study: Study, found: Identified) -> list[Reason]:
+    """Only where the record can tell: else nothing is said, and the intervals of its dead times have both."""
+    said = {
+        "zoh": "stays at each value until its next sample: straight lines between its samples fit worse beyond chance",
+        "linear": "runs on between its samples: values that stay until the next one fit worse beyond chance",
+    }
+    return [
+        Reason(Code.HOLD, f'it {said[one.hold]} (hold = "{one.hold}" in its [[disturbance]] says so)', study.columns[j])
+        for j, one in found.holds.items()
+        if one.decided
+    ]
 
 
 def _shared_disturbance_note(study: Study, estimate: OutputEstimate, name: str) -> list[Reason]:
