@@ -111,7 +111,7 @@ def _sources(segment: Segment, computed: BoolArray) -> Array:
     source, outside = segment.u, np.ones(segment.u.shape[1], dtype=bool)
     if segment.closed:
         source, outside = segment.r, np.isfinite(segment.r).all(axis=0) & ~computed
-    moved: Array = np.where(outside, source - source[0], 0.0)
+    moved: Array = np.where(outside, source, 0.0)
     return moved
 
 
@@ -128,16 +128,17 @@ def _answer_p(outputs: Sequence[Array], sources: Sequence[Array]) -> float:
     rows = []
     for y, x in zip(outputs, sources, strict=True):
         if y.size > order:
-            bank = [lfilter([0.0, 1 - a], [1.0, -a], x[::step], axis=0)[order:] for a in poles]
+            bank = [x[0] + lfilter([0.0, 1 - a], [1.0, -a], x[::step] - x[0], axis=0)[order:] for a in poles]
             one = np.column_stack([y[order:], *(y[order - k : y.size - k] for k in range(1, order + 1)), *bank])
             one = one[np.isfinite(one).all(axis=1)]
             rows += [one] if len(one) else []
     if all(np.ptp(one[:, 0]) == 0 for one in rows):
         return 1.0
-    joined = np.vstack([one - one.mean(axis=0) for one in rows])
+    joined = np.vstack(rows)
+    joined -= joined.mean(axis=0)  # a mean of each stretch would bias what the output owes to its past
     now, past, both = joined[:, 0], joined[:, 1 : order + 1], joined[:, 1:]
     asked = both.shape[1] - order
-    left = len(now) - len(rows) - both.shape[1]
+    left = len(now) - 1 - both.shape[1]
     own, rest = (float(np.sum(unexplained(now, columns, rcond=1e-10) ** 2)) for columns in (past, both))
     if left < 1:
         return 1.0
