@@ -70,9 +70,8 @@ def test_spikes_that_were_left_out_exceed_three_degrees(real_data: Path) -> None
 
 def test_failed_and_working_lqg(real_data: Path) -> None:
     failed = screened(real_data / "tclab_lqg/sp_Regularized_ML_1.csv", rig())
-    assert failed.refusal is not None
-    assert "OP of heater 2 sat at its limit for 50.1 % of the record" in failed.refusal
-    assert failed.segments == ()
+    assert failed.refusal is None
+    assert found(failed, "saturated")["heater 2"] == pytest.approx(0.501, abs=1e-3)
     good = screened(real_data / "tclab_lqg/sp_Augmented_ARX.csv", rig())
     assert good.refusal is None
     assert found(good, "quantised") == pytest.approx({"T1": 0.0322, "T2": 0.0322}, abs=2e-4)
@@ -81,16 +80,6 @@ def test_failed_and_working_lqg(real_data: Path) -> None:
     e = excitation(good.segments)
     assert e.changes.tolist() == [16, 16]
     assert e.sufficient
-
-
-def test_the_failed_run_can_be_used_where_op_was_free(real_data: Path) -> None:
-    layout = rig()
-    record = read_record(real_data / "tclab_lqg/sp_Regularized_ML_1.csv", layout)
-    saturated = screen(record, layout).saturated.any(axis=1)
-    end = float(record.t[np.argmax(np.convolve(saturated, np.ones(50), "valid") == 50)])
-    kept = screen(record, layout, exclude=[(end, float(record.t[-1]))])
-    assert kept.refusal is None
-    assert kept.segments[0].t[-1] < end
 
 
 def test_open_loop_switching_is_not_saturated(real_data: Path) -> None:

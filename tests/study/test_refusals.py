@@ -16,7 +16,7 @@ from support.historian import swinging_door
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching
 from support.two_loops import changed, written
 from support.two_loops import project as two_loops
-from trueplant import Project, Result, run
+from trueplant import Loop, Project, Result, run
 from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix
 
@@ -96,6 +96,31 @@ def test_a_constant_setpoint_is_refused_at_any_level(tmp_path, level):
     assert "no set-point changes" in sentence
 
 
+STRUCTURES = ["fopdt", "sopdt", "sopdt+lead", "pair", "integrator", "integrator+lag", "sopdt+delayed", None]
+
+
+@pytest.mark.parametrize("structure", [*STRUCTURES, "no model"])
+@pytest.mark.parametrize("stamps", ["even", "irregular", "printed"])
+def test_a_constant_setpoint_is_refused_with_the_right_reason(structure, stamps):
+    """Whatever the element may be, with a model and without, and however the record is sampled and printed."""
+    record = columns_of(one_loop(13, size=0.0, std=1.0))
+    rng = np.random.default_rng(13)
+    record["sp"] = record["sp"] + 60.1 + np.spacing(60.1) * rng.integers(-1, 2, SAMPLES)
+    record["pv"] = record["pv"] + 60.1
+    if stamps == "printed":
+        record = {name: np.round(x, 3) for name, x in record.items()}
+    if stamps == "irregular":
+        record["t"] = record["t"] + rng.uniform(-0.3, 0.3, SAMPLES)
+    tf = {"integrator": "0.03 exp(-13 s)/s", "integrator+lag": "0.03 exp(-13 s)/(s (60 s + 1))"}
+    model = {"tf": tf.get(str(structure), "2 exp(-13.4 s)/(60 s + 1)")}
+    model |= {} if structure is None else {"structure": structure}
+    loops = [Loop("T", pv="pv", sp="sp", op="op")]
+    result = run(record, loops=loops, model=None if structure == "no model" else {("T", "T"): model}, time_unit="s")
+    assert result.status == "refused"
+    (reason,) = result.reasons
+    assert reason.code == "no-excitation" and reason.message.startswith("no set-point changes in these data")
+
+
 def test_a_setpoint_that_was_not_recorded_is_asked_for(tmp_path):
     record = columns_of(one_loop(5))
     del record["sp"]
@@ -130,13 +155,27 @@ def test_setpoints_at_the_same_instants_by_unrelated_amounts_are_answered(tmp_pa
         assert abs(element.parameters[0].plant - true) < 4 * element.parameters[0].std_error
 
 
-def test_an_op_at_its_limit_most_of_the_time_is_refused(tmp_path):
+def test_an_op_at_its_limit_most_of_the_time_is_used_where_the_record_has_the_moves(tmp_path):
     simulation = one_loop(6, size=1.0, limits=np.array([[-0.1, 0.5]]))
     at = float(np.mean((simulation.u <= -0.1) | (simulation.u >= 0.5)))
     assert 0.5 < at < 0.95
-    (sentence,) = refusals(answered(tmp_path, columns_of(simulation), limits=[-0.1, 0.5]), "record")
-    assert f"OP of heater sat at its limit for {100 * at:.3g} % of the record" in sentence
-    assert "Use `exclude` to keep the stretches in which OP was free" in sentence
+    result = answered(tmp_path, columns_of(simulation), limits=[-0.1, 0.5])
+    assert result.elements[0].verdict == "unchanged" and covers(result)
+    (sentence,) = notes(result, "cause-valve-saturated")
+    assert f"OP stood at a limit in {100 * at:.2g} % of the samples" in sentence
+
+
+def test_setpoints_that_an_op_at_its_limit_could_not_follow_are_no_excitation(tmp_path):
+    """The disturbance needs all that OP can give: the set-points move, and nothing in the plant does."""
+    rng = np.random.default_rng(12)
+    late = np.arange(SAMPLES) >= 600
+    r = random_switching(rng, SAMPLES, 1, 100.0) * late[:, None]
+    v = coloured(rng, SAMPLES, 1, [1, -0.8], [1], 1.0)
+    v[300:] += 30.0
+    simulation = simulate(LAG, Controller.diagonal([PI]), r, 1.0, v=v, limits=np.array([[0.0, 9.0]]))
+    (sentence,) = refusals(answered(tmp_path, columns_of(simulation), limits=[0.0, 9.0]), "no-excitation")
+    assert "the set-points move too little" in sentence
+    assert "OP of heater was at a limit or in manual for" in sentence and "and followed nothing" in sentence
 
 
 def test_an_op_at_its_limit_now_and_then_is_used_and_said(tmp_path):
@@ -181,11 +220,12 @@ def in_manual(seed: int, share: float) -> dict[str, Any]:
     return columns_of(by_hand) | {"mode": np.where(np.arange(SAMPLES) < begin, "AUTO", "MAN")}
 
 
-def test_a_loop_in_manual_most_of_the_time_is_refused(tmp_path):
+def test_a_loop_in_manual_most_of_the_time_is_used(tmp_path):
+    """By hand OP is as true an input as any; the set-points of the rest have to tell."""
     result = answered(tmp_path, in_manual(9, 0.7), mode="mode", automatic_values=["AUTO"])
-    (sentence,) = refusals(result, "record")
-    assert "OP of heater was in manual for 70 % of the record" in sentence
-    assert "the loop was open for most of the time" in sentence
+    assert result.elements[0].verdict == "unchanged" and covers(result)
+    (finding,) = [f for f in result.to_dict()["data"][0]["findings"] if f["kind"] == "manual"]
+    assert finding["message"] == "heater was in manual for 70 % of the record."
 
 
 def test_a_loop_in_manual_for_a_while_is_used_and_said(tmp_path):

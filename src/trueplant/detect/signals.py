@@ -133,7 +133,7 @@ def model_error(segment: Segment, model: TransferMatrix) -> tuple[Array, Array]:
 
 def starts_at_rest(segment: Segment) -> bool:
     """Does OP stand still for the first samples?"""
-    return bool(np.ptp(segment.u[:5], axis=0).max(initial=0.0) <= 1e-9 * max(np.ptp(segment.u), 1e-300))
+    return bool(np.all(segment.u[:5] == segment.u[0]))
 
 
 def _filled(y: Array) -> Array:

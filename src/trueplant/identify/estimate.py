@@ -11,7 +11,7 @@ from trueplant.identify import levels
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.dead_times import rival_dead_times
 from trueplant.identify.fit import RowFit, fit_row, residuals
-from trueplant.identify.noise import choose_order, fit_ar
+from trueplant.identify.noise import choose_order, fit_ar, whitened_valid
 from trueplant.identify.row import Row
 from trueplant.identify.search import grid_guess, initial_theta
 from trueplant.identify.validate import residual_tests
@@ -30,10 +30,18 @@ class Options:
 
 
 def largest_order(row: Row, limit: int) -> int:
-    """The largest order of a noise model that these data bear, at most `limit`."""
-    samples = sum(int(row.measured(k)[1].sum()) for k in range(len(row.pieces)))
-    shortest = min(row.measured(k)[0].size for k in range(len(row.pieces)))
-    return max(0, min(limit, samples // levels.SAMPLES_PER_ORDER, shortest // 4))
+    """The largest order of a noise model that these data bear, at most `limit`.
+
+    Samples bear it whose past is measured that far back, or up to where their piece begins.
+    """
+    measured = [row.measured(k)[1] for k in range(len(row.pieces))]
+    samples = sum(int(ok.sum()) for ok in measured)
+    most = max(0, min(limit, samples // levels.SAMPLES_PER_ORDER, min(ok.size for ok in measured) // 4))
+
+    def bearing(order: int) -> int:
+        return sum(order + int(whitened_valid(order, ok).sum()) for ok in measured)
+
+    return next((k for k in range(most, 0, -1) if bearing(k) >= levels.SAMPLES_PER_ORDER * k), 0)
 
 
 def noise_signals(fit: RowFit) -> tuple[list[Array], list[BoolArray]]:

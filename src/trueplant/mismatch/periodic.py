@@ -138,7 +138,7 @@ def _range(r: Array) -> Array:
 
 
 def _moves(r: Array) -> NDArray[np.bool_]:
-    moves: NDArray[np.bool_] = np.any(np.abs(np.diff(r, axis=0)) > levels.SAME * _range(r), axis=1)
+    moves: NDArray[np.bool_] = np.any(np.diff(r, axis=0) != 0, axis=1)
     return moves
 
 

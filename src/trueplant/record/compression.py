@@ -6,18 +6,8 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.record import levels
+from trueplant.record.resolution import resolution
 from trueplant.record.runs import spread, true_runs
-
-
-def resolution(y: Array) -> float:
-    """The last place in which y was written down: a power of ten, or that of its floating-point numbers."""
-    top = float(np.max(np.abs(y), initial=0.0))
-    rounding = 4 * np.finfo(float).eps * top
-    for digits in range(-2, 16):
-        if all(np.all(np.abs(np.round(x, digits) - x) <= rounding) for x in (y[:1000], y)):
-            return 10.0**-digits
-    single = y.astype(np.float32)
-    return float(np.spacing(single.max()) if np.array_equal(single, y) else 0.5 * rounding)
 
 
 def filled_in(t: Array, y: Array, step: float = 0.0, steered: BoolArray | None = None) -> float:

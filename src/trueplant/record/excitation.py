@@ -68,16 +68,13 @@ def excitation(segments: Sequence[Segment], which: Literal["r", "u"] = "r", name
     shown = tuple(names) if names else tuple(f"{'set-point' if which == 'r' else 'OP'} {k + 1}" for k in range(n))
     moves = [np.nan_to_num(np.diff(x, axis=0)) for x in signals]
     joined = np.concatenate(moves)
-    scale = np.max([np.max(np.abs(np.nan_to_num(x)), axis=0) for x in signals], axis=0)
-    still = np.abs(joined) <= levels.SETTLED_MOVE * scale
-    joined = np.where(still, 0.0, joined)
     changes = np.sum(joined != 0, axis=0)
     pooled = np.concatenate([x - np.nanmean(x, axis=0) if np.isfinite(x).any() else x for x in signals])
     std = np.where(changes > 0, np.sqrt(np.nan_to_num(np.nanmean(np.nan_to_num(pooled) ** 2, axis=0))), 0.0)
     q = np.array([_quantum(signals, k) for k in range(n)])
     with np.errstate(divide="ignore", invalid="ignore"):
         quanta = np.where(q > 0, std / q, np.where(std > 0, np.inf, 0.0))
-    w, spectrum = _spectral_matrix([np.where(np.abs(m) <= levels.SETTLED_MOVE * scale, 0.0, m) for m in moves], h)
+    w, spectrum = _spectral_matrix(moves, h)
     noise = _pv_noise(segments, n) if which == "r" else q**2 / 12
     bands, share = _bands(w, spectrum, noise, h, changes)
     sentences, rank = _directions(joined, changes, shown, which)

@@ -78,9 +78,6 @@ NEAR = 1.5
 
 FEWEST_USABLE = 20
 """Usable samples of some PV, below which nothing can be said. Judgement."""
-MOST_NOT_FREE = 0.5
-"""Share of a record with an OP at its limit or in manual from which it is refused: the loop was open for most of the
-time, and is analysed as a closed one."""
 MOST_FILLED_OP = 0.55
 """Share of an OP that its historian may have filled in. A smoothed OP is another input than the plant's, of which the
 residuals show nothing: in simulated Wood-Berry records with two thirds filled in, intervals miss a quarter of the gains
@@ -128,8 +125,7 @@ WHOLE_UPDATE = 0.3
 HELD_SHARE = 0.9
 """Share of the intervals that must be whole multiples. Judgement: far above the 0.6 of chance."""
 SETTLED_MOVE = 1e-9
-"""Move of a signal relative to its size that is rounding: a settled simulation is not quantised by it, nor a set-point
-moved."""
+"""Change of a PV relative to its size that is rounding: a settled simulation is not quantised by it."""
 SMALLEST_MOVES = 0.05
 """Quantile of the moves that stands for the smallest, so that single odd ones do not. Judgement."""
 SAME_QUANTUM = 1.3

@@ -18,11 +18,10 @@ def why_refused(
     record: Record,
     layout: Layout,
     usable: BoolArray,
-    saturated: BoolArray,
     excluded: BoolArray,
     findings: Sequence[Finding],
 ) -> Refusal | None:
-    """Why nothing of a record can be used, given what of y (N, n_y) is usable and where u (N, n_u) sat at a limit."""
+    """Why nothing of a record can be used, given what of y (N, n_y) is usable; u has been settled."""
     kept = ~excluded
     if not kept.any():
         return Refusal(Unusable.EXCLUDED, f"{record.name}: all of the record is excluded; shorten `exclude`")
@@ -35,7 +34,7 @@ def why_refused(
         return _without_pv(record, layout, findings)
     if not record.closed:
         return None
-    return _compressed_op(record, layout, findings) or _open(record, layout, saturated, kept)
+    return _compressed_op(record, layout, findings)
 
 
 def _without_pv(record: Record, layout: Layout, findings: Sequence[Finding]) -> Refusal:
@@ -69,22 +68,4 @@ def _compressed_op(record: Record, layout: Layout, findings: Sequence[Finding]) 
         f"{record.name}: OP of {worst} was compressed by its historian ({100 * filled[worst]:.3g} % of its "
         "samples, where it moves, lie on straight lines between the others): what moved the plant is not in the "
         f"record. {_RAW}",
-    )
-
-
-def _open(record: Record, layout: Layout, saturated: BoolArray, kept: BoolArray) -> Refusal | None:
-    """Where OP was not free for most of a record of a closed loop."""
-    manual = ~record.automatic
-    stuck = (saturated | manual)[kept]
-    if np.mean(stuck.any(axis=1)) <= levels.MOST_NOT_FREE:
-        return None
-    j = int(np.argmax(np.mean(stuck, axis=0)))
-    by_hand = np.mean(manual[kept, j]) > np.mean(saturated[kept, j])
-    how = "was in manual" if by_hand else "sat at its limit"
-    some = f", one OP or another for {100 * np.mean(stuck.any(axis=1)):.3g} %" if record.u.shape[1] > 1 else ""
-    return Refusal(
-        Unusable.OPEN,
-        f"{record.name}: OP of {layout.inputs[j].name} {how} for {100 * np.mean(stuck[:, j]):.3g} % of "
-        f"the record{some}: the loop was open for most of the time. Use `exclude` to keep the stretches "
-        "in which OP was free, or a record in which it was",
     )

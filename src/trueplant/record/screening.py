@@ -14,6 +14,7 @@ from trueplant.record.compression import filled_in, moves
 from trueplant.record.layout import Channel, Layout
 from trueplant.record.numbers import counted
 from trueplant.record.refusal import why_refused
+from trueplant.record.resolution import without_rounding
 from trueplant.record.runs import equal_runs, hold_short, spans_of, spread
 from trueplant.record.segments import Clock, clock_of, segments_of
 from trueplant.record.types import Finding, Kind, Record, Refusal, Screened, Unusable
@@ -33,7 +34,9 @@ def screen(
     layout's. PV samples that are missing, out of range, frozen or spikes are left out; while OP is at a limit or in
     manual it is still the true input, so that those samples stay, marked not free.
     """
-    log = _Log(record.t, list(record.notes))
+    recorded = record
+    record, settled = without_rounding(recorded)
+    log = _Log(record.t, [*record.notes, *settled])
     clock = clock_of(record.t)
     _report_clock(record, clock, log)
     excluded = _excluded(record, exclude, log)
@@ -52,7 +55,7 @@ def screen(
         log.missing(record.d[:, k], channel.name)
     free = ~saturated & record.automatic
     segments = segments_of(record, usable, free, clock, experiment)
-    refusal = why_refused(record, layout, usable, saturated, excluded, log.findings)
+    refusal = why_refused(record, layout, usable, excluded, log.findings)
     if refusal is None and not segments:
         refusal = Refusal(
             Unusable.CUT_UP,
@@ -60,7 +63,7 @@ def screen(
             "export a record with fewer gaps, or at a longer interval",
         )
     return Screened(
-        record=record,
+        record=recorded,
         findings=tuple(log.findings),
         segments=() if refusal else segments,
         usable_y=usable,

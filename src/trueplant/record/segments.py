@@ -117,11 +117,10 @@ def _on_grid(own: _Signals, clock: Clock, record: Record, experiment: int) -> Se
     r, u, d = own.r[latest], own.u[latest], own.d[latest]
     if not clock.uniform:
         # what acts from one instant of the grid to the next is the mean of what was held meanwhile
-        means = (_mean_held(grid, h, t, x) for x in (own.r, own.u))
-        r, u = (np.where(np.isfinite(m), m, x) for m, x in zip(means, (r, u), strict=True))
+        r, u = (_mean_held(grid, h, t, x, latest) for x in (own.r, own.u))
         for k, x in enumerate(own.d.T):
             held = record.d_hold[k : k + 1] == ("zoh",)
-            d[:, k] = _mean_held(grid, h, t, x[:, None])[:, 0] if held else np.interp(grid, t, x)
+            d[:, k] = _mean_held(grid, h, t, x[:, None], latest)[:, 0] if held else np.interp(grid, t, x)
     return Segment(
         experiment=experiment,
         h=h,
@@ -137,15 +136,22 @@ def _on_grid(own: _Signals, clock: Clock, record: Record, experiment: int) -> Se
     )
 
 
-def _mean_held(grid: Array, h: float, t: Array, x: Array) -> Array:
-    """(N, n) mean over [grid, grid + h) of signals that hold each sample's value until the next."""
+def _mean_held(grid: Array, h: float, t: Array, x: Array, latest: IntArray) -> Array:
+    """(N, n) mean over [grid, grid + h) of signals that hold each sample's value until the next.
+
+    Where nothing moves meanwhile it is the value itself, `latest` being the sample that each instant begins with: sums
+    over a whole record would leave their rounding there. Where a value is missing meanwhile it is the latest one too.
+    """
     step = np.diff(t, append=t[-1] + h)
     area = np.vstack([np.zeros(x.shape[1]), np.cumsum(x * step[:, None], axis=0)])
     edges = np.append(t, t[-1] + h)
     ends = np.minimum(np.append(grid, grid[-1] + h), edges[-1])
     until = np.column_stack([np.interp(ends, edges, column) for column in area.T])
     width = np.maximum(np.diff(ends), 1e-12 * h)
-    return np.asarray(np.diff(until, axis=0) / width[:, None])
+    mean = np.diff(until, axis=0) / width[:, None]
+    last = np.searchsorted(t, ends[1:], side="left") - 1
+    moves = np.vstack([np.zeros(x.shape[1], dtype=int), np.cumsum(np.diff(x, axis=0) != 0, axis=0)])
+    return np.where((moves[last] != moves[latest]) & np.isfinite(mean), mean, x[latest])
 
 
 def _between(grid: Array, t: Array, y: Array, farthest: float) -> Array:

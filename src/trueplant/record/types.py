@@ -171,8 +171,6 @@ class Unusable(StrEnum):
     """... or of the OP of a controller: what moved the plant is not in the record."""
     TOO_FEW = "too-few"
     """Hardly a PV sample can be used."""
-    OPEN = "loop-open"
-    """OP was in manual or at a limit for most of a record that is declared closed."""
     CUT_UP = "cut-up"
     """No stretch between gaps is long enough."""
 

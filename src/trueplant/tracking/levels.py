@@ -49,8 +49,6 @@ CHUNK = 20_000
 """Prediction errors looked at together: what bounds the memory."""
 WARM = 2.0
 """Settling times before each chunk from which its responses start."""
-MOVED = 1e-9
-"""Move of a set-point, relative to its size, that is no rounding."""
 NO_INFORMATION = 1e-12
 """Eigenvalues of the scaled information below this are none: a parameter without any gets a very large standard
 error."""

@@ -175,7 +175,7 @@ class FollowedRow:
         segments = self.stretch_segments(window)
         computed = self.study.computed | computed_setpoints(segments)
         own = [replace(s, y=s.y[:, [self.output]]) for s in segments]
-        if not any(excited(s, computed) for s in own):
+        if not excited(own, [computed] * len(own)):
             return replace(window, refusal=UNMOVED)
         confidence = self.study.project.analysis.confidence
         estimate = identify_output(

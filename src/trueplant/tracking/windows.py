@@ -112,8 +112,7 @@ def moves_of(segments: Sequence[Segment]) -> Array:
     found = []
     for segment in segments:
         source = segment.r[:, np.isfinite(segment.r).all(axis=0)] if segment.closed else segment.u
-        size = np.abs(source).max(axis=0, initial=0.0)
-        moved = np.any(np.abs(np.diff(source, axis=0)) > levels.MOVED * (1 + size), axis=1)
+        moved = np.any(np.diff(source, axis=0) != 0, axis=1)
         found.append(segment.t[1:][moved])
     return np.sort(np.concatenate(found)) if found else np.zeros(0)
 

@@ -20,6 +20,7 @@ from trueplant.errors import LoopError, Refused, UnstableLoop
 from trueplant.lti import TransferMatrix
 from trueplant.mismatch import FrequencyResponse, hold_response, local_response
 from trueplant.record import Record, Segment
+from trueplant.record.resolution import settled
 from trueplant.result import CascadeCheck, Code, Reason
 from trueplant.robust import margins
 from trueplant.study import levels
@@ -58,7 +59,7 @@ def _segments(record: Record, segments: Sequence[Segment], j: int) -> list[Segme
         known = np.isfinite(sp)
         if known.mean() < 0.9 or not known[0]:
             continue
-        sp = sp[np.maximum.accumulate(np.where(known, np.arange(sp.size), 0))]
+        sp = settled(sp[np.maximum.accumulate(np.where(known, np.arange(sp.size), 0))])
         column = np.ones((sp.size, 1), dtype=bool)
         found.append(
             replace(

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.signal import lfilter
-from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.identify.noise import whitened_valid
 from trueplant.record import Segment
 from trueplant.result import Code, Reason
 from trueplant.study import levels
@@ -34,12 +35,11 @@ def why_not_informative(study: Study) -> list[Reason]:
     segments = study.segments
     if not segments:
         return []
-    each = zip(segments, study.computed_alone, strict=True)
-    if any(excited(segment, study.computed | alone) for segment, alone in each):
+    if excited(segments, [study.computed | alone for alone in study.computed_alone]):
         return []
     closed = [segment for segment in segments if segment.closed]
     if not closed:
-        return [Reason(Code.NO_EXCITATION, "no input moves in these data: record a stretch in which OP is moved")]
+        return [Reason(Code.NO_EXCITATION, _open_loop(segments))]
     if all(not np.isfinite(segment.r).any() for segment in closed):
         return [
             Reason(
@@ -65,7 +65,7 @@ def why_not_informative(study: Study) -> list[Reason]:
                 Code.NO_EXCITATION,
                 "the set-points move too little: what PV does after their changes cannot be told from what "
                 "disturbances do to it anyway, and in closed loop these show the controller (-1/Q) as much as the "
-                "plant. Use a record with larger or more set-point changes",
+                f"plant{_kept_from_acting(study)}. Use a record with larger or more set-point changes",
             )
         ]
     return [
@@ -84,46 +84,98 @@ def unmoved_outputs(study: Study) -> list[int]:
     if not computed.any():
         return []
     every = range(segments[0].y.shape[1])
-    return [i for i in every if not any(excited(replace(s, y=s.y[:, [i]]), computed) for s in segments)]
+    known = [computed] * len(segments)
+    return [i for i in every if not excited([replace(s, y=s.y[:, [i]]) for s in segments], known)]
 
 
-def excited(segment: Segment, computed: BoolArray) -> bool:
+def excited(segments: Sequence[Segment], computed: Sequence[BoolArray]) -> bool:
     """Does something moved from outside (set-points, in open loop OP) show in some PV beyond chance?
 
-    `computed` (n_y,) is True for a set-point that does not move from outside.
+    `computed`, one an element (n_y,) for each segment, is True for a set-point that does not move from outside. The
+    segments of an experiment are asked together, so that a record in pieces tells what the pieces tell.
     """
-    sources = segment.r[:, np.isfinite(segment.r).all(axis=0) & ~computed] if segment.closed else segment.u
-    sources = sources[:, np.ptp(sources, axis=0) > 0]
-    if sources.shape[1] == 0:
-        return False
-    p = [_answer_p(segment.y[:, i], sources) for i in range(segment.y.shape[1])]
-    return min(p) * len(p) < levels.EXCITED
+    sources = [_sources(segment, known) for segment, known in zip(segments, computed, strict=True)]
+    experiments = sorted({segment.experiment for segment in segments})
+    p = []
+    for k in experiments:
+        own = [m for m, segment in enumerate(segments) if segment.experiment == k]
+        moving = np.any([np.ptp(sources[m], axis=0) > 0 for m in own], axis=0)
+        if moving.any():
+            x = [sources[m][:, moving] for m in own]
+            p += [_answer_p([segments[m].y[:, i] for m in own], x) for i in range(segments[own[0]].y.shape[1])]
+    return bool(p) and min(p) * len(p) < levels.EXCITED
 
 
-def _answer_p(y: Array, sources: Array) -> float:
-    """p-value that y, given its own past, does not answer to the sources through any of a bank of lags."""
-    good = np.isfinite(y)
-    if good.sum() < 10 or np.ptp(y[good]) == 0:
+def _sources(segment: Segment, computed: BoolArray) -> Array:
+    """What may move the plant from outside (N, n_y), in open loop (N, n_u); 0 for what is not known or computed."""
+    source, outside = segment.u, np.ones(segment.u.shape[1], dtype=bool)
+    if segment.closed:
+        source, outside = segment.r, np.isfinite(segment.r).all(axis=0) & ~computed
+    moved: Array = np.where(outside, source, 0.0)
+    return moved
+
+
+def _answer_p(outputs: Sequence[Array], sources: Sequence[Array]) -> float:
+    """p-value that an output, given its own past, does not answer to the sources through any of a bank of lags.
+
+    outputs (N,) and sources (N, n), one an element for each stretch; only samples whose past was measured are asked.
+    """
+    samples = sum(y.size for y in outputs)
+    step = max(1, samples // levels.ANSWER_SAMPLES)
+    outputs = [y[::step] for y in outputs]
+    order = _past([np.isfinite(y) for y in outputs], levels.ANSWER_LAGS * sources[0].shape[1])
+    poles = np.exp(-1 / np.geomspace(2.0, max(samples / step / 10, 4.0), levels.ANSWER_LAGS))
+    rows = []
+    for y, x in zip(outputs, sources, strict=True):
+        if y.size > order:
+            bank = [x[0] + lfilter([0.0, 1 - a], [1.0, -a], x[::step] - x[0], axis=0)[order:] for a in poles]
+            one = np.column_stack([y[order:], *(y[order - k : y.size - k] for k in range(1, order + 1)), *bank])
+            one = one[np.isfinite(one).all(axis=1)]
+            rows += [one] if len(one) else []
+    if all(np.ptp(one[:, 0]) == 0 for one in rows):
         return 1.0
-    step = max(1, y.size // levels.ANSWER_SAMPLES)
-    filled = np.interp(np.arange(y.size), np.flatnonzero(good), y[good])[::step]
-    x = (sources - sources[0])[::step]
-    n, order = filled.size, min(levels.ANSWER_PAST, filled.size // 10)
-    poles = np.exp(-1 / np.geomspace(2.0, max(n / 10, 4.0), levels.ANSWER_LAGS))
-    bank = np.column_stack([lfilter([0.0, 1 - a], [1.0, -a], x, axis=0) for a in poles])[order:]
-    past = np.column_stack([filled[order - k : n - k] for k in range(1, order + 1)] + [np.ones(n - order)])
-    now = filled[order:]
-
-    def power(columns: Array) -> float:
-        return float(np.sum(unexplained(now, columns, rcond=1e-10) ** 2))
-
-    full = np.hstack([past, bank])
-    left = max(n - order - full.shape[1], 1)
-    own = power(past)
+    joined = np.vstack(rows)
+    joined -= joined.mean(axis=0)  # a mean of each stretch would bias what the output owes to its past
+    now, past, both = joined[:, 0], joined[:, 1 : order + 1], joined[:, 1:]
+    asked = both.shape[1] - order
+    left = len(now) - 1 - both.shape[1]
+    own, rest = (float(np.sum(unexplained(now, columns, rcond=1e-10) ** 2)) for columns in (past, both))
+    if left < 1:
+        return 1.0
     if own <= 1e-20 * float(np.sum(now**2)):
         return 0.0  # free of noise
-    ratio = left * np.log(own / max(power(full), 1e-300))
-    return float(chi2.sf(max(ratio, 0.0), bank.shape[1]))
+    return float(f_distribution.sf((own - rest) / asked / max(rest / left, 1e-300), asked, left))
+
+
+def _past(measured: Sequence[BoolArray], asked: int) -> int:
+    """Samples of an output's own past that are asked for: fewer where too few samples have so many before them."""
+    size = sum(one.size for one in measured)
+    for order in range(min(levels.ANSWER_PAST, size // 10), 0, -1):
+        there = sum(int(whitened_valid(order, one).sum()) for one in measured if one.size > order)
+        whole = sum(one.size - order for one in measured if one.size > order)
+        if there >= min(levels.FEWEST_PER_COEFFICIENT * (order + 1 + asked), whole):
+            return order
+    return 0
+
+
+def _open_loop(segments: Sequence[Segment]) -> str:
+    """Why open-loop records do not tell."""
+    if not any(np.any(np.ptp(segment.u, axis=0) > 0) for segment in segments):
+        return "no input moves in these data: record a stretch in which OP is moved"
+    return (
+        "the inputs move too little: what PV does after their changes cannot be told from what disturbances do to it "
+        "anyway. Record a stretch with larger or more changes of OP"
+    )
+
+
+def _kept_from_acting(study: Study) -> str:
+    """Says for how long limits or hands kept the OPs from following the set-points, where that was most of the time."""
+    stuck = np.vstack([~segment.free for segment in study.segments if segment.closed]).mean(axis=0)
+    j = int(np.argmax(stuck))
+    if stuck[j] <= 0.5:
+        return ""
+    name = study.project.input_names[j]
+    return f". OP of {name} was at a limit or in manual for {100 * stuck[j]:.3g} % of the record, and followed nothing"
 
 
 def _moving(segment: Segment) -> BoolArray:
@@ -154,7 +206,7 @@ def setpoint_moves(segment: Segment) -> Array:
     if r.size == 0:
         return np.zeros((0, 0))
     steps = np.diff(r, axis=0)
-    moves: Array = steps[np.any(np.abs(steps) > 1e-9 * (1 + np.abs(r[1:])), axis=1)]
+    moves: Array = steps[np.any(steps != 0, axis=1)]
     return moves
 
 

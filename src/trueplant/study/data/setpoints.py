@@ -49,8 +49,7 @@ def _rows(segment: Segment, i: int, few: bool) -> tuple[Array, Array, Array, Arr
     """At each move of set-point i: its size, its last levels, a longer past of it, and the PVs."""
     r, y = segment.r[:, i], segment.y
     lags, past_levels, before = (1, 1, 0) if few else (levels.SETPOINT_LAGS, levels.SETPOINT_LEVELS, 2)
-    scale = 1e-9 * (1 + np.max(np.abs(r)))
-    at = np.flatnonzero(np.abs(np.diff(r)) > scale) + 1
+    at = np.flatnonzero(np.diff(r) != 0) + 1
     width = 2 + past_levels + y.shape[1] * (lags + 2 + 2 * before)
     first = max(past_levels, before, 1)
     if len(at) <= first:

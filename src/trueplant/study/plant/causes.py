@@ -12,6 +12,8 @@ from trueplant.arrays import Array
 from trueplant.detect import CommonFactor, Found, common_factors, level_variance, noise_change
 from trueplant.identify import FoundValve, OutputEstimate
 from trueplant.identify.fit import residuals
+from trueplant.identify.row import Piece
+from trueplant.record import Segment
 from trueplant.result import Code, Element, ElementVerdict, Reason
 from trueplant.study import levels
 from trueplant.study.plant.identified import Identified
@@ -146,16 +148,23 @@ def _biases(study: Study, estimate: OutputEstimate, i: int) -> dict[int, tuple[f
     columns = [s.column for s in row.specs]
     out = {}
     for k, ((v, _, _), piece) in enumerate(zip(residuals(fit), row.pieces, strict=True)):
-        segment = next((s for s in study.segments if s.experiment == piece.experiment), None)
         good = np.isfinite(v)
-        if segment is None or good.sum() < levels.FEWEST_ERRORS or piece.experiment in out:
+        if good.sum() < levels.FEWEST_ERRORS or piece.experiment in out:
             continue
-        start = np.hstack([segment.u, segment.d])[round((piece.start - segment.t[0]) / segment.h), columns]
+        segment = _begun_in(study, piece)
+        first = min(round((piece.start - segment.t[0]) / segment.h), len(segment) - 1)
+        start = np.hstack([segment.u, segment.d])[first, columns]
         y, _ = row.measured(k)
         offset = float((y - row.response(estimate.theta, k) - v)[good][-1])
         mean = start + np.mean(piece.inputs[columns], axis=1)
         out[piece.experiment] = (offset - float(dc @ start), level_variance(v[good], max(fit.ar.size, 1)), mean)
     return out
+
+
+def _begun_in(study: Study, piece: Piece) -> Segment:
+    """The segment in which a piece of an output begins, or that before the gap in which it does."""
+    before = [s for s in study.segments if s.experiment == piece.experiment and s.t[0] < piece.start + 0.5 * s.h]
+    return before[-1]
 
 
 def _parts(estimate: OutputEstimate) -> list[tuple[Any, slice]]:

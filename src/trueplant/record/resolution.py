@@ -1,0 +1,104 @@
+"""How finely the numbers of a record are written, and which of its signals move by more than that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from trueplant.arrays import Array
+from trueplant.record.sensor import quantum
+from trueplant.record.types import Finding, Kind, Record
+
+
+def resolution(y: Array) -> float:
+    """The last place in which y was written down: a power of ten, or that of its floating-point numbers."""
+    rounding = _rounding(y)
+    digits = (d for d in range(-2, 16) if _printed(y[:1000], d, rounding) and _printed(y, d, rounding))
+    printed = next((10.0**-d for d in digits), 0.0)
+    place = _place(y)
+    return printed if printed >= place else place + printed
+
+
+def _rounding(y: Array) -> float:
+    """What some steps of arithmetic leave of numbers of this size."""
+    return 4 * float(np.finfo(float).eps) * float(np.max(np.abs(y), initial=0.0))
+
+
+def _printed(y: Array, digits: int, rounding: float) -> bool:
+    return bool(np.all(np.abs(np.round(y, digits) - y) <= rounding))
+
+
+def _place(y: Array) -> float:
+    """The last place of the floating-point numbers that y is, or was before it was printed."""
+    rounding = _rounding(y)
+    single = y.astype(np.float32)
+    # Nine digits tell single-precision numbers apart: half of the ninth is at most so much of a number.
+    if np.all(np.abs(single - y) <= np.maximum(5e-9 * np.abs(y), rounding)):
+        return float(np.spacing(np.max(np.abs(single), initial=np.float32(0))))
+    return 0.5 * rounding
+
+
+def settled(x: Array, step: float = 0.0) -> Array:
+    """x (N,) with NaN where it is not known, constant where all its values lie within one step of its resolution.
+
+    This is the one definition of a move: whatever differs in a settled signal has moved. What arithmetic on a level
+    leaves of it is no move either.
+    """
+    known = np.flatnonzero(np.isfinite(x))
+    if known.size == 0:
+        return x
+    v = x[known]
+    rounding = _rounding(v)
+    if np.ptp(v) <= step + rounding:
+        v = np.full(v.size, v[0])
+    else:
+        change = np.abs(np.diff(v))
+        if not np.any((change > 0) & (change <= rounding)):
+            return x
+        begin = np.concatenate([[True], change > rounding])
+        v = v[np.maximum.accumulate(np.where(begin, np.arange(v.size), 0))]
+    out = x.copy()
+    out[known] = v
+    return out
+
+
+def without_rounding(record: Record) -> tuple[Record, tuple[Finding, ...]]:
+    """The record with set-points, OPs and measured disturbances settled, and what there is to say of it.
+
+    A set-point is as fine as it and its PV are written: round numbers show fewer digits than there are. It is no finer
+    than the quantum of that PV. Two values of an OP may be its "on" and "off": only its floating-point numbers count.
+    """
+    found: list[Finding] = []
+
+    def columns(x: Array, names: tuple[str, ...], step: Callable[[Array, int], float]) -> Array:
+        out = np.array(x)
+        for k, name in enumerate(names):
+            v = x[np.isfinite(x[:, k]), k]
+            if v.size == 0 or np.ptp(v) == 0:
+                continue
+            out[:, k] = settled(x[:, k], step(v, k))
+            if np.nanmin(out[:, k]) == np.nanmax(out[:, k]):
+                message = f"{name} never moves by more than the record resolves ({np.ptp(v):.2g}); taken as constant."
+                found.append(Finding(Kind.CONSTANT, name, message, samples=int(v.size), value=float(v[0])))
+        return out
+
+    setpoints = tuple(f"set-point of {name}" for name in record.outputs)
+    r = columns(record.r, setpoints, lambda v, k: _setpoint_step(v, record.y[np.isfinite(record.y[:, k]), k]))
+    u = columns(record.u, record.inputs, lambda v, _: _place(v))
+    d = columns(record.d, record.disturbances, lambda v, _: _place(v))
+    return replace(record, r=r, u=u, d=d), tuple(found)
+
+
+def _setpoint_step(r: Array, y: Array) -> float:
+    """How finely a set-point r is known beside its PV y, both without gaps."""
+    span, step = float(np.ptp(r)), max(resolution(r), _place(y))
+    if y.size < 2:
+        return step
+    if span <= step:
+        # formats of so many digits write small numbers more finely
+        as_large = y[np.abs(y) >= np.max(np.abs(r))]
+        step = max(min(step, resolution(as_large if as_large.size else y)), _place(y))
+    # a quantum is no larger than the largest change
+    return max(step, quantum(y)) if span <= np.max(np.abs(np.diff(y))) else step
