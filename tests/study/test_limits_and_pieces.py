@@ -49,12 +49,7 @@ def left_over(kind: str, seed: int) -> dict[str, Any]:
     return record | {"pv": np.where(good, record["pv"], np.nan)}
 
 
-BEYOND = "the structure tests take a second lag and a lead that pieces of some 60 samples do not bear"
-
-
-@pytest.mark.parametrize(
-    "kind", ["PV", "scattered", "OP", pytest.param("rows", marks=pytest.mark.xfail(reason=BEYOND, strict=True))]
-)
+@pytest.mark.parametrize("kind", ["PV", "scattered", "OP", "rows"])
 def test_a_record_of_which_a_fifth_is_usable_is_used(kind: str) -> None:
     record = left_over(kind, 3)
     result = run(

@@ -99,7 +99,8 @@ def identify_with_holds(
     segments = with_holds(segments, holds)
     for i, fit in held_fits(holds).items():
         estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
-    for i, found in estimates.items():
+    # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
+    for i, found in estimates.items() if timing == 0 else ():
         estimates[i] = with_structures(found, partial(_estimated, again[i], segments), len(everywhere), confidence)
     if any(segment.closed for segment in segments):
         estimates = _with_shared_disturbances(estimates, confidence)

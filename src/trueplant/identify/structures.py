@@ -176,7 +176,7 @@ def _fitted(fit: RowFit, m: int, structure: Structure, starts: Sequence[Array]) 
     for ar in (fit.ar, np.zeros(0)):
         begun = max((improved_element(row, theta, ar, m) for theta in whole), key=lambda found: found[1])[0]
         begun = np.clip(begun, *row.bounds())
-        rival = fit_row(row, begun, ar, weights=fit.weights, free=free, iterations=short, settled=near)
+        rival = fit_row(row, begun, ar, weights=fit.weights, free=free, reweight=False, iterations=short, settled=near)
         rivals.append(rival if ar.size else _with_noise(rival, short))
     return rivals
 
@@ -188,7 +188,8 @@ def _polished(fit: RowFit) -> RowFit:
 
 def _with_noise(fit: RowFit, iterations: int) -> RowFit:
     ar = fit_noise(fit, None, largest_order(fit.row, Options().largest_order))
-    return fit_row(fit.row, fit.theta, ar, weights=fit.weights, free=fit.free, iterations=iterations)
+    # Costs under other weights of the pieces would not compare.
+    return fit_row(fit.row, fit.theta, ar, weights=fit.weights, free=fit.free, reweight=False, iterations=iterations)
 
 
 def _criterion(fit: RowFit) -> float:
