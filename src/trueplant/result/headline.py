@@ -86,6 +86,8 @@ def _what_changed(element: Element) -> str:
         values = ", ".join(f"{_phrase(p, known)} of {_quantity(p.plant, p.unit)}" for p in known)
         return f"{where} responds with {values}, where the model has no response" if values else f"{where} responds"
     if not moved:
+        if element.rejected_structure is not None:
+            return f"{where} does not have its model's structure {element.rejected_structure}: {element.structure} fits"
         return f"{where} differs from the model as a whole, though no single parameter does for certain"
     clauses = []
     for parameter in moved:
@@ -117,7 +119,7 @@ def _short(element: Element) -> str:
             told = is_useful(p) and _is_number(p.change_percent)
             size = f"{p.change_percent:+.0f} %" if told else _told(p)
             parts.append(f"{p.name.replace('_', ' ')} {size}")
-    return ", ".join(parts) or "as a whole"
+    return ", ".join(parts) or ("as a whole" if element.rejected_structure is None else "another structure")
 
 
 def _phrase(parameter: Parameter, parameters: Sequence[Parameter]) -> str:

@@ -150,6 +150,7 @@ def _element(
         importance=Importance(float(peak[i, j]) if any(answered) else None, basis),
         grade=detect.grade(_half_widths(found), answered, sound),
         detectable_change=verdict.detectable,
+        rejected_structure=None if found.rejected is None else str(found.rejected.structure),
     )
 
 
