@@ -19,7 +19,7 @@ from trueplant.identify.blocks import most_moved
 from trueplant.identify.covariance import inflation
 from trueplant.identify.estimate import Options, fit_noise, largest_order
 from trueplant.identify.fit import RowFit, fit_row
-from trueplant.identify.output import OutputEstimate, Rejected
+from trueplant.identify.output import OutputEstimate, Rejected, unanswered
 from trueplant.identify.row import Row, Spec
 from trueplant.identify.search import improved_element
 from trueplant.lti.structure import Structure, translated
@@ -47,7 +47,7 @@ def with_structures(
             continue
         old = estimate.row.specs[m]
         wider = again([_wider(old, *found) if spec is old else spec for spec in estimate.row.specs])
-        if wider is not None:
+        if wider is not None and _tells_gain(wider, m):
             rejected = Rejected(old.structure, min(float(p[m]) * tested, 1.0))
             estimate = replace(wider, rejected={**estimate.rejected, old.column: rejected})
             # What this element lacked, the others of its row may have taken on.
@@ -63,6 +63,12 @@ def _wider(spec: Spec, structure: Structure, guess: Array) -> Spec:
     same = structure.is_gain & (structure.integrators == spec.structure.integrators)
     undeclared = tuple(int(k) for k in np.flatnonzero(~same))
     return Spec(spec.column, structure, initial, undeclared, tuple(float(x) for x in guess))
+
+
+def _tells_gain(estimate: OutputEstimate, m: int) -> bool:
+    """A structure in which the record does not tell the gain any more is no answer."""
+    part = estimate.row.slices[m]
+    return not any(estimate.row.is_gain[k] and part.start <= k < part.stop for k in unanswered(estimate))
 
 
 def _sufficient(fit: RowFit, confidence: float) -> Array:
