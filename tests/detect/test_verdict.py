@@ -49,6 +49,19 @@ def test_changes_within_the_tolerance_do_not_count():
     assert judge([evidence], tolerance_percent=5)[0].verdict == "changed"
 
 
+def test_a_rejected_structure_is_a_change_and_has_a_fifth_of_the_level():
+    """Parameters that are all as the model has them, and one that is so at 4.5 % only: 4 % is what is left to them."""
+    same = Evidence((1.0,), np.array([1.0]), np.array([[0.01]]), (True,), structure_p=0.003)
+    (verdict,) = judge([same])
+    assert verdict.verdict == "changed" and verdict.p_adjusted == 0.003
+    assert not any(p.changed for p in verdict.parameters)
+    nothing = Evidence((None,), np.array([1.0]), np.array([[0.01]]), (True,), structure_p=0.003)
+    assert judge([nothing])[0].verdict == "changed"
+    for p, said in ((0.045, "unchanged"), (0.035, "changed")):
+        moved = Evidence((1.0,), np.array([1.0 + 0.1 * norm.isf(p / 2)]), np.array([[0.01]]), (True,))
+        assert judge([moved])[0].verdict == said
+
+
 def test_nothing_answered_is_not_identifiable():
     evidence = Evidence((1.0, 2.0), np.array([1.0, 9.0]), np.eye(2), (False, False))
     assert judge([evidence])[0].verdict == "not identifiable"

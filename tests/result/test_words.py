@@ -137,6 +137,17 @@ def test_a_number_without_a_useful_interval_is_in_no_headline():
     assert "Changed too: u1 -> y1 (gain between -0.210 and 0.250 degC/%)." in said
 
 
+def test_another_structure_is_said_where_no_parameter_says_it():
+    plain_one = _parameter(changed=False)
+    other = _element("y1", "u1", parameters=(plain_one,), structure="sopdt+lead", rejected_structure="fopdt")
+    assert "u1 -> y1 does not have its model's structure fopdt: sopdt+lead fits." in _result(other).headline
+    first = replace(_element(), importance=Importance(9.0, "loop"))
+    assert "Changed too: u1 -> y1 (another structure)." in _result(first, other).headline
+    # a gain that has changed says more
+    said = _result(replace(other, parameters=(_parameter("gain", "", 1.0, 2.0, 0.1),))).headline
+    assert "responds with a gain of 2.00" in said and "structure" not in said
+
+
 def test_what_could_not_be_judged_is_said():
     open_one = _element("y1", "u1", "not identifiable", (_parameter(plant=None, changed=False),), p_adjusted=None)
     kept = _element(verdict="unchanged")
