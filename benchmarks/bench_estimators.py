@@ -90,7 +90,7 @@ def direct(order: Order, structure: str) -> Method:
 
 
 def searched(order: Order, structure: Structure) -> Method:
-    """`estimate_row` from SRIVC (as `with_initial_guess`), knowing the structure alone: its own search comes after."""
+    """`estimate_row` with SRIVC for its model, knowing the structure alone: its own search comes after."""
 
     def run(segment: Segment, shared: Shared) -> tuple[np.ndarray, np.ndarray]:
         start = tuple(float(x) for x in shared["SRIVC"].as_structure(structure)[0])
