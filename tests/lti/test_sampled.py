@@ -102,3 +102,15 @@ def test_thinned_responses_are_those_of_every_sample(hold, samples):
     whole = rows_response(num, den, 2.3, u, 0.5, hold)
     for every in (1, 2, 6):
         assert np.array_equal(rows_response(num, den, 2.3, u, 0.5, hold, every), whole[:, ::every])
+
+
+@pytest.mark.parametrize("dead_time", [1e300, np.inf, np.nan, -2.5])
+def test_a_dead_time_out_of_all_bounds_does_no_harm(dead_time):
+    """A search may try it: later than the record there is no response, and no number gives none."""
+    u = np.linspace(0.0, 1.0, 50)
+    y = rows_response(np.array([[0.0, 1.0]]), np.array([1.0, 0.5]), dead_time, u, 1.0)
+    assert y.shape == (1, 50)
+    if np.isnan(dead_time):
+        assert np.isnan(y).all()
+    elif dead_time > 0:
+        assert not y.any()

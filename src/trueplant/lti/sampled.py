@@ -120,7 +120,7 @@ def discretise(a: Array, b: Array, h: float, phi: float, linear: bool) -> tuple[
 def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear: bool, u: Array, every: int) -> Array:
     n, m, length = ad.shape[0], c.shape[0], u.size
     late = np.zeros(length + 2)  # u[k - q - 1], u[k - q] and u[k - q + 1] stand at k, k + 1 and k + 2
-    for k in range(q + 1, min(length + 2, length + q + 1)):
+    for k in range(max(q + 1, 0), min(length + 2, length + q + 1)):
         late[k] = u[k - q - 1]
     size = (length + every - 1) // every
     states = np.empty((n, size))
@@ -158,9 +158,12 @@ def split_dead_time(dead_time: float, h: float) -> tuple[int, float]:
 
 @njit(cache=True)
 def rows_of(num: Array, den: Array, dead_time: float, u: Array, h: float, linear: bool, every: int) -> Array:
-    """Compiled `rows_response`."""
+    """Compiled `rows_response`; NaN where the dead time is no number, as it has no place among the samples."""
+    if np.isnan(dead_time):
+        return np.full((num.shape[0], (u.size + every - 1) // every), np.nan)
     a, b, c, d = realise(num, den)
-    q, phi = split_dead_time(dead_time, h)
+    # what is later than the record is as good as never, and would not fit into a whole number
+    q, phi = split_dead_time(min(dead_time, (u.size + 1) * h), h)
     ad, taps = discretise(a, b, h, phi, linear)
     y: Array = _run(ad, taps, c, d, min(q, u.size + 1), phi, linear, u, every)
     return y
