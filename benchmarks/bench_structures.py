@@ -51,7 +51,7 @@ def answer(case: str, seed: int) -> Answer:
     n, m = done.u.shape
     free = np.ones((n, m), dtype=bool)
     record = Segment(0, done.h, done.t, done.r, done.u, done.y, np.zeros((n, 0)), free, ("zoh",) * m)
-    found = identify_matrix([record], model, specs_of(model))[0]
+    found = identify_matrix([record], model, specs_of(model), structures=True)[0]
     low, high = found.intervals[0]
     error = abs(found.theta[0] - 2) / np.sqrt(found.covariance[0, 0])
     return Answer(str(found.row.specs[0].structure), bool(low <= 2 <= high), float(error))

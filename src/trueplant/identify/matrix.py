@@ -41,16 +41,17 @@ def identify_matrix(
     update_interval: float = 0.0,
     timing: float = 0.0,
     tell: Callable[[int], None] | None = None,
+    structures: bool = False,
 ) -> dict[int, OutputEstimate]:
     """The estimate of each output that has elements to estimate and data to do it from.
 
     `model` (n_y, n_u + n_d) holds the elements that are not in `specs` at their values; those of its zeros that the
     record shows to act are estimated along (`with_missing`). `update_interval` is the time between real updates of
     PV, `timing` the standard error of the instants (`Sampling`). `tell` is told the number of each output
-    before it is estimated.
+    before it is estimated. With `structures`, those that the record rejects are replaced by richer ones.
     """
     told = (confidence, update_interval, timing)
-    return identify_with_holds(segments, model, specs, (), *told, tell=tell)[0]
+    return identify_with_holds(segments, model, specs, (), *told, tell=tell, structures=structures)[0]
 
 
 def identify_with_holds(
@@ -62,6 +63,7 @@ def identify_with_holds(
     update_interval: float,
     timing: float,
     tell: Callable[[int], None] | None = None,
+    structures: bool = False,
 ) -> tuple[dict[int, OutputEstimate], dict[int, FoundHold]]:
     """`identify_matrix`, and how the measured disturbances in the `undeclared` columns run between their samples.
 
@@ -101,7 +103,9 @@ def identify_with_holds(
         estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
     # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
     for i, found in estimates.items() if timing == 0 else ():
-        estimates[i] = with_structures(found, partial(_estimated, again[i], segments), len(everywhere), confidence)
+        estimates[i] = with_structures(
+            found, partial(_estimated, again[i], segments), len(everywhere), confidence, structures
+        )
     if any(segment.closed for segment in segments):
         estimates = _with_shared_disturbances(estimates, confidence)
     return estimates, holds

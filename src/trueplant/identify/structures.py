@@ -30,14 +30,17 @@ def with_structures(
     again: Callable[[Sequence[Spec]], OutputEstimate | None],
     tested: int,
     confidence: float,
+    replaced: bool = True,
 ) -> OutputEstimate:
     """The estimate, with richer structures for those elements whose own ones the record rejects.
+
+    Only with the p-values that they suffice where they are not to be `replaced`.
 
     `again` estimates the row with other elements. `tested` is the number of elements of the whole matrix; the chance
     over all of them that a structure that suffices is rejected is STRUCTURE_SHARE of 1 - confidence.
     """
     level = levels.STRUCTURE_SHARE * (1 - confidence) / tested
-    left = set(range(len(estimate.row.specs)))
+    left = set(range(len(estimate.row.specs))) if replaced else set()
     p = _sufficient(estimate.fit, confidence)
     while left:
         m = min(left, key=lambda one: float(p[one]))

@@ -126,9 +126,9 @@ def _undermodelled_notes(study: Study, found: Identified, i: int, estimate: Outp
         notes.append(
             Reason(
                 Code.UNDERMODELLED,
-                "the prediction errors still show more of the response than the structure describes, and none of the "
-                "next richer structures describes it better beyond chance: the gain at rest may differ from the one "
-                "given by more than its interval",
+                "a richer structure (a further lag and lead, or an oscillation) predicts better beyond chance: the plant's "
+                "element is not of the structure declared, and its gain at rest may differ from the one given by more "
+                "than its interval. Ask for a richer one (structure = ...)",
                 f"{', '.join(beyond)} -> {name}",
             )
         )
