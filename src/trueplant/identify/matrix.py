@@ -50,8 +50,8 @@ def identify_matrix(
     PV, `timing` the standard error of the instants (`Sampling`). `tell` is told the number of each output
     before it is estimated. With `structures`, those that the record rejects are replaced by richer ones.
     """
-    told = (confidence, update_interval, timing)
-    return identify_with_holds(segments, model, specs, (), *told, tell=tell, structures=structures)[0]
+    instants = (update_interval, timing)
+    return identify_with_holds(segments, model, specs, (), confidence, instants, tell=tell, structures=structures)[0]
 
 
 def identify_with_holds(
@@ -60,16 +60,16 @@ def identify_with_holds(
     specs: Mapping[tuple[int, int], Spec],
     undeclared: Sequence[int],
     confidence: float,
-    update_interval: float,
-    timing: float,
+    instants: tuple[float, float],
     tell: Callable[[int], None] | None = None,
     structures: bool = False,
 ) -> tuple[dict[int, OutputEstimate], dict[int, FoundHold]]:
     """`identify_matrix`, and how the measured disturbances in the `undeclared` columns run between their samples.
 
     That is found before structures are tested: what a wrong hold leaves in the prediction errors would pass for
-    dynamics that the structure lacks.
+    dynamics that the structure lacks. `instants` are the update interval and the timing error.
     """
+    update_interval, timing = instants
     everywhere = list(specs.values())
     sampling = Sampling(
         stride=choose_stride(segments, everywhere, update_interval),

@@ -88,8 +88,7 @@ def estimate_and_holds(
         study.specs,
         undeclared,
         study.project.analysis.confidence,
-        update_interval(study),
-        timing_error(study),
+        (update_interval(study), timing_error(study)),
         tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
     )
     unmoved = unmoved_outputs(study)
