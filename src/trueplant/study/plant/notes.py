@@ -127,8 +127,8 @@ def _undermodelled_notes(study: Study, found: Identified, i: int, estimate: Outp
             Reason(
                 Code.UNDERMODELLED,
                 "a richer structure (a further lag and lead, or an oscillation) predicts better beyond chance: the "
-                "plant's element is not of the structure declared, and its gain at rest may differ from the one given by more "
-                "than its interval. Ask for a richer one (structure = ...)",
+                "plant's element is not of the structure declared, and its gain at rest may differ from the one given "
+                "by more than its interval. Ask for a richer one (structure = ...)",
                 f"{', '.join(beyond)} -> {name}",
             )
         )
