@@ -8,6 +8,7 @@ import pytest
 from support.chance import most
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Spec, identify_matrix
+from trueplant.identify.levels import STRUCTURE_SHARE
 from trueplant.identify.structures import richer
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
@@ -59,7 +60,8 @@ def test_level_where_the_structure_is_the_plants():
     estimates = [found(FIRST, seed, samples=800, std=0.2) for seed in range(80)]
     p = np.array([estimate.structure_p[0] for estimate in estimates])
     assert np.sum(p < 0.05) <= most(80, 0.05)
-    assert sum(bool(estimate.rejected) for estimate in estimates) <= most(80, 0.01)
+    # What is replaced is beyond the share that is kept for structures.
+    assert all(p[k] < 0.05 * STRUCTURE_SHARE for k, estimate in enumerate(estimates) if estimate.rejected)
 
 
 @pytest.mark.parametrize("text", ["fopdt", "sopdt", "sopdt+lead", "pair", "integrator+lag", "sopdt+delayed"])
