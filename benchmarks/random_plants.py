@@ -311,10 +311,7 @@ def _project(case: Case) -> tuple[dict[str, Array], Project]:
         law = case.law.entries[k, k]
         loops.append(tp.Loop(f"L{k}", pv=f"pv{k}", sp=f"sp{k}", op=f"op{k}", op_limits=limits, controller=law))
     model = {
-        (f"L{i}", f"L{j}"): {
-            "tf": to_formula(case.structures[i][j].transfer(case.model[i][j]), 17),
-            "structure": str(case.structures[i][j]),
-        }
+        (f"L{i}", f"L{j}"): {"tf": to_formula(case.structures[i][j].transfer(case.model[i][j]), 17)}
         for i in range(n)
         for j in range(n)
     }

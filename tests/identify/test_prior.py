@@ -27,7 +27,7 @@ def record(structure, theta, seed=1, samples=1500):
     return segment_of(simulate(plant, law, r, 1.0, v=coloured(rng, samples, 1, [1, -0.8], [1], 0.1)))
 
 
-def test_slope_is_the_derivative_and_the_density_is_that_of_cauchy():
+def test_slope_is_the_derivative_and_the_density_is_normal_in_the_logarithm():
     prior, rng = Prior.about(STRUCTURE, MODEL), np.random.default_rng(2)
     assert prior.penalty(MODEL) == 0.0
     for _ in range(20):
@@ -38,10 +38,14 @@ def test_slope_is_the_derivative_and_the_density_is_that_of_cauchy():
             step[k] = 1e-6 * max(abs(theta[k]), 1e-3)
             difference = (prior.penalty(theta + step) - prior.penalty(theta - step)) / (4 * step[k])
             assert difference == pytest.approx(slope[k], rel=1e-4, abs=1e-8)
-    # a gain three times its model's is two scales away
+    # Time constants by their logarithm; what may be negative is so where it is large.
     tripled = MODEL.copy()
-    tripled[0] *= 3
-    assert prior.penalty(tripled) == pytest.approx(2 * np.log1p(4.0))
+    tripled[2] *= 3
+    assert prior.penalty(tripled) == pytest.approx(np.log(3.0) ** 2)
+    thousand, million = MODEL.copy(), MODEL.copy()
+    thousand[0] *= 1e3
+    million[0] *= 1e6
+    assert np.sqrt(prior.penalty(million)) - np.sqrt(prior.penalty(thousand)) == pytest.approx(np.log(1e3), rel=1e-6)
 
 
 def test_where_there_is_no_model_there_is_no_prior():

@@ -76,6 +76,7 @@ def test_a_parameter_of_which_nothing_is_known_stays_unknown():
     still = step_test(5)
     still.u[:] = still.u[0]
     covariance = sandwich_covariance(fitted(still))
-    # what is left is the prior about the model: at its centre a Cauchy density is as sharp as a normal one of 0.71
-    scale = np.array([TRUTH[0], TRUTH[1], TRUTH[1] + TRUTH[2]])
-    assert np.sqrt(np.diag(covariance)) == pytest.approx(scale / np.sqrt(2), rel=0.02)
+    # what is left is the prior about the model: a standard deviation of one in logarithms, or in asinh(value / unit)
+    gain, lag, dead_time = TRUTH
+    expected = [np.hypot(gain, gain), lag, np.hypot(lag + dead_time, dead_time)]
+    assert np.sqrt(np.diag(covariance)) == pytest.approx(expected, rel=0.02)

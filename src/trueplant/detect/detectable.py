@@ -1,6 +1,8 @@
-"""How small a change of an element the data would have shown: what "unchanged" is worth."""
+"""How small a change of an element the data would have shown, and which changes are worth it."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.stats import norm
@@ -8,6 +10,16 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.detect import levels
 from trueplant.lti import Structure
+
+
+def worth_knowing_of(structure: Structure, theta: Array, model: Sequence[float | None], share: float) -> Array:
+    """(n,) The change of each parameter that is worth knowing: a share of gain and lag, of dead time plus lag.
+
+    Of the plant's `theta` (n,) or the model's values, whichever are larger.
+    """
+    size = np.maximum(np.abs(theta), [abs(value or 0.0) for value in model])
+    with_lag = structure.is_dead_time | structure.is_lead
+    return np.asarray(share * np.where(with_lag, size + structure.lag(theta), size))
 
 
 def detectable_change(

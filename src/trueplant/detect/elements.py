@@ -9,7 +9,7 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.detect import levels
-from trueplant.detect.detectable import detectable_change
+from trueplant.detect.detectable import detectable_change, worth_knowing_of
 from trueplant.detect.verdict import Evidence, Verdict, judge
 from trueplant.identify import (
     OutputEstimate,
@@ -97,10 +97,18 @@ def judge_elements(
             found[p].joint,
             _detectable(estimates[p[0]], found[p], len(places), 1 - confidence),
             None if (rejected := found[p].rejected) is None else rejected.p_value,
+            _worth_knowing(found[p], worth_knowing),
         )
         for p in places
     ]
     return dict(zip(places, judge(evidence, confidence, tolerance_percent, worth_knowing), strict=True))
+
+
+def _worth_knowing(found: Found, share: float) -> Array:
+    """As `worth_knowing_of`; 0 of what is not answered for reasons that no longer record would remove."""
+    worth = worth_knowing_of(found.spec.structure, found.theta, found.model, share)
+    worth[[k for k, reason in found.reasons.items() if not reason.why.more_data_helps]] = 0.0
+    return worth
 
 
 def _detectable(estimate: OutputEstimate, found: Found, elements: int, level: float) -> float:

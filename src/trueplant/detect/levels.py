@@ -10,6 +10,10 @@ POWER = 0.8
 WORTH_KNOWING = 0.3
 """Change of gain, lag, or dead time relative to dead time plus lag, that "unchanged" has to exclude: a loop with the
 usual margins (gain margin above 2) bears it."""
+DEGENERATE = 1e-12
+"""Share of the largest variance below which that of a direction is rounding."""
+SMALLEST_VARIANCE = 1e-300
+"""That is divided by."""
 
 # The instant of a change
 FIRST_PASS = 60

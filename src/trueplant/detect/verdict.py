@@ -1,7 +1,8 @@
 """Which elements have changed: joint Wald tests with familywise control over the matrix.
 
-The elements are tested jointly over their answered parameters, and Holm's procedure (1979) keeps the
-chance of a single false alarm in the whole matrix at the level asked for. Within an element that has
+The elements are tested jointly over the directions of their parameters that the record determines, and Holm's
+procedure (1979) keeps the chance of a single false alarm in the whole matrix at the level asked for. Two gains that
+cannot be told one by one may be known very well in sum. Within an element that has
 changed, its parameters are tested one by one with Holm's procedure again: one is called changed where its own
 familywise p-value and that of its element say so. An element may so have changed although it cannot be told in which
 parameter. It is unchanged only where a change worth knowing would have been seen.
@@ -31,6 +32,7 @@ class Evidence:
     plant: Array
     covariance: Array
     answered: tuple[bool, ...]
+    """What may be judged by itself."""
     strictest: float | None = None
     """p-value of another test of the same question (likelihood ratio, absence), if there is one: the larger counts."""
     joint: Array | None = None
@@ -39,6 +41,9 @@ class Evidence:
     """The change that would just have been found, as a share (`detectable_change`)."""
     structure_p: float | None = None
     """p-value, over all elements, that the declared structure suffices; None where it is not rejected."""
+    worth_knowing: Array | None = None
+    """Change of each parameter that is worth knowing, 0 where it is not to be judged at all. Directions whose standard
+    error is larger are left out of the test of the element. None: all that is answered is tested."""
 
 
 @dataclass(frozen=True)
@@ -74,16 +79,21 @@ def holm(p_values: ArrayLike) -> Array:
     return adjusted
 
 
-def _joint_p(evidence: Evidence, tested: Sequence[int]) -> float:
-    """That the tested parameters all still have the model's values."""
-    index = np.array(tested)
-    shift = evidence.plant[index] - np.array([evidence.model[k] for k in tested], dtype=float)
+def _joint_p(evidence: Evidence) -> float | None:
+    """That the parameters all still have the model's values, as far as they are known; None where nothing is known."""
+    told = np.array([value is not None for value in evidence.model])
     whole = evidence.covariance if evidence.joint is None else evidence.joint
-    covariance = whole[np.ix_(index, index)]
-    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    normal = covariance / np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(normal)
-    use = values > 1e-12
+    if evidence.worth_knowing is None:
+        index, largest = np.flatnonzero(told & evidence.answered), np.inf
+        scale = np.sqrt(np.maximum(np.diag(whole)[index], levels.SMALLEST_VARIANCE))
+    else:
+        index, largest = np.flatnonzero(told & (evidence.worth_knowing > 0)), 1.0
+        scale = evidence.worth_knowing[index]
+    shift = evidence.plant[index] - np.array([evidence.model[k] for k in index], dtype=float)
+    values, vectors = np.linalg.eigh(whole[np.ix_(index, index)] / np.outer(scale, scale))
+    use = (values > levels.DEGENERATE * np.max(values, initial=0.0)) & (values <= largest)
+    if not use.any():
+        return None
     rotated = (vectors.T @ (shift / scale))[use]
     wald = float(chi2.sf(np.sum(rotated**2 / values[use]), int(use.sum())))
     return wald if evidence.strictest is None else max(wald, evidence.strictest)
@@ -105,7 +115,7 @@ def judge(
     tested = [
         [k for k, (m, ok) in enumerate(zip(e.model, e.answered, strict=True)) if ok and m is not None] for e in elements
     ]
-    raw = [_joint_p(e, t) if t else None for e, t in zip(elements, tested, strict=True)]
+    raw = [_joint_p(e) for e in elements]
     known = [p for p in raw if p is not None]
     adjusted = iter(holm(known))
     familywise = [None if p is None else float(next(adjusted)) for p in raw]

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from trueplant.identify import levels
+from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.row import Piece, Row
 
 
@@ -56,3 +57,9 @@ def most_moved(row: Row) -> Row:
         taken.append(stretches[k])
         total += stretches[k].y.size // row.stride
     return replace(row, pieces=tuple(taken))
+
+
+def of_a_part(fit: RowFit) -> RowFit:
+    """The fit of that part of a long record in which the inputs move most."""
+    row = most_moved(fit.row)
+    return fit if row is fit.row else fit_row(row, fit.theta, fit.ar, free=fit.free)

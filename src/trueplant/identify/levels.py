@@ -138,9 +138,9 @@ VALVE_FACTORS = np.concatenate([np.geomspace(0.5, 0.99, 36), [1.0], np.geomspace
 """By which a width that was found is varied again, the plant fitted behind it: 2 % from one to the next."""
 VALVE_ROUNDS = 8
 """Such variations in turn, at most; each begins where the one before ended."""
-PRIOR_SCALE = 1.0
-"""Of the prior about the model, relative to gain, time constants and dead time plus lag: half of all plants are taken
-to lie within a factor of e. A parameter whose likelihood has a standard error of 10 % moves by 2 % of its change."""
+PRIOR_SPREAD = 1.0
+"""Standard deviation of the prior about the model, of natural logarithms: a factor of e. A parameter whose likelihood
+has a standard error of 10 % moves by 1 % of its change."""
 LARGEST_EXPONENT = 200.0
 """Of the factor that the prior puts on the squares: a bound that keeps numbers finite."""
 SMALLEST = 1e-12

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -51,7 +51,8 @@ def identify_matrix(
     before it is estimated. With `structures`, those that the record rejects are replaced by richer ones.
     """
     instants = (update_interval, timing)
-    return identify_with_holds(segments, model, specs, (), confidence, instants, tell=tell, structures=structures)[0]
+    pinned = () if structures else [*np.ndindex(*model.shape)]
+    return identify_with_holds(segments, model, specs, (), confidence, instants, tell=tell, pinned=pinned)[0]
 
 
 def identify_with_holds(
@@ -62,12 +63,13 @@ def identify_with_holds(
     confidence: float,
     instants: tuple[float, float],
     tell: Callable[[int], None] | None = None,
-    structures: bool = False,
+    pinned: Collection[tuple[int, int]] = (),
 ) -> tuple[dict[int, OutputEstimate], dict[int, FoundHold]]:
     """`identify_matrix`, and how the measured disturbances in the `undeclared` columns run between their samples.
 
     That is found before structures are tested: what a wrong hold leaves in the prediction errors would pass for
-    dynamics that the structure lacks. `instants` are the update interval and the timing error.
+    dynamics that the structure lacks. `instants` are the update interval and the timing error. Structures that the
+    record rejects are replaced by richer ones but for the `pinned` elements.
     """
     update_interval, timing = instants
     everywhere = list(specs.values())
@@ -104,7 +106,11 @@ def identify_with_holds(
     # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
     for i, found in estimates.items() if timing == 0 else ():
         estimates[i] = with_structures(
-            found, partial(_estimated, again[i], segments), len(everywhere), confidence, structures
+            found,
+            partial(_estimated, again[i], segments),
+            len(everywhere),
+            confidence,
+            [j for k, j in pinned if k == i],
         )
     if any(segment.closed for segment in segments):
         estimates = _with_shared_disturbances(estimates, confidence)

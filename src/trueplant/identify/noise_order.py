@@ -7,8 +7,8 @@ import numpy as np
 from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.between_experiments import refit_noise
-from trueplant.identify.blocks import most_moved
-from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.blocks import of_a_part
+from trueplant.identify.fit import RowFit
 from trueplant.identify.levels import UNDERMODELLED
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import ResidualTests
@@ -21,7 +21,7 @@ def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tu
     and (n,) how far each parameter moves where the prediction errors still follow the inputs: then the
     structure is too simple, every noise model weighs its error differently, and no one of them is right.
     """
-    fit = _of_a_part(fit)
+    fit = of_a_part(fit)
     used = fit.ar.size
     undermodelled = bool(np.min(tests.cross_p) < UNDERMODELLED)
     limit = max(fit.row.measured(k)[0].size for k in range(len(fit.row.pieces))) // 20
@@ -46,9 +46,3 @@ def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tu
         if undermodelled:
             shifts = np.maximum(shifts, shift)
     return moved, shifts
-
-
-def _of_a_part(fit: RowFit) -> RowFit:
-    """The fit of that part of a long record in which the inputs move most."""
-    row = most_moved(fit.row)
-    return fit if row is fit.row else fit_row(row, fit.theta, fit.ar, free=fit.free)

@@ -1,8 +1,9 @@
 """What is known of a plant before its record is looked at: it is somewhere near its model.
 
-The prior is weak and has heavy tails (Cauchy): what the record determines it does not move, however far that is from
-the model. What the record does not determine, such as a lag that a lead cancels, stays near the model instead of
-wandering to where rounding or chance takes it.
+The prior is weak, normal in the logarithm: what the record determines it does not move, however far that is from the
+model. What the record does not determine, such as a lag that a lead cancels, stays near the model instead of wandering
+to where rounding or chance takes it; and a plant a hundred times slower than its model has to explain more of the
+record than a drift that happens to look like one.
 """
 
 from __future__ import annotations
@@ -19,14 +20,18 @@ from trueplant.lti.structure import Structure
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Independent Cauchy distributions of some parameters, about the model's values."""
+    """Independent normal distributions of logarithms, about the model's values.
 
-    centre: Array
+    Of what may be negative it is asinh(value / unit): proportional to the value where that is small, a logarithm with
+    its sign where it is large.
+    """
+
+    model: Array
     """(n,)"""
-    scale: Array
-    """(n,) half of the mass lies within it; infinite where nothing is known."""
-    logarithmic: BoolArray
-    """(n,) True where the logarithm is distributed so, and centre and scale are its own."""
+    unit: Array
+    """(n,) infinite where nothing is known."""
+    positive: BoolArray
+    """(n,) True where the logarithm itself is distributed so."""
 
     @classmethod
     def about(cls, structure: Structure, model: Array | None, undeclared: Sequence[int] = ()) -> Prior:
@@ -41,33 +46,36 @@ class Prior:
         size = np.abs(model)
         size = np.where(structure.is_lead, np.maximum(size, lag), size)
         size = np.where(structure.is_dead_time, size + lag, size)
-        logarithmic = (structure.is_lag | structure.is_frequency | structure.is_damping) & (model > 0)
-        scale = np.where(logarithmic, 1.0, size) * levels.PRIOR_SCALE
-        centre = np.where(logarithmic, np.log(np.where(logarithmic, model, 1.0)), model)
-        scale[list(undeclared)] = np.inf
-        return cls(centre, np.where(scale > 0, scale, np.inf), logarithmic)
+        size[list(undeclared)] = np.inf
+        positive = (structure.is_lag | structure.is_frequency | structure.is_damping) & (model > 0)
+        return cls(model, np.where(size > 0, size, np.inf), positive & np.isfinite(size))
 
     @classmethod
     def joined(cls, parts: list[Prior]) -> Prior:
         """That of several elements, one after the other."""
         return cls(
-            np.concatenate([np.zeros(0), *(p.centre for p in parts)]),
-            np.concatenate([np.zeros(0), *(p.scale for p in parts)]),
-            np.concatenate([np.zeros(0, dtype=bool), *(p.logarithmic for p in parts)]),
+            np.concatenate([np.zeros(0), *(p.model for p in parts)]),
+            np.concatenate([np.zeros(0), *(p.unit for p in parts)]),
+            np.concatenate([np.zeros(0, dtype=bool), *(p.positive for p in parts)]),
         )
 
     def penalty(self, theta: Array) -> float:
         """-2 log density at theta (n,), relative to the model's."""
-        return float(2 * np.sum(np.log1p(self._distance(theta)[0] ** 2)))
+        return float(np.sum(self._distance(theta)[0] ** 2))
 
     def normal_equations(self, theta: Array) -> tuple[Array, Array]:
-        """Diagonal (n,) of the information and half of the gradient (n,) of the penalty, as of reweighted squares."""
+        """Diagonal (n,) of the information and half of the gradient (n,) of the penalty."""
         distance, slope = self._distance(theta)
-        weight = 2 / (1 + distance**2)
-        return weight * slope**2, weight * distance * slope
+        return slope**2, distance * slope
 
     def _distance(self, theta: Array) -> tuple[Array, Array]:
-        """From the centre in units of the scale, and its derivative."""
-        positive = np.where(self.logarithmic, np.maximum(theta, levels.SMALLEST), 1.0)
-        value = np.where(self.logarithmic, np.log(positive), theta)
-        return (value - self.centre) / self.scale, np.where(self.logarithmic, 1 / positive, 1.0) / self.scale
+        """From the model in standard deviations, and its derivative."""
+        value, slope = self._logarithm(theta)
+        return (value - self._logarithm(self.model)[0]) / levels.PRIOR_SPREAD, slope / levels.PRIOR_SPREAD
+
+    def _logarithm(self, theta: Array) -> tuple[Array, Array]:
+        """And its derivative; zeros where nothing is known."""
+        above = np.where(self.positive, np.maximum(theta, levels.SMALLEST), 1.0)
+        signed = np.where(self.positive, 0.0, theta / self.unit)
+        value = np.where(self.positive, np.log(above), np.arcsinh(signed))
+        return value, np.where(self.positive, 1 / above, 1 / (self.unit * np.sqrt(1 + signed**2)))

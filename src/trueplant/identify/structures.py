@@ -7,7 +7,7 @@ rejects is taken. All of them have noise models of their own: what a structure l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,10 +15,10 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.blocks import most_moved
+from trueplant.identify.blocks import of_a_part
 from trueplant.identify.covariance import inflation
 from trueplant.identify.estimate import Options, fit_noise, largest_order
-from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.fit import RowFit, evaluate, fit_row
 from trueplant.identify.output import OutputEstimate, Rejected, unanswered
 from trueplant.identify.row import Row, Spec
 from trueplant.identify.search import improved_element
@@ -30,22 +30,23 @@ def with_structures(
     again: Callable[[Sequence[Spec]], OutputEstimate | None],
     tested: int,
     confidence: float,
-    replaced: bool = True,
+    pinned: Collection[int] = (),
 ) -> OutputEstimate:
     """The estimate, with richer structures for those elements whose own ones the record rejects.
 
-    Only with the p-values that they suffice where they are not to be `replaced`.
+    Those in the `pinned` columns keep theirs: only the p-values that they suffice are added.
 
     `again` estimates the row with other elements. `tested` is the number of elements of the whole matrix; the chance
     over all of them that a structure that suffices is rejected is STRUCTURE_SHARE of 1 - confidence.
     """
     level = levels.STRUCTURE_SHARE * (1 - confidence) / tested
-    left = set(range(len(estimate.row.specs))) if replaced else set()
-    p = _sufficient(estimate.fit, confidence)
+    left = {m for m, spec in enumerate(estimate.row.specs) if spec.column not in pinned}
+    fit = _polished(of_a_part(estimate.fit))
+    p = sufficient_p(fit, confidence)
     while left:
         m = min(left, key=lambda one: float(p[one]))
         left.remove(m)
-        found = simplest(estimate.fit, m, confidence, level) if p[m] < level else None
+        found = simplest(fit, m, confidence, level) if p[m] < level else None
         if found is None:
             continue
         old = estimate.row.specs[m]
@@ -54,7 +55,8 @@ def with_structures(
             rejected = Rejected(old.structure, min(float(p[m]) * tested, 1.0))
             estimate = replace(wider, rejected={**estimate.rejected, old.column: rejected})
             # What this element lacked, the others of its row may have taken on.
-            p = _sufficient(estimate.fit, confidence)
+            fit = _polished(of_a_part(estimate.fit))
+            p = sufficient_p(fit, confidence)
     whole = np.ones(estimate.row.pieces[0].inputs.shape[0])
     whole[[spec.column for spec in estimate.row.specs]] = p
     return replace(estimate, structure_p=whole)
@@ -74,18 +76,15 @@ def _tells_gain(estimate: OutputEstimate, m: int) -> bool:
     return not any(estimate.row.is_gain[k] and part.start <= k < part.stop for k in unanswered(estimate))
 
 
-def _sufficient(fit: RowFit, confidence: float) -> Array:
-    """(n_specs,) by that part of a long record in which the inputs move most."""
-    row = most_moved(fit.row)
-    part = fit if row is fit.row else fit_row(row, fit.theta, fit.ar, free=fit.free)
-    return np.array([sufficient_p(part, m, confidence) for m in range(len(row.specs))])
-
-
-def sufficient_p(fit: RowFit, m: int, confidence: float = 0.95) -> float:
-    """p-value that the structure of element m suffices.
+def sufficient_p(fit: RowFit, confidence: float) -> Array:
+    """(n_specs,) p-values that the structure of each element suffices.
 
     By the likelihood ratio against a structure with one lag and one lead more, which may have a complex pair.
     """
+    return np.array([_sufficient_p(fit, m, confidence) for m in range(len(fit.row.specs))])
+
+
+def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
     structure, p = fit.row.specs[m].structure, fit.theta[fit.row.slices[m]]
     lag, lags = _scale(structure, p), np.sort(p[structure.is_lag])
     if lag <= 0 or not any(np.any(piece.inputs[fit.row.specs[m].column]) for piece in fit.row.pieces):
@@ -98,10 +97,8 @@ def sufficient_p(fit: RowFit, m: int, confidence: float = 0.95) -> float:
         else:
             wanted = replace(structure, lags=1, leads=structure.leads + 1)
             starts.append(_start(structure, p, wanted, np.array([share * lag])))
-    rivals = _fitted(fit, m, wanted, starts)
-    best = _polished(min(rivals, key=_criterion))
-    rise = fit.left * (_criterion(_polished(fit)) - _criterion(best)) / inflation(best, confidence)
-    return float(chi2.sf(max(rise, 0.0), levels.STRUCTURE_FREEDOM))
+    rival = _polished(_best(_fitted(fit, m, wanted, starts)))
+    return float(chi2.sf(_rise(fit, rival, confidence), levels.STRUCTURE_FREEDOM))
 
 
 def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Structure, Array] | None:
@@ -113,15 +110,13 @@ def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Stru
     starts: dict[Structure, list[Array]] = {}
     for structure, start in richer(declared, fit.theta[fit.row.slices[m]]):
         starts.setdefault(structure, []).append(start)
-    found = {
-        structure: _polished(min(_fitted(fit, m, structure, own), key=_criterion)) for structure, own in starts.items()
-    }
-    taken, best = declared, _polished(fit)
+    found = {structure: _polished(_best(_fitted(fit, m, structure, own))) for structure, own in starts.items()}
+    taken, best = declared, fit
+    criterion = dict(zip(found, _criteria([*found.values()]), strict=True))
     # Real lags come before complex pairs: a pair that is damped enough describes two lags as well.
-    for structure in sorted(found, key=lambda one: (len(one.names), one.pairs, _criterion(found[one]))):
-        rise = fit.left * (_criterion(best) - _criterion(found[structure])) / inflation(found[structure], confidence)
+    for structure in sorted(found, key=lambda one: (len(one.names), one.pairs, criterion[one])):
         more = max(len(structure.names) - len(taken.names), 1)
-        if len(found) * chi2.sf(max(rise, 0.0), more) < level:
+        if len(found) * chi2.sf(_rise(best, found[structure], confidence), more) < level:
             taken, best = structure, found[structure]
     return None if taken is declared else (taken, best.theta[best.row.slices[m]])
 
@@ -201,11 +196,25 @@ def _with_noise(fit: RowFit, iterations: int) -> RowFit:
     return fit_row(fit.row, fit.theta, ar, weights=fit.weights, free=fit.free, reweight=False, iterations=iterations)
 
 
-def _criterion(fit: RowFit) -> float:
-    """-2 log likelihood of a sample, and its share of what the noise model costs (Schwarz 1978).
+def _best(fits: Sequence[RowFit]) -> RowFit:
+    return fits[int(np.argmin(_criteria(fits)))]
 
-    Of a sample, as noise models of other orders leave other numbers of prediction errors; without the prior, as the
-    rivals have none.
+
+def _rise(fit: RowFit, rival: RowFit, confidence: float) -> float:
+    """By how much -2 log likelihood rises from the rival to the fit."""
+    one, other = _criteria([fit, rival])
+    return max(fit.left * (one - other) / inflation(rival, confidence), 0.0)
+
+
+def _criteria(fits: Sequence[RowFit]) -> list[float]:
+    """-2 log likelihood of a sample, and its share of what the noise model costs (Schwarz 1978), of fits of one row.
+
+    Over the samples that all of them can predict, and without the prior, as the rivals have none.
     """
-    prior, noise = fit.row.prior.penalty(fit.theta), np.log(fit.count) * fit.ar.size
-    return (fit.deviance - prior + float(noise)) / fit.count
+    longest, found = max(fit.ar.size for fit in fits), []
+    for fit in fits:
+        # Longer by zeros: the same predictions, of those samples that the longest noise model can predict.
+        point = evaluate(fit.row, fit.theta, np.append(fit.ar, np.zeros(longest - fit.ar.size)), fit.weights)
+        deviance = np.log(max(float(point.power[:, 0].sum()), 1e-300) / max(point.count, 1))
+        found.append(float(deviance + np.log(max(point.count, 1)) / max(point.count, 1) * fit.ar.size))
+    return found

@@ -18,7 +18,7 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.blocks import most_moved
+from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit, Whitening, fit_row
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.output import OutputEstimate
@@ -55,7 +55,7 @@ def find_valves(estimates: Mapping[int, OutputEstimate], columns: Sequence[int])
 
 def _find(fits: Sequence[RowFit], column: int, inputs: int) -> FoundValve | None:
     """The valve of one input that explains most, if it explains enough."""
-    parts = [_of_a_part(fit) for fit in fits]
+    parts = [of_a_part(fit) for fit in fits]
     op = np.concatenate([piece.inputs[column] for piece in parts[0].row.pieces])
     moved = float(np.ptp(op))
     if not moved > 0:
@@ -102,12 +102,6 @@ def _behind(fit: RowFit, column: int, valve: Valve) -> RowFit:
         pieces.append(replace(piece, inputs=inputs))
     row = replace(fit.row, pieces=tuple(pieces))
     return fit_row(row, fit.theta, fit.ar, weights=fit.weights, free=fit.free, reweight=False)
-
-
-def _of_a_part(fit: RowFit) -> RowFit:
-    """The fit of that part of a long record in which the inputs move most."""
-    row = most_moved(fit.row)
-    return fit if row is fit.row else fit_row(row, fit.theta, fit.ar, free=fit.free)
 
 
 class _Test:

@@ -90,6 +90,7 @@ def estimate_and_holds(
         study.project.analysis.confidence,
         (update_interval(study), timing_error(study)),
         tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
+        pinned=[place for place in study.specs if study.project.structure(*place) is not None],
     )
     unmoved = unmoved_outputs(study)
     return {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items() if i not in unmoved}, holds
