@@ -147,6 +147,11 @@ SMALLEST = 1e-12
 """Of a time constant in a logarithm."""
 PROFILED_STEPS = 40
 """Steps of the fit at each point of a profile, at most: one that stops early makes the interval too narrow."""
+MINIMA_STARTS, MINIMA_SPREAD, MINIMA_SEED = 16, 0.5, 1
+"""Places from which other minima are looked for, and the standard deviation of their logarithms about fit and model:
+two of three within a factor of 1.6."""
+MINIMA_POLISHED = 4
+"""Minima found in a part of a long record that are looked at in the whole, at most."""
 TRIED_SETTLED = 1e-2
 """Gain in -2 log likelihood at which such a fit ends: 1e-4 takes nearly twice as long, and moves the ends by less than
 a tenth of a standard error where the profile is not flat."""

@@ -20,6 +20,7 @@ from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_i
 from trueplant.identify.levels import SEARCHED_FREEDOM, UNDERMODELLED
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p, ratio_p
 from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.minima import open_minima
 from trueplant.identify.noise_order import order_dependence
 from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.sandwich import needs_sandwich, sandwich_covariance
@@ -131,7 +132,12 @@ def identify_output(
         pieces = in_blocks(pieces, sampling.block, sampling.stride)
     row = Row(tuple(specs), pieces, sampling.stride)
     full = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
+    minima = open_minima(full, confidence)
+    full = minima.best
     fit = without_unseen_dead_times(full)
+    if fit is not full:
+        minima = open_minima(fit, confidence)
+        fit = minima.best
     tests, runs = residual_tests(fit, confidence), compare_runs(fit)
     apart = runs is not None and not runs.agree
     robust = not apart and needs_sandwich(tests)
@@ -154,6 +160,8 @@ def identify_output(
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
     added = np.where(shown, 0.0, shifts**2) + left_out**2 + least
     covariance = covariance + np.diag(added)
+    if not apart:
+        covariance = covariance + minima.spread(theta)
     unprofiled = covariance
     intervals = normal_intervals(row, theta, covariance, confidence)
     if not apart:
@@ -163,6 +171,7 @@ def identify_output(
             ends = widened(ends, float(theta[index]), added[index] + more[index, index], confidence)
             covariance = as_wide_as(covariance, index, float(theta[index]), ends, confidence)
             intervals[index] = ends
+        intervals = minima.hull(intervals)
     return OutputEstimate(
         output=output,
         fit=fit,

@@ -357,3 +357,20 @@ class Row:
             )
             for k, piece in enumerate(self.pieces)
         )
+
+
+def differenced(row: Row) -> Row:
+    """The row with the differences of outputs and inputs from one of its samples to the next.
+
+    The same elements lead from one to the other; a level, and noise that is integrated, is gone.
+    """
+    return replace(row, pieces=tuple(_differenced(piece, row.stride) for piece in row.pieces))
+
+
+def _differenced(piece: Piece, stride: int) -> Piece:
+    valid = np.zeros(piece.valid.size, dtype=bool)
+    valid[stride:] = piece.valid[stride:] & piece.valid[:-stride]
+    y, inputs = np.zeros_like(piece.y), np.zeros_like(piece.inputs)
+    y[stride:] = np.where(valid[stride:], piece.y[stride:] - piece.y[:-stride], 0.0)
+    inputs[:, stride:] = piece.inputs[:, stride:] - piece.inputs[:, :-stride]
+    return replace(piece, y=y, valid=valid, inputs=inputs)

@@ -1,0 +1,123 @@
+"""All minima of the likelihood that a record leaves open, and what they make of an estimate.
+
+Dead times and lags that can stand for each other, two delayed terms, a lead and a lag: there the likelihood has
+several minima of nearly the same depth, and the curvature at the deepest says nothing of the others. The fit is begun
+again from many places about itself and about the model. What ends lower is the estimate; what ends higher by less than
+the quantile of the likelihood ratio belongs to the interval, which is the hull of all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from trueplant.arrays import Array
+from trueplant.identify import levels
+from trueplant.identify.blocks import of_a_part
+from trueplant.identify.covariance import inflation
+from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.likelihood import rise
+
+
+@dataclass(frozen=True, eq=False)
+class OpenMinima:
+    """The minima of the likelihood that are as deep as the deepest within chance, the deepest first."""
+
+    fits: tuple[RowFit, ...]
+    factor: float
+    """Of the covariance (`inflation`)."""
+    quantile: float
+    """Of the normal distribution, for the confidence asked for."""
+
+    @property
+    def best(self) -> RowFit:
+        return self.fits[0]
+
+    @property
+    def _rises(self) -> Array:
+        """(n_minima,) of -2 log likelihood from the deepest."""
+        return np.array([rise(self.best, one) / self.factor for one in self.fits])
+
+    @property
+    def shares(self) -> Array:
+        """(n_minima,) probability of each, by its depth and its width (Laplace's approximation)."""
+        free = np.ix_(self.best.free, self.best.free)
+        width = [np.linalg.slogdet(one.covariance[free])[1] for one in self.fits]
+        weights = (np.array(width) - self._rises) / 2
+        shares = np.exp(weights - weights.max())
+        return np.asarray(shares / shares.sum())
+
+    def spread(self, theta: Array) -> Array:
+        """(n, n) what the other minima add to the covariance about theta."""
+        shifts = np.array([one.theta for one in self.fits[1:]]).reshape(-1, theta.size) - theta
+        return np.asarray((shifts.T * self.shares[1:]) @ shifts)
+
+    def hull(self, intervals: Array) -> Array:
+        """(n, 2) intervals that hold those of the other minima too.
+
+        These end where the likelihood, by its curvature there, has risen by the quantile, from the deepest on.
+        """
+        low, high = self.best.row.bounds()
+        out = intervals.copy()
+        for one, risen in zip(self.fits[1:], self._rises[1:], strict=True):
+            reach = np.sqrt(max(self.quantile**2 - risen, 0.0) * self.factor * np.diag(one.covariance))
+            out[:, 0] = np.minimum(out[:, 0], np.maximum(one.theta - reach, low))
+            out[:, 1] = np.maximum(out[:, 1], np.minimum(one.theta + reach, high))
+        return out
+
+
+def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
+    """The minima found from many starts.
+
+    In a long record they are looked for in that part of it in which the inputs move most.
+    """
+    part = of_a_part(fit)
+    found = _distinct([part, *(_ended(part, start) for start in _starts(part))])
+    if part is not fit:
+        found = _distinct([fit, *(_ended(fit, one.theta) for one in found[: levels.MINIMA_POLISHED])])
+    factor, quantile = inflation(found[0], confidence), float(norm.ppf(0.5 + confidence / 2))
+    near = [one for one in found if rise(found[0], one) < quantile**2 * factor]
+    return OpenMinima(tuple(near), factor, quantile)
+
+
+def _starts(fit: RowFit) -> list[Array]:
+    """The model, and places drawn about the fit and about the model."""
+    low, high = fit.row.bounds()
+    centres = [fit.theta]
+    models = [spec.initial for spec in fit.row.specs if spec.initial is not None]
+    if len(models) == len(fit.row.specs):
+        centres.append(np.concatenate([np.array(model, dtype=float) for model in models]))
+    rng = np.random.default_rng(levels.MINIMA_SEED)
+    drawn = [
+        centre * np.exp(levels.MINIMA_SPREAD * rng.standard_normal(centre.size))
+        for _ in range(levels.MINIMA_STARTS // len(centres))
+        for centre in centres
+    ]
+    return [np.where(fit.free, np.clip(start, low, high), fit.theta) for start in (*centres[1:], *drawn)]
+
+
+def _ended(fit: RowFit, theta: Array) -> RowFit:
+    """Where a fit of the same row that begins elsewhere ends."""
+    return fit_row(
+        fit.row,
+        theta,
+        fit.ar,
+        weights=fit.weights,
+        free=fit.free,
+        reweight=False,
+        iterations=levels.PROFILED_STEPS,
+        settled=levels.TRIED_SETTLED,
+    )
+
+
+def _distinct(fits: Sequence[RowFit]) -> list[RowFit]:
+    """The fits, deepest first, without those that are within their standard errors of a deeper one."""
+    kept: list[RowFit] = []
+    for fit in sorted(fits, key=lambda one: one.cost):
+        sigma = np.sqrt(np.diag(fit.covariance))
+        if all(np.any(np.abs(fit.theta - one.theta)[fit.free] > sigma[fit.free]) for one in kept):
+            kept.append(fit)
+    return kept
