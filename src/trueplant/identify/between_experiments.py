@@ -1,8 +1,10 @@
-"""Several experiments of one plant: do they agree, and which estimate to take if they do not.
+"""Several experiments of one plant: how far they differ, and what that leaves of their common estimate.
 
-Each experiment is fitted alone from the common estimate. Where the estimates differ by more than their
-covariances justify (Cochran's Q), the variance between runs is estimated by moments (DerSimonian and Laird
-1986) and added: the result is then the mean of the runs, and its interval covers their spread.
+Each experiment is fitted alone. The plant of each is taken to differ from their mean by a relative spread, one for
+all gains and one for all lags and dead times, normal. Before the experiments are looked at, the spreads are half-normal
+with a standard deviation of BETWEEN_RUNS; what the experiments say of them is their marginal likelihood. Mean and
+covariance are averaged over both spreads, without a test of whether the experiments agree.
+With one parameter this is the random-effects model of meta-analysis (Hartung, Knapp and Sinha 2008, chapter 12).
 """
 
 from __future__ import annotations
@@ -10,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2, norm, t
+from scipy.stats import chi2
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.estimate import noise_signals
 from trueplant.identify.fit import RowFit, fit_row
@@ -28,11 +30,18 @@ class Runs:
     """(n_runs, n)."""
     covariance: Array
     """(n_runs, n, n)."""
-    p_value: Array
-    """(n,) that the runs agree; 1 where it cannot be tested."""
-    between: Array
-    """(n,) standard deviation between runs, 0 where they agree."""
-    agree: bool
+    p_value: float
+    """That the runs agree (Cochran's Q)."""
+    spread: tuple[float, float]
+    """Relative standard deviation between runs of gains, and of lags and dead times."""
+    shift: Array
+    """(n,) from the mean of runs without a spread to their mean with it."""
+    added: Array
+    """(n, n) what the spread adds to the covariance of the mean."""
+
+    @property
+    def agree(self) -> bool:
+        return self.p_value > levels.RUNS_DISAGREE
 
 
 def single_runs(pooled: RowFit) -> list[tuple[int, RowFit]]:
@@ -48,57 +57,73 @@ def single_runs(pooled: RowFit) -> list[tuple[int, RowFit]]:
     return fits
 
 
-def compare_runs(pooled: RowFit, significance: float = levels.RUNS_DISAGREE) -> Runs | None:
-    """How far single experiments agree with each other; None with fewer than two that can be fitted."""
+def compare_runs(pooled: RowFit, factor: float) -> Runs | None:
+    """How far single experiments differ; None with fewer than two that can be fitted.
+
+    `factor` is that of the covariance for slow noise (`inflation`).
+    """
     if len({piece.experiment for piece in pooled.row.pieces}) < 2:
         return None
     fits = single_runs(pooled)
     if len(fits) < 2:
         return None
     theta = np.array([fit.theta for _, fit in fits])
-    covariance = np.array([fit.covariance for _, fit in fits])
-    n = theta.shape[1]
-    variance = np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 1e-300)
-    scale = np.abs(pooled.theta) + pooled.row.lag_of_dead_times(pooled.theta)
-    p_value, between = np.ones(n), np.zeros(n)
-    for j in range(n):
-        take = np.sqrt(variance[:, j]) < levels.RUN_TAKES_PART * scale[j]
-        count = int(take.sum())
-        if count < 2 or not pooled.free[j]:
-            continue
-        w = 1 / variance[take, j]
-        values = theta[take, j]
-        mean = np.sum(w * values) / w.sum()
-        q = float(np.sum(w * (values - mean) ** 2))
-        p_value[j] = float(chi2.sf(q, count - 1))
-        excess = q - (count - 1)
-        between[j] = np.sqrt(max(excess / (w.sum() - np.sum(w**2) / w.sum()), 0.0))
-    agree = bool(np.min(p_value) > significance / max(n, 1))
+    covariance = factor * np.array([fit.covariance for _, fit in fits])
+    free = np.flatnonzero(pooled.free)
+    sizes = _sizes(pooled)[free]
+    gain = pooled.row.is_gain[free]
+    mixed = _mixture(theta[:, free], covariance[:, free][:, :, free], sizes, gain)
+    shift, added = np.zeros(theta.shape[1]), np.zeros((theta.shape[1],) * 2)
+    shift[free], added[np.ix_(free, free)] = mixed.shift, mixed.added
     experiments = tuple(experiment for experiment, _ in fits)
-    return Runs(experiments, theta, covariance, p_value, np.zeros(n) if agree else between, agree)
+    return Runs(experiments, theta, covariance, mixed.p_value, mixed.spread, shift, added)
 
 
-def combine_runs(pooled: RowFit, runs: Runs, confidence: float = 0.95) -> tuple[Array, Array]:
-    """Mean of the runs and its covariance, weighted by within- and between-run variance.
+def _sizes(pooled: RowFit) -> Array:
+    """(n,) what a relative spread of each parameter is relative to: itself, with the lag for dead times and leads."""
+    sizes = np.abs(pooled.theta)
+    for spec, part in zip(pooled.row.specs, pooled.row.slices, strict=True):
+        lag = spec.structure.lag(pooled.theta[part])
+        sizes[part] += np.where(spec.structure.is_dead_time | spec.structure.is_lead, lag, 0.0)
+    return np.where(sizes > 0, sizes, 1.0)
 
-    Runs that say next to nothing about a parameter leave it to the others through their covariance.
-    """
-    d = np.diag(runs.between**2)
-    n = pooled.theta.size
-    total, moment = np.zeros((n, n)), np.zeros(n)
-    for theta, covariance in zip(runs.theta, runs.covariance, strict=True):
-        weight = np.linalg.pinv(covariance + d, rcond=1e-13, hermitian=True)
-        total += weight
-        moment += weight @ theta
-    combined = np.linalg.pinv(total, rcond=1e-13, hermitian=True)
-    if len(runs.theta) > 2:
-        # The spread is itself an estimate from few runs (Hartung and Knapp 2001): the t quantile instead of the normal.
-        tail = 0.5 + confidence / 2
-        few = float(t.ppf(tail, len(runs.theta) - 1) / norm.ppf(tail))
-        scale = np.where(runs.between > 0, few, 1.0)
-        combined = combined * np.outer(scale, scale)
-    low, high = pooled.row.bounds()
-    return np.clip(combined @ moment, low, high), np.asarray(combined)
+
+@dataclass(frozen=True, eq=False)
+class _Mixture:
+    """What the runs say together, averaged over the spreads between them."""
+
+    p_value: float
+    spread: tuple[float, float]
+    shift: Array
+    added: Array
+
+
+def _mixture(theta: Array, covariance: Array, sizes: Array, gain: BoolArray) -> _Mixture:
+    """Of runs theta (n_runs, n) with covariance (n_runs, n, n)."""
+    grid = np.array([(a, b) for a in levels.RUN_SPREADS for b in levels.RUN_SPREADS])
+    between = (np.where(gain, grid[:, :1], grid[:, 1:]) * sizes) ** 2
+    scale = np.outer(sizes, sizes)
+    # (n_grid, n_runs, n, n) in units of the sizes
+    each = (covariance / scale)[None] + ((between / sizes**2)[:, None, :, None] * np.eye(sizes.size))
+    precision = np.linalg.inv(each)
+    total = precision.sum(axis=1)
+    means = np.linalg.inv(total)
+    values = theta / sizes
+    moment = np.einsum("grij,rj->gi", precision, values)
+    centre = np.einsum("gij,gj->gi", means, moment)
+    misfit = np.einsum("ri,grij,rj->g", values, precision, values) - np.sum(moment * centre, axis=1)
+    log = np.linalg.slogdet(precision)[1].sum(axis=1) - np.linalg.slogdet(total)[1] - misfit
+    log = log / 2 - np.sum((grid / levels.BETWEEN_RUNS) ** 2, axis=1) / 2
+    steps = np.gradient(levels.RUN_SPREADS)
+    weights = np.exp(log - log.max()) * np.outer(steps, steps).ravel()
+    weights /= weights.sum()
+    mean = weights @ centre
+    around = centre - mean
+    whole = np.einsum("g,gij->ij", weights, means) + (around.T * weights) @ around
+    freedom = (len(theta) - 1) * sizes.size
+    spread = tuple(float(x) for x in weights @ grid)
+    p_value = float(chi2.sf(max(float(misfit[0]), 0.0), freedom))
+    return _Mixture(p_value, (spread[0], spread[1]), (mean - centre[0]) * sizes, (whole - means[0]) * scale)
 
 
 def refit_noise(fit: RowFit, order: int) -> RowFit:

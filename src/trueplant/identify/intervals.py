@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.stats import norm
 
@@ -51,7 +53,7 @@ def as_wide_as(covariance: Array, index: int, value: float, ends: tuple[float, f
     return widened
 
 
-def widened(ends: tuple[float, float], value: float, variance: float, confidence: float) -> tuple[float, float]:
+def widened(ends: Sequence[float] | Array, value: float, variance: float, confidence: float) -> tuple[float, float]:
     """An interval with further, independent variance added to each side; an end at a bound of 0 stays there."""
     extra = norm.ppf(0.5 + confidence / 2) ** 2 * variance
     low = value - np.sqrt((value - ends[0]) ** 2 + extra)

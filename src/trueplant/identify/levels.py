@@ -117,10 +117,13 @@ NO_GAIN = 0.05
 """Significance at which the gains of an element, tested jointly, have to differ from zero for it to have dynamics."""
 NO_INFORMATION = 1e30
 """A standard error above this says that the data held no information at all."""
-RUN_TAKES_PART = 0.5
-"""A run takes part for a parameter if its standard error is below this share of the parameter's size."""
+BETWEEN_RUNS = 0.1
+"""Standard deviation of the relative spread between runs of one plant, before they are looked at: what repeated step
+tests of one rig differ by."""
+RUN_SPREADS = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 22)])
+"""Spreads over which the average is taken: 39 % from one to the next."""
 RUNS_DISAGREE = 0.05
-"""Significance, over all parameters, from which experiments count as disagreeing."""
+"""Significance from which it is said that experiments disagree."""
 TOO_UNCERTAIN = 0.5
 """Standard error relative to the parameter from which it counts as not known: the sign begins to be open."""
 HOPELESS_ERROR = 1e3

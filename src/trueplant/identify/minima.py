@@ -50,13 +50,14 @@ class OpenMinima:
         shares = np.exp(weights - weights.max())
         return np.asarray(shares / shares.sum())
 
-    def spread(self, theta: Array) -> Array:
-        """(n, n) what the other minima add to the covariance about theta."""
-        shifts = np.array([one.theta for one in self.fits[1:]]).reshape(-1, theta.size) - theta
-        return np.asarray((shifts.T * self.shares[1:]) @ shifts)
+    @property
+    def spread(self) -> Array:
+        """(n, n) what the other minima add to the covariance about the deepest."""
+        shifts = np.array([one.theta for one in self.fits]) - self.best.theta
+        return np.asarray((shifts.T * self.shares) @ shifts)
 
-    def hull(self, intervals: Array) -> Array:
-        """(n, 2) intervals that hold those of the other minima too.
+    def hull(self, intervals: Array, shift: Array) -> Array:
+        """(n, 2) intervals that hold those of the other minima too, shifted by as much as the estimate is (n,).
 
         These end where the likelihood, by its curvature there, has risen by the quantile, from the deepest on.
         """
@@ -64,8 +65,8 @@ class OpenMinima:
         out = intervals.copy()
         for one, risen in zip(self.fits[1:], self._rises[1:], strict=True):
             reach = np.sqrt(max(self.quantile**2 - risen, 0.0) * self.factor * np.diag(one.covariance))
-            out[:, 0] = np.minimum(out[:, 0], np.maximum(one.theta - reach, low))
-            out[:, 1] = np.maximum(out[:, 1], np.minimum(one.theta + reach, high))
+            out[:, 0] = np.minimum(out[:, 0], np.maximum(one.theta + shift - reach, low))
+            out[:, 1] = np.maximum(out[:, 1], np.minimum(one.theta + shift + reach, high))
         return out
 
 

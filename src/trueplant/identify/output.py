@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.between_experiments import Runs, combine_runs, compare_runs
+from trueplant.identify.between_experiments import Runs, compare_runs
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.covariance import inflation, initial_state_share, least_variance
 from trueplant.identify.dead_times import without_unseen_dead_times
@@ -20,7 +20,7 @@ from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_i
 from trueplant.identify.levels import SEARCHED_FREEDOM, UNDERMODELLED
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p, ratio_p
 from trueplant.identify.linear_algebra import inverse
-from trueplant.identify.minima import open_minima
+from trueplant.identify.minima import OpenMinima, open_minima
 from trueplant.identify.noise_order import order_dependence
 from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.sandwich import needs_sandwich, sandwich_covariance
@@ -131,53 +131,39 @@ def identify_output(
     if sampling.block is not None:
         pieces = in_blocks(pieces, sampling.block, sampling.stride)
     row = Row(tuple(specs), pieces, sampling.stride)
-    full = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
-    minima = open_minima(full, confidence)
-    full = minima.best
-    fit = without_unseen_dead_times(full)
-    if fit is not full:
-        minima = open_minima(fit, confidence)
-        fit = minima.best
-    tests, runs = residual_tests(fit, confidence), compare_runs(fit)
-    apart = runs is not None and not runs.agree
-    robust = not apart and needs_sandwich(tests)
+    full, minima = _fitted(estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options), confidence)
+    fit = minima.best
+    tests, factor = residual_tests(fit, confidence), inflation(fit, confidence)
+    runs, robust = compare_runs(fit, factor), needs_sandwich(tests)
     # Neither the curvature of the likelihood nor its profiles count these.
     more = fit.covariance * (initial_state_share(fit) if any(segment.closed for segment in segments) else 0.0)
     if robust:
         more = more + sandwich_covariance(fit) - fit.covariance
-    if runs is not None and apart:
-        factor = 1.0
-        theta, covariance = combine_runs(fit, runs, confidence)
-    else:
-        factor = inflation(fit, confidence)
-        theta, covariance = fit.theta, fit.covariance * factor + more
+    if runs is not None:
+        more = more + runs.added
+    shift = np.zeros(row.size) if runs is None else runs.shift
+    theta, covariance = np.clip(fit.theta + shift, *row.bounds()), fit.covariance * factor + more
     moved, shifts = order_dependence(fit, covariance, tests)
     least = least_variance(row, theta, sampling.timing)
-    # How far another noise model moves a parameter counts as its error, unless the runs have shown their spread. A
-    # dead time that was left out may be there, too small to be seen: then the other parameters are as the fit with it
-    # has them.
-    shown = np.zeros(theta.size, dtype=bool) if runs is None else runs.between > 0
+    # How far another noise model moves a parameter counts as its error. A dead time that was left out may be there, too
+    # small to be seen: then the other parameters are as the fit with it has them.
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
-    added = np.where(shown, 0.0, shifts**2) + left_out**2 + least
-    covariance = covariance + np.diag(added)
-    if not apart:
-        covariance = covariance + minima.spread(theta)
+    added = shifts**2 + left_out**2 + least
+    covariance = covariance + np.diag(added) + minima.spread
     unprofiled = covariance
     intervals = normal_intervals(row, theta, covariance, confidence)
-    if not apart:
-        for index in _profiled(fit):
-            # A dead time that is fixed at 0 may still be as large as the data allow.
-            ends = profile_interval(fit if fit.free[index] else full, index, confidence, factor)
-            ends = widened(ends, float(theta[index]), added[index] + more[index, index], confidence)
-            covariance = as_wide_as(covariance, index, float(theta[index]), ends, confidence)
-            intervals[index] = ends
-        intervals = minima.hull(intervals)
+    for index in _profiled(fit):
+        # A dead time that is fixed at 0 may still be as large as the data allow.
+        ends = np.add(profile_interval(fit if fit.free[index] else full, index, confidence, factor), shift[index])
+        low, high = widened(ends, float(theta[index]), added[index] + more[index, index], confidence)
+        covariance = as_wide_as(covariance, index, float(theta[index]), (low, high), confidence)
+        intervals[index] = low, high
     return OutputEstimate(
         output=output,
         fit=fit,
         theta=theta,
         covariance=covariance,
-        intervals=intervals,
+        intervals=minima.hull(intervals, shift),
         runs=runs,
         order_dependence=moved,
         tests=tests,
@@ -186,6 +172,13 @@ def identify_output(
         factor=factor,
         robust_covariance=robust,
     )
+
+
+def _fitted(found: RowFit, confidence: float) -> tuple[RowFit, OpenMinima]:
+    """The deepest minimum, and the minima where dead times that neither model nor record shows are fixed at 0."""
+    minima = open_minima(found, confidence)
+    fit = without_unseen_dead_times(minima.best)
+    return minima.best, minima if fit is minima.best else open_minima(fit, confidence)
 
 
 def _profiled(fit: RowFit) -> list[int]:

@@ -51,11 +51,13 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
         return None
     better = {}
     for (i, found), theta, covariance in zip(estimates.items(), joint.theta, joint.covariance, strict=True):
-        added = np.maximum(np.diag(found.covariance - found.fit.covariance), 0.0)
-        covariance = covariance + np.diag(added)
+        before = found.covariance if found.unprofiled is None else found.unprofiled
+        unprofiled = covariance + before - found.fit.covariance
+        wider = np.sqrt(np.diag(found.covariance) / np.maximum(np.diag(before), levels.SMALLEST))
+        covariance = unprofiled * np.outer(wider, wider)
         intervals = normal_intervals(found.row, theta, covariance, confidence)
         better[i] = replace(
-            found, theta=theta, covariance=covariance, intervals=intervals, unprofiled=None, jointly=True
+            found, theta=theta, covariance=covariance, intervals=intervals, unprofiled=unprofiled, jointly=True
         )
     return better
 

@@ -100,9 +100,9 @@ def _noise_notes(estimate: OutputEstimate, name: str) -> list[Reason]:
         notes.append(
             Reason(
                 Code.RUNS_DISAGREE,
-                "the experiments disagree by more than their residuals justify: the variance between runs was "
-                "estimated and added, and the intervals speak of their mean"
-                + (". From two runs that variance is hardly known" if len(runs.experiments) == 2 else ""),
+                "the experiments disagree by more than their residuals justify: from one to the other gains differ by "
+                f"some {100 * runs.spread[0]:.0f} %, lags and dead times by some {100 * runs.spread[1]:.0f} %. The "
+                "intervals speak of their mean, and count that",
                 name,
             )
         )
