@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.identify import behind_valves, find_valves, identify_matrix, specs_of
+from trueplant.identify import behind_valves, identify_matrix, specs_of, sticking, try_valves
 from trueplant.identify.valves import FoundValve
 from trueplant.loop import PID, Controller, Valve, simulate
 from trueplant.lti import TransferMatrix
@@ -27,7 +27,7 @@ def record(seed, share=0.0, kind="backlash", std=0.02, samples=2000):
 
 
 def valves_of(segment):
-    return find_valves(identify_matrix([segment], PLANT, specs_of(PLANT)), [0])
+    return sticking(try_valves(identify_matrix([segment], PLANT, specs_of(PLANT)), [0]))
 
 
 @pytest.mark.parametrize(("kind", "share"), [("backlash", 0.02), ("stick", 0.02)])

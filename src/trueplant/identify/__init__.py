@@ -12,7 +12,7 @@ from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.strides import Sampling, choose_stride, samples_per_update
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import fit_percent, prediction_errors, simulate_piece
-from trueplant.identify.valves import FoundValve, behind_valves, find_valves
+from trueplant.identify.valves import FoundValve, behind_valves, sticking, try_valves, widened_for_valves
 
 __all__ = [
     "RESIDUAL_TESTS",
@@ -34,7 +34,6 @@ __all__ = [
     "equation_error",
     "estimate_row",
     "find_holds",
-    "find_valves",
     "fit_percent",
     "fit_row",
     "identify_matrix",
@@ -47,7 +46,10 @@ __all__ = [
     "samples_per_update",
     "simulate_piece",
     "specs_of",
+    "sticking",
+    "try_valves",
     "unanswered",
     "widened_for_holds",
+    "widened_for_valves",
     "with_holds",
 ]

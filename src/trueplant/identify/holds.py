@@ -28,8 +28,7 @@ from trueplant.identify import levels
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import best_dead_times
 from trueplant.identify.fit import RowFit, fit_row
-from trueplant.identify.intervals import mixed
-from trueplant.identify.output import OutputEstimate
+from trueplant.identify.output import OutputEstimate, averaged
 from trueplant.identify.row import Piece, Row, Spec
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
@@ -204,15 +203,6 @@ def widened_for_holds(
     out = dict(estimates)
     for found in holds.values():
         for i in found.thetas.keys() & out.keys():
-            one = out[i]
-            shifts = _placed(found.shifts(i), found.held[i].row, one.row)
-            more = (shifts.T * found.shares) @ shifts
-            low, high = one.row.bounds()
-            ends = mixed(one.intervals, one.theta, shifts, found.shares, confidence)
-            out[i] = replace(
-                one,
-                covariance=one.covariance + more,
-                unprofiled=None if one.unprofiled is None else one.unprofiled + more,
-                intervals=np.clip(ends, low[:, None], high[:, None]),
-            )
+            shifts = _placed(found.shifts(i), found.held[i].row, out[i].row)
+            out[i] = averaged(out[i], shifts, found.shares, confidence)
     return out

@@ -134,6 +134,9 @@ STICK_BANDS = np.geomspace(0.002, 0.5, 280)
 """Bands of stick-slip that are tried: 2 % from one to the next, as wide as its likelihood is."""
 VALVE = 1e-4
 """Significance from which a valve is taken not to follow OP, over the bands and inputs tried."""
+STICKS = 0.25
+"""Odds, before the record is looked at, that a valve does not follow OP: one in five. Audits of mills found more
+(Bialkowski 1993: some 30 % of the loops vary because of their valves)."""
 HOLD = 0.01
 """Significance from which the likelihoods of two ways of a measured disturbance to run between its samples differ
 beyond chance: the wrong one is then taken in at most 0.5 % of records."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -16,7 +16,7 @@ from trueplant.identify.covariance import inflation, initial_state_share, least_
 from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit
-from trueplant.identify.intervals import as_wide_as, normal_intervals, profile_interval, widened
+from trueplant.identify.intervals import as_wide_as, mixed, normal_intervals, profile_interval, widened
 from trueplant.identify.levels import SEARCHED_FREEDOM, UNDERMODELLED
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p, ratio_p
 from trueplant.identify.linear_algebra import inverse
@@ -190,6 +190,19 @@ def _profiled(fit: RowFit) -> list[int]:
         if (fit.row.is_dead_time[index] or relative > levels.PROFILED) and relative < levels.HOPELESS_ERROR:
             chosen.append(int(index))
     return chosen
+
+
+def averaged(estimate: OutputEstimate, shifts: Array, shares: Array, confidence: float) -> OutputEstimate:
+    """The estimate, where theta may be larger by each of `shifts` (m, size) with the probabilities `shares` (m,)."""
+    more = (shifts.T * shares) @ shifts
+    low, high = estimate.row.bounds()
+    ends = mixed(estimate.intervals, estimate.theta, shifts, shares, confidence)
+    return replace(
+        estimate,
+        covariance=estimate.covariance + more,
+        unprofiled=None if estimate.unprofiled is None else estimate.unprofiled + more,
+        intervals=np.clip(ends, low[:, None], high[:, None]),
+    )
 
 
 def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:

@@ -21,7 +21,7 @@ from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit, Whitening, fit_row
 from trueplant.identify.linear_algebra import orthonormal
-from trueplant.identify.output import OutputEstimate
+from trueplant.identify.output import OutputEstimate, averaged
 from trueplant.identify.row import Piece, Row
 from trueplant.loop.valve import Valve
 from trueplant.record.types import Segment
@@ -41,42 +41,80 @@ class FoundValve:
         return self.valve.backlash or self.valve.stick
 
 
-def find_valves(estimates: Mapping[int, OutputEstimate], columns: Sequence[int]) -> dict[int, FoundValve]:
-    """The valves among these inputs that do not follow OP, by column."""
-    fits = [estimate.fit for estimate in estimates.values() if estimate.fit.count]
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """One kind of valve in one input: the likeliest of its bands, and what it would make of the plant."""
+
+    found: FoundValve
+    odds: float
+    """Against a valve that follows OP: the mean over all bands of the ratio of likelihoods, times the odds before."""
+    shifts: Mapping[int, Array]
+    """By output: (size,) by how much its parameters would be larger."""
+
+
+def try_valves(estimates: Mapping[int, OutputEstimate], columns: Sequence[int]) -> dict[int, tuple[Tried, ...]]:
+    """Both kinds of valves in each of these inputs, by column; none where OP does not move."""
+    fits = {i: estimate.fit for i, estimate in estimates.items() if estimate.fit.count}
     found = {}
     for column in columns:
-        own = [fit for fit in fits if any(spec.column == column for spec in fit.row.specs)]
-        valve = _find(own, column, len(columns)) if own else None
-        if valve is not None:
-            found[column] = valve
+        own = {i: fit for i, fit in fits.items() if any(spec.column == column for spec in fit.row.specs)}
+        found[column] = _tried(own, column, len(columns)) if own else ()
     return found
 
 
-def _find(fits: Sequence[RowFit], column: int, inputs: int) -> FoundValve | None:
-    """The valve of one input that explains most, if it explains enough."""
-    parts = [of_a_part(fit) for fit in fits]
-    op = np.concatenate([piece.inputs[column] for piece in parts[0].row.pieces])
+def sticking(tried: Mapping[int, Sequence[Tried]]) -> dict[int, FoundValve]:
+    """The valves that do not follow OP beyond chance, by column."""
+    best = {
+        column: min((one.found for one in ones), key=lambda one: one.p_value) for column, ones in tried.items() if ones
+    }
+    return {column: one for column, one in best.items() if one.p_value < levels.VALVE}
+
+
+def widened_for_valves(
+    estimates: Mapping[int, OutputEstimate], tried: Mapping[int, Sequence[Tried]], confidence: float
+) -> dict[int, OutputEstimate]:
+    """The estimates with what valves that may not follow OP, though not beyond chance, would move."""
+    out = dict(estimates)
+    for ones in tried.values():
+        shares = np.array([one.odds for one in ones]) / (1 + sum(one.odds for one in ones))
+        for i in out.keys() & (ones[0].shifts.keys() if ones else ()):
+            shifts = np.array([np.zeros(out[i].row.size), *(one.shifts[i] for one in ones)])
+            out[i] = averaged(out[i], shifts, np.array([1 - shares.sum(), *shares]), confidence)
+    return out
+
+
+def _tried(fits: Mapping[int, RowFit], column: int, inputs: int) -> tuple[Tried, ...]:
+    parts = {i: of_a_part(fit) for i, fit in fits.items()}
+    op = np.concatenate([piece.inputs[column] for piece in next(iter(parts.values())).row.pieces])
     moved = float(np.ptp(op))
     if not moved > 0:
-        return None
-    tests = [_Test(fit, column, fit.row) for fit in parts]
+        return ()
+    tests = [_Test(fit, column, fit.row) for fit in parts.values()]
     kinds = (
         [Valve(backlash=float(width * moved)) for width in levels.BACKLASHES],
         [Valve(stick=float(band * moved)) for band in levels.STICK_BANDS],
     )
-    found = min((_best(tests, tried, inputs * len(kinds)) for tried in kinds), key=lambda one: one.p_value)
-    if found.p_value >= levels.VALVE:
-        return None
-    return replace(found, valve=_refined(parts, column, found.valve))
+    return tuple(_kind(parts, tests, column, kind, inputs * len(kinds)) for kind in kinds)
 
 
-def _best(tests: Sequence[_Test], tried: Sequence[Valve], families: int) -> FoundValve:
-    """The one of some valves that gains most; p-value by Bonferroni over all of them and over such families."""
-    gains = np.array([sum(test.gain(valve) for test in tests) for valve in tried])
-    best = int(np.argmax(gains))
-    p = len(tried) * families * chi2.sf(max(gains[best], 0.0), 1)
-    return FoundValve(tried[best], float(min(1.0, p)))
+def _kind(
+    fits: Mapping[int, RowFit], tests: Sequence[_Test], column: int, kind: Sequence[Valve], families: int
+) -> Tried:
+    """One kind of valve; p-value by Bonferroni over its bands, and over so many such families.
+
+    To first order a wide band may promise what no plant keeps: what the likeliest gains with the plant fitted behind it
+    is the most that counts.
+    """
+    gains = np.array([sum(test.gain(valve) for test in tests) for valve in kind])
+    valve = kind[int(np.argmax(gains))]
+    if len(kind) * families * chi2.sf(max(gains.max(), 0.0), 1) < levels.VALVE:
+        valve = _refined(list(fits.values()), column, valve)
+    behind = {i: _behind(fit, column, valve) for i, fit in fits.items()}
+    most = sum(fits[i].deviance - behind[i].deviance for i in fits)
+    gains = np.minimum(gains, most)
+    p = float(min(1.0, len(kind) * families * chi2.sf(max(gains.max(), 0.0), 1)))
+    odds = levels.STICKS / families * float(np.mean(np.exp(np.minimum(gains / 2, levels.LARGEST_EXPONENT))))
+    return Tried(FoundValve(valve, p), odds, {i: behind[i].theta - fits[i].theta for i in fits})
 
 
 def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> Valve:

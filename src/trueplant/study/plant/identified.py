@@ -12,9 +12,11 @@ from trueplant.identify import (
     OutputEstimate,
     Spec,
     behind_valves,
-    find_valves,
     identify_with_holds,
+    sticking,
+    try_valves,
     widened_for_holds,
+    widened_for_valves,
     with_holds,
 )
 from trueplant.record import Segment
@@ -55,10 +57,14 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     estimates, holds = estimate_and_holds(study, study.segments, study.holds_to_find, say)
     segments = with_holds(study.segments, holds)
     say("looking for valves that do not follow OP")
-    valves = find_valves(estimates, [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"])
+    columns = [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"]
+    tried = try_valves(estimates, columns)
+    valves = sticking(tried)
     if valves:
         segments = behind_valves(segments, valves)
         estimates = estimate(study, segments, say)
+        tried = try_valves(estimates, [j for j in columns if j not in valves])
+    estimates = widened_for_valves(estimates, tried, study.project.analysis.confidence)
     fits: dict[int, DisturbedFit] = {}
     if estimates and study.project.unmeasured:
         say("estimating unmeasured disturbances")
