@@ -32,8 +32,8 @@ def repeats(seed: int, *plants: TransferMatrix, samples: int = 600, std: float =
     return [segment_of(run, k) for k, run in enumerate(runs)]
 
 
-def refused(segments: list[Segment], model: TransferMatrix = LAG) -> bool:
-    return bool(worse_than_model(identify_matrix(segments, model, specs_of(model)), model))
+def refused(segments: list[Segment], level: float = LEVEL) -> bool:
+    return bool(worse_than_model(identify_matrix(segments, LAG, specs_of(LAG)), LAG, level))
 
 
 def apart(rng: np.random.Generator, share: float, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -74,24 +74,25 @@ def test_an_estimate_of_the_unchanged_plant_passes():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("changed", [False, True])
-def test_level_over_many_records(changed):
+@pytest.mark.parametrize("spread", [0.0, 0.15])
+def test_level_over_many_records(spread):
+    """Of a plant that is the model, and of plants that have changed. At 5 %, which fewer records can tell."""
     rng = np.random.default_rng(3)
-    factors = np.exp(0.15 * changed * rng.standard_normal((200, 3)))
+    factors = np.exp(spread * rng.standard_normal((70, 3)))
     plants = [lag(2 * a, 60 * b, 13.4 * c) for a, b, c in factors]
-    assert sum(refused(repeats(s, plant, samples=1000)) for s, plant in enumerate(plants)) <= most(200, LEVEL)
+    assert sum(refused(repeats(s, plant, samples=1000), 0.05) for s, plant in enumerate(plants)) <= most(70, 0.05)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spread", [0.0, 0.08])
-def test_level_over_repeats_of_one_rig(spread):
+def test_level_over_repeats_of_one_rig():
     """Runs that differ in truth, about the model: some of them it predicts better than their mean does."""
     rng = np.random.default_rng(4)
     count = 0
-    for seed in range(200):
-        factors = np.exp(spread * rng.standard_normal((3, 3)))
-        count += refused(repeats(1000 + seed, *(lag(2 * a, 60 * b, 13.4 * c) for a, b, c in factors)))
-    assert count <= most(200, LEVEL)
+    for seed in range(70):
+        factors = np.exp(0.08 * rng.standard_normal((3, 3)))
+        segments = repeats(1000 + seed, *(lag(2 * a, 60 * b, 13.4 * c) for a, b, c in factors))
+        count += refused(segments, 0.05)
+    assert count <= most(70, 0.05)
 
 
 @pytest.mark.parametrize(
@@ -148,10 +149,10 @@ def integrating(seed: int) -> Segment:
 @pytest.mark.slow
 def test_an_integrating_plant_with_a_wandering_disturbance():
     """The true plant beside a model 20 % off: simulated from OP it often loses, by prediction errors it does not."""
-    model, true = TransferMatrix.of([["0.06 exp(-3.4 s)/s"]]), TransferMatrix.of([["0.05 exp(-3.4 s)/s"]])
+    model, true = TransferMatrix.of([["0.04 exp(-3.4 s)/s"]]), TransferMatrix.of([["0.05 exp(-3.4 s)/s"]])
     theta = np.array([0.05, 3.4])
     lost = taken = kept = 0
-    for seed in range(100):
+    for seed in range(40):
         (estimate,) = identify_matrix([integrating(seed)], model, specs_of(model)).values()
         taken += bool(worse_than_model({0: estimate}, model))
         held = estimate.validation
