@@ -3,6 +3,7 @@
 from trueplant.identify.equation_error import equation_error, paper_route
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.gate import Worse, worse_than_model
 from trueplant.identify.holds import FoundHold, find_holds, widened_for_holds, with_holds
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
 from trueplant.identify.matrix import identify_matrix, identify_with_holds, specs_of
@@ -11,7 +12,7 @@ from trueplant.identify.residual_tests import RESIDUAL_TESTS
 from trueplant.identify.row import Held, Row, Spec, pieces_of
 from trueplant.identify.strides import Sampling, choose_stride, samples_per_update
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
-from trueplant.identify.validate import fit_percent, prediction_errors, simulate_piece
+from trueplant.identify.validate import Validation, fit_percent, prediction_errors, simulate_piece
 from trueplant.identify.valves import FoundValve, behind_valves, sticking, try_valves, widened_for_valves
 
 __all__ = [
@@ -27,7 +28,9 @@ __all__ = [
     "Sampling",
     "Spec",
     "Unanswered",
+    "Validation",
     "WhyUnanswered",
+    "Worse",
     "absence_p",
     "behind_valves",
     "choose_stride",
@@ -52,4 +55,5 @@ __all__ = [
     "widened_for_holds",
     "widened_for_valves",
     "with_holds",
+    "worse_than_model",
 ]

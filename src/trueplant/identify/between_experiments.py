@@ -70,7 +70,7 @@ def compare_runs(pooled: RowFit, factor: float) -> Runs | None:
     theta = np.array([fit.theta for _, fit in fits])
     covariance = factor * np.array([fit.covariance for _, fit in fits])
     free = np.flatnonzero(pooled.free)
-    sizes = _sizes(pooled)[free]
+    sizes = sizes_of(pooled)[free]
     gain = pooled.row.is_gain[free]
     mixed = _mixture(theta[:, free], covariance[:, free][:, :, free], sizes, gain)
     shift, added = np.zeros(theta.shape[1]), np.zeros((theta.shape[1],) * 2)
@@ -79,7 +79,7 @@ def compare_runs(pooled: RowFit, factor: float) -> Runs | None:
     return Runs(experiments, theta, covariance, mixed.p_value, mixed.spread, shift, added)
 
 
-def _sizes(pooled: RowFit) -> Array:
+def sizes_of(pooled: RowFit) -> Array:
     """(n,) what a relative spread of each parameter is relative to: itself, with the lag for dead times and leads."""
     sizes = np.abs(pooled.theta)
     for spec, part in zip(pooled.row.specs, pooled.row.slices, strict=True):

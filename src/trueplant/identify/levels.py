@@ -177,6 +177,9 @@ SEARCHED_FREEDOM = 5
 
 Mean of the statistic over 120 simulated Wood-Berry records without the element: 8.0 with 3 parameters.
 """
+WORSE = 0.01
+"""Chance, over all outputs and experiments of a plant, that an estimate that is right is taken to predict worse than
+the model."""
 MISSING_ELEMENT = 1e-3
 """Chance, over a whole matrix that is complete, that an element is added to it."""
 SLOW_SPANS = 3.0

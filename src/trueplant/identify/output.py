@@ -74,6 +74,8 @@ class OutputEstimate:
     the others are free. None: that of `fit`."""
     withheld: Mapping[int, Unanswered] = field(default_factory=dict)
     """Parameters that are not given for reasons that are not in the fit."""
+    refuted: Unanswered | None = None
+    """Why nothing of it is given: the record speaks against it (`gate`)."""
     structure_p: Array = field(default_factory=lambda: np.ones(0))
     """(n_columns,) p-value that the structure of each element suffices; empty: not tested."""
     rejected: Mapping[int, Rejected] = field(default_factory=dict)
@@ -101,6 +103,10 @@ class OutputEstimate:
         part = self.row.slices[m]
         without = np.where(self.row.is_gain, 0.0, self.theta)[part]
         return ratio_p(self.rise(np.arange(part.start, part.stop), without), SEARCHED_FREEDOM + without.size)
+
+    def without_answers(self, why: WhyUnanswered, text: str) -> OutputEstimate:
+        """The same estimate, refuted: no parameter and no structure of it is given."""
+        return replace(self, refuted=Unanswered(why, text), rejected={})
 
     @property
     def disputed(self) -> bool:
@@ -208,6 +214,8 @@ def averaged(estimate: OutputEstimate, shifts: Array, shares: Array, confidence:
 def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
     """The parameters that the data do not determine, by their place in theta."""
     fit, theta = estimate.fit, estimate.theta
+    if estimate.refuted is not None:
+        return dict.fromkeys(range(theta.size), estimate.refuted)
     # The prior keeps every standard error finite: whether a parameter is known is for the record to say.
     sigma = np.maximum(np.sqrt(np.diag(estimate.covariance)), fit.standard_errors_by_data)
     h = fit.row.pieces[0].h

@@ -24,6 +24,8 @@ class WhyUnanswered(Enum):
         "no controller that scans as the record does can have written OP, and derivative action answers noise between "
         "the samples: declare the controller's scan (sample_time), or export the record faster"
     )
+    MODEL_PREDICTS_BETTER = "the model predicts the record better than this estimate does"
+    LOOP_SETTLED = "today's loop settled in the record, and would be unstable on this estimate"
 
     @property
     def more_data_helps(self) -> bool:

@@ -45,7 +45,7 @@ def simulate_piece(piece: Piece, systems: Sequence[tuple[int, TransferFunction]]
     return out
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Validation:
     """Fit on data that took no part in the estimate."""
 
@@ -54,6 +54,10 @@ class Validation:
     fit_percent: float
     fit_percent_same_data: float
     """Of the final estimate on the same stretch."""
+    trained: RowFit
+    """The estimate without those data."""
+    pieces: tuple[Piece, ...]
+    """The data."""
 
 
 def validate(fit: RowFit) -> Validation | None:
@@ -79,8 +83,8 @@ def validate(fit: RowFit) -> Validation | None:
         return None
     trained = fit_row(row, fit.theta, fit.ar, iterations=30)
     # Data that say little about some parameter would condemn the plant for that: it keeps its value there.
-    scores = [_score(fit, theta, test) for theta in (trained.theta, fit.theta)]
-    return Validation(kind, *scores)
+    unseen, seen = (_score(fit, theta, test) for theta in (trained.theta, fit.theta))
+    return Validation(kind, unseen, seen, trained, test)
 
 
 def _score(fit: RowFit, theta: Array, pieces: tuple[Piece, ...]) -> float:

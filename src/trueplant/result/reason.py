@@ -22,6 +22,7 @@ class Code(StrEnum):
     NO_EXCITATION = "no-excitation", "nothing moves the plant from outside, or not enough"
     NOTHING_TO_ESTIMATE = "nothing-to-estimate", "no output has both an element to estimate and usable data"
     NOT_IDENTIFIABLE = "not-identifiable", "a parameter cannot be told from these data"
+    REFUTED = "refuted", "the record speaks against the estimate of an output, which is not given"
     NO_POWER = "no-power", "an element was tested, and a change worth knowing could have been missed"
     NO_WINDOW = "no-window", "no stretch of a long record can be estimated"
     PILOT = "pilot", "the first estimate of a long record answers nothing"

@@ -34,7 +34,7 @@ from trueplant.study.methods.compare import Compared
 from trueplant.study.plant.elements import Judged
 from trueplant.study.plant.fit import fit_rows
 from trueplant.study.plant.identified import Identified
-from trueplant.study.plant.notes import controller_notes, grouped, notes_of
+from trueplant.study.plant.notes import controller_notes, grouped, notes_of, refuted_note
 from trueplant.study.study import Study
 
 
@@ -73,7 +73,7 @@ def assemble(study: Study, checked: Checked, found: Found) -> Result:
         curves = replace(curves, coherence=coherence_curves(study, checked.coherence))
     return Result(
         status=Status.OK if answered else Status.REFUSED,
-        reasons=grouped([*checked.reasons, *(() if answered else _unanswered(elements))]),
+        reasons=grouped([*checked.reasons, *(() if answered else _unanswered(study, found.identified, elements))]),
         provenance=provenance(study),
         data=data_tables(study),
         elements=elements,
@@ -121,13 +121,17 @@ def refused(study: Study, checked: Checked) -> Result:
     )
 
 
-def _unanswered(elements: Sequence[Element]) -> list[Reason]:
+def _unanswered(study: Study, identified: Identified, elements: Sequence[Element]) -> list[Reason]:
+    refuted = [
+        note for i, one in identified.estimates.items() for note in refuted_note(one, study.project.output_names[i])
+    ]
+    said = {note.message for note in refuted}
     reasons = [Reason(Code.NOT_IDENTIFIABLE, "no parameter of any element can be told from these data")]
-    return reasons + [
+    return [*refuted, *reasons] + [
         Reason(Code.NOT_IDENTIFIABLE, p.reason, f"{p.name} of {e.input} -> {e.output}")
         for e in elements
         for p in e.parameters
-        if p.reason
+        if p.reason and p.reason not in said
     ]
 
 

@@ -165,6 +165,14 @@ STABILITY_DRAWS = 500
 HIGHEST_MS = 2.0
 """Ms above which a loop is said to be close to instability."""
 
+# -- loops/settled ---------------------------------------------------------------------------------------------------
+
+REFUTED_SHARE = 0.95
+"""Share of the plants drawn from an estimate on which a loop that settled has to run away for that to refute it:
+one-sided 5 %, where the loop is at the border of stability in truth."""
+RUNS_AWAY = 10.0
+"""Growth over a record that would be seen; a loop that grows by less may pass for one that settled."""
+
 # -- loops/targets ---------------------------------------------------------------------------------------------------
 
 SPEED = 2.0

@@ -7,7 +7,7 @@ from typing import Any
 
 from trueplant.lti import TransferMatrix
 from trueplant.project import Project
-from trueplant.result import Code, Reason, Result
+from trueplant.result import Code, ControllerCheck, Reason, Result
 from trueplant.study.assemble import Checked, Found, assemble, refused
 from trueplant.study.data.cascade import check_cascades
 from trueplant.study.data.controller_check import check_controllers
@@ -17,9 +17,11 @@ from trueplant.study.data.prepare import prepare
 from trueplant.study.experiment.plans import more_data
 from trueplant.study.loops.retuning import Retuning, retuning_of
 from trueplant.study.loops.robustness import LoopToday, robustness_of
+from trueplant.study.loops.settled import against_settled_loop
 from trueplant.study.methods.compare import compare_methods
 from trueplant.study.methods.detectors import published_detections
 from trueplant.study.plant.elements import judge
+from trueplant.study.plant.gate import through_the_gate
 from trueplant.study.plant.identified import identify
 from trueplant.study.plant.updated import updated_plant
 from trueplant.study.study import Progress, Study, quiet
@@ -32,13 +34,14 @@ def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
     """
     say("reading the data")
     study = prepare(project, say, frames)
-    reasons = doubts(study)
+    reasons, controllers = doubts(study), check_controllers(study)
     if not study.segments or blocked(reasons):
-        return refused(study, _checked(study, reasons))
-    identified = identify(study, say)
+        return refused(study, _checked(study, controllers, reasons))
+    identified = through_the_gate(study, identify(study, say))
+    identified = against_settled_loop(study, identified, controllers)
     if not identified.estimates:
         reasons += (Reason(Code.NOTHING_TO_ESTIMATE, "no output has both an element to estimate and usable data"),)
-        return refused(study, _checked(study, reasons))
+        return refused(study, _checked(study, controllers, reasons))
     plant = updated_plant(study.model, identified.estimates)
     judged = judge(study, identified, plant.nominal)
     say("comparing methods")
@@ -50,15 +53,20 @@ def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
     say("putting the result together")
     return assemble(
         study,
-        _checked(study, reasons, plant.nominal),
+        _checked(study, controllers, reasons, plant.nominal),
         Found(identified, plant, judged, compared, loop, retuned, plans),
     )
 
 
-def _checked(study: Study, reasons: tuple[Reason, ...], plant: TransferMatrix | None = None) -> Checked:
+def _checked(
+    study: Study,
+    controllers: tuple[ControllerCheck, ...],
+    reasons: tuple[Reason, ...],
+    plant: TransferMatrix | None = None,
+) -> Checked:
     """What the data show beside the estimate; `plant` (n_y, n_u + n_d) is the model where there is no other."""
     return Checked(
-        check_controllers(study),
+        controllers,
         check_cascades(study, study.model if plant is None else plant),
         None if plant is None else coherence_of(study),
         published_detections(study),

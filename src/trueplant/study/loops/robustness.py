@@ -245,7 +245,7 @@ def _drawn(study: Study, loop: LinearLoop, known: UncertainPlant) -> DrawnStabil
         draws = known.draw(levels.STABILITY_DRAWS, seed)
     except LoopError:
         return None
-    w = common_grid(plant, controller, _crossover(plant, controller))
+    w = common_grid(plant, controller, crossover(plant, controller))
     response, law = draws.response(w)[:, :, :, : plant.shape[1]], controller(on_axis(w))
     found = peaks(response, law, w)
     rows = []
@@ -269,7 +269,7 @@ def _share_performance(study: Study, response: ComplexArray, law: ComplexArray, 
     return float(np.mean(found.stable & (error < 1)))
 
 
-def _crossover(plant: TransferMatrix, controller: Controller) -> float:
+def crossover(plant: TransferMatrix, controller: Controller) -> float:
     """The highest frequency at which the loop gain, in its strongest direction, is above 1."""
     rates = rates_of(plant, controller)
     w = rates.grid(per_decade=20, above=10.0)

@@ -28,7 +28,7 @@ def causes_of(
     A controller that is not the declared one is said by the check of the controllers (code "controller").
     """
     changed = [e for e in elements if e.verdict == ElementVerdict.CHANGED]
-    estimates = identified.estimates
+    estimates = {i: estimate for i, estimate in identified.estimates.items() if estimate.refuted is None}
     causes = [*_saturated(study), *_valves(study, identified.valves), *_disturbances(study, estimates)]
     causes += _levels(study, estimates, found)
     return causes + _plant(study, estimates, found, changed)

@@ -27,6 +27,7 @@ def notes_of(study: Study, found: Identified, consistency: Sequence[ControllerCh
     notes += _hold_notes(study, found)
     for i, estimate in found.estimates.items():
         name = study.project.output_names[i]
+        notes += refuted_note(estimate, name)
         notes += _shared_disturbance_note(study, estimate, name)
         notes += _noise_notes(estimate, name)
         notes += _undermodelled_notes(study, found, i, estimate, name)
@@ -39,6 +40,10 @@ def notes_of(study: Study, found: Identified, consistency: Sequence[ControllerCh
             )
         )
     return notes
+
+
+def refuted_note(estimate: OutputEstimate, name: str) -> list[Reason]:
+    return [] if estimate.refuted is None else [Reason(Code.REFUTED, estimate.refuted.text, name)]
 
 
 def _scan_note(study: Study) -> list[Reason]:

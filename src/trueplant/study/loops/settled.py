@@ -1,0 +1,84 @@
+"""A loop that settled, held against the plant: estimates on which it could not have are not given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from trueplant.errors import LoopError
+from trueplant.identify import WhyUnanswered
+from trueplant.loop import Linear, LinearLoop
+from trueplant.lti import UncertainPlant
+from trueplant.record import Segment
+from trueplant.result import ControllerCheck
+from trueplant.study import levels
+from trueplant.study.loops.robustness import crossover
+from trueplant.study.plant.identified import Identified
+from trueplant.study.plant.updated import updated_plant
+from trueplant.study.study import Study
+from trueplant.tune.drawn import common_grid, peaks
+
+
+def against_settled_loop(study: Study, identified: Identified, checks: Sequence[ControllerCheck]) -> Identified:
+    """What was identified, without any answer where today's loop, which settled, is unstable on nearly all plants that
+    the estimates leave open.
+    """
+    known = updated_plant(study.model, identified.estimates)
+    segment, loop = _settled(study, checks), study.loop(known.nominal)
+    if segment is None or loop is None:
+        return identified
+    share = share_diverging(study.project.analysis.seed, loop, known, segment.t[-1] - segment.t[0])
+    if share <= levels.REFUTED_SHARE:
+        return identified
+    where = study.project.experiments[segment.experiment].name
+    text = (
+        f"the loop of {where} settled, but on {100 * share:.3g} % of the plants that this estimate leaves open it "
+        "would have run away: see whether the declared controller was at work all the time, or ask for another "
+        "structure"
+    )
+    estimates = {
+        i: one.without_answers(WhyUnanswered.LOOP_SETTLED, text) if i in known.rows else one
+        for i, one in identified.estimates.items()
+    }
+    return replace(identified, estimates=estimates)
+
+
+def _settled(study: Study, checks: Sequence[ControllerCheck]) -> Segment | None:
+    """The longest stretch of the experiment that stands for today's loop; None unless the declared controller ran it,
+    off its limits and without PV moving away from its set-point."""
+    k = study.loop_experiment
+    if k is None:
+        return None
+    own = [check for check in checks if check.experiment == study.project.experiments[k].name]
+    limited = study.screened[k].saturated
+    if not own or not all(check.confirmed for check in own):
+        return None
+    if limited.size and np.any(limited.mean(axis=0) > levels.MOST_AT_LIMIT):
+        return None
+    segment = max((s for s in study.segments if s.experiment == k), key=len)
+    early, late = np.array_split(segment.y - segment.r, 2)
+    with np.errstate(invalid="ignore"):
+        grown = np.nanstd(late, axis=0) > np.sqrt(levels.RUNS_AWAY) * np.nanstd(early, axis=0)
+    return None if grown.any() else segment
+
+
+def share_diverging(seed: int, loop: LinearLoop, known: UncertainPlant, span: float) -> float:
+    """Share of the drawn plants on which the loop would grow by more than RUNS_AWAY within the span.
+
+    The poles to the right of Re s = log(RUNS_AWAY) / span are counted; 0 where they cannot be, as in `robustness`.
+    """
+    plant, controller = loop.plant, loop.controller
+    laws = [entry.tf for entry in controller.entries.values() if isinstance(entry, Linear)]
+    elements = [element for row in plant.elements for element in row]
+    if any(np.any(f.poles.real > 0) for f in (*elements, *laws)) or not known.varying:
+        return 0.0
+    try:
+        draws = known.draw(levels.STABILITY_DRAWS, seed)
+    except LoopError:
+        return 0.0
+    w = common_grid(plant, controller, crossover(plant, controller))
+    line = w - 1j * np.log(levels.RUNS_AWAY) / span
+    response, law = draws.response(line)[:, :, :, : plant.shape[1]], controller(1j * line)
+    return 1.0 - peaks(response, law, w).share_stable
