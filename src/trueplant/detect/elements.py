@@ -16,6 +16,7 @@ from trueplant.identify import (
     Rejected,
     Spec,
     Unanswered,
+    WhyUnanswered,
     identify_matrix,
     specs_of,
     unanswered,
@@ -105,9 +106,13 @@ def judge_elements(
 
 
 def _worth_knowing(found: Found, share: float) -> Array:
-    """As `worth_knowing_of`; 0 of what is not answered for reasons that no longer record would remove."""
+    """As `worth_knowing_of`; 0 of what is not answered for reasons that are not in the covariance.
+
+    An element whose gain cannot be told from zero has no dynamics to judge, however its covariance may look.
+    """
     worth = worth_knowing_of(found.spec.structure, found.theta, found.model, share)
-    worth[[k for k, reason in found.reasons.items() if not reason.why.more_data_helps]] = 0.0
+    in_covariance = (WhyUnanswered.INPUT_STANDS_STILL, WhyUnanswered.TOO_UNCERTAIN)
+    worth[[k for k, reason in found.reasons.items() if reason.why not in in_covariance]] = 0.0
     return worth
 
 
