@@ -4,7 +4,7 @@ Each experiment is fitted alone. The plant of each is taken to differ from their
 all gains and one for all lags and dead times, normal. Before the experiments are looked at, the spreads are half-normal
 with a standard deviation of BETWEEN_RUNS; what the experiments say of them is their marginal likelihood. Mean and
 covariance are averaged over both spreads, without a test of whether the experiments agree.
-With one parameter this is the random-effects model of meta-analysis (Hartung, Knapp and Sinha 2008, chapter 12).
+With one parameter this is the random-effects model of meta-analysis (Roever 2020).
 """
 
 from __future__ import annotations
