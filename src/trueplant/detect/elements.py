@@ -105,21 +105,29 @@ def judge_elements(
     return dict(zip(places, judge(evidence, confidence, tolerance_percent, worth_knowing), strict=True))
 
 
-def _worth_knowing(found: Found, share: float) -> Array:
+def _worth_knowing(found: Found, share: float) -> Array | None:
     """As `worth_knowing_of`; 0 of what is not answered for reasons that are not in the covariance.
 
-    An element whose gain cannot be told from zero has no dynamics to judge, however its covariance may look.
+    An element whose gain cannot be told from zero has no dynamics to judge, however its covariance may look. Of one
+    that the model lacks any gain is worth knowing.
     """
+    if _lacking(found):
+        return None
     worth = worth_knowing_of(found.spec.structure, found.theta, found.model, share)
     in_covariance = (WhyUnanswered.INPUT_STANDS_STILL, WhyUnanswered.TOO_UNCERTAIN)
     worth[[k for k, reason in found.reasons.items() if reason.why not in in_covariance]] = 0.0
     return worth
 
 
+def _lacking(found: Found) -> bool:
+    """Does the model lack the element?"""
+    return all(value in (0.0, None) for value in found.model)
+
+
 def _detectable(estimate: OutputEstimate, found: Found, elements: int, level: float) -> float:
     """What would have been seen; of an element that the model lacks as a share of all that PV does."""
     scale = None
-    if all(value in (0.0, None) for value in found.model):
+    if _lacking(found):
         piece = max(estimate.row.pieces, key=lambda piece: piece.y.size)
         moves = float(piece.input_spread[found.spec.column])
         scale = piece.spread / moves if moves > 0 else 0.0
