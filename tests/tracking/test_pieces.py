@@ -25,6 +25,8 @@ PLANT = TransferMatrix.of([[TF]], "min")
 LAW = Controller.diagonal([PID(Kc=0.8, Ti=8.0, sample_time=1.0)])
 BETWEEN = 500
 """Minutes between two files."""
+LEAST = {"limits": 0.7, "bursts": 0.55, "rows": 0.55}
+"""Share of the time that windows cover at least; set-points rest for some of it (0.73, 0.60 and 0.60 measured)."""
 Frame = dict[str, Any]
 
 
@@ -57,17 +59,39 @@ def tracked(frames: list[Frame], tf: str = TF, **loop: Any) -> Track:
     return track(project, frames=frames)
 
 
-@pytest.mark.parametrize("stamped", [False, True], ids=["laid in order", "calendar"])
-@pytest.mark.parametrize(("seed", "at"), [(11, 1500), (1, 2300)], ids=["between two files", "in the second"])
-def test_a_change_is_found_and_dated_across_files(seed: int, at: int, stamped: bool) -> None:
-    found = tracked(files(seed, [1500, 1500], at, stamped=stamped))
-    (change,) = found.changes
-    true = at + (BETWEEN if stamped else 0)
-    early = at if at == 1500 else true  # between two files it can lie anywhere between them
-    assert change.kind == "step" and change.interval[0] <= early + 1 and change.interval[1] >= true - 1
-    assert change.interval[1] - change.interval[0] < 700 + (BETWEEN if stamped else 0)
+def true_instants(at: int, stamped: bool) -> tuple[int, int]:
+    """Between which instants PV begins to follow the new gain: between two files, anywhere from one to the other."""
+    late = at + (BETWEEN if stamped else 0)
+    return (at if at == 1500 else late) + 1, late - 1
+
+
+def test_a_change_in_the_second_file_is_found_and_dated() -> None:
+    (change,) = tracked(files(0, [1500, 1500], 2300, stamped=True)).changes
+    first, last = true_instants(2300, stamped=True)
+    assert change.kind == "step" and change.interval[0] <= first and change.interval[1] >= last
     gain = change.parameters[0]
     assert gain.changed and gain.ci[0] < 0.3 * THETA[0] < gain.ci[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stamped", [False, True], ids=["laid in order", "calendar"])
+@pytest.mark.parametrize(("at", "least"), [(1500, 2), (2300, 5)], ids=["between two files", "in the second"])
+def test_changes_are_found_across_files(at: int, least: int, stamped: bool) -> None:
+    """Seeds 0 to 5: found in five at least; dated in `least`, where of the intervals one may miss.
+
+    In the middle of seven windows a step looks most like a drift: there the two are often left undecided (docs).
+    """
+    tracks = [tracked(files(seed, [1500, 1500], at, stamped=stamped)) for seed in range(6)]
+    alone = [found.changes[0] for found in tracks if len(found.changes) == 1]
+    steps = [change for change in alone if change.kind == "step"]
+    assert len(alone) >= 5 and len(steps) >= least
+    first, last = true_instants(at, stamped)
+    assert sum(not (c.interval[0] <= first and c.interval[1] >= last) for c in steps) <= 1
+    widths = [c.interval[1] - c.interval[0] for c in steps]
+    assert np.median(widths) < 200 + (BETWEEN if stamped and at == 1500 else 0)
+    gains = [c.parameters[0] for c in steps]
+    assert all(gain.changed for gain in gains)
+    assert sum(not gain.ci[0] < 0.3 * THETA[0] < gain.ci[1] for gain in gains) <= 1
 
 
 @pytest.mark.slow
@@ -92,36 +116,47 @@ def test_a_record_that_cannot_be_known_as_well_as_asked_is_followed_all_the_same
     assert len(found.changes) == 1
 
 
+def cut_record(cut: str, seed: int, samples: int = 4000) -> Track:
+    """Nothing changes; OP is at its limits in half of the samples, or two fifths are lost in bursts of some 30."""
+    rng = np.random.default_rng([20, seed])
+    r = random_switching(rng, samples, 1, 60.0) / 2
+    v = coloured(rng, samples, 1, [1, -0.8], [1], 0.1)
+    lengths = np.column_stack([rng.geometric(1 / 45, 400), rng.geometric(1 / 30, 400)]).ravel()
+    good = np.repeat(np.tile([True, False], 400), lengths)[:samples]
+    s = simulate(PLANT, LAW, r, 1.0, v=v)
+    if cut == "limits":
+        low, high = np.quantile(s.u, [0.15, 0.85]).tolist()
+        s = simulate(PLANT, LAW, r, 1.0, v=v, limits=[(low, high)])
+        assert 0.4 < np.mean((s.u <= low) | (s.u >= high)) < 0.6
+    frame = {"time": s.t, "sp": s.r[:, 0] + 50, "op": s.u[:, 0] + 40, "pv": s.y[:, 0] + 50}
+    if cut == "limits":
+        return tracked([frame], op_limits=(low + 40, high + 40))
+    if cut == "bursts":
+        return tracked([frame | {"pv": np.where(good, frame["pv"], np.nan)}])
+    return tracked([{name: x[good] for name, x in frame.items()}])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("cut", ["limits", "bursts", "rows"])
 def test_pieces_of_a_window_are_estimated_jointly(cut: str) -> None:
-    """OP at its limits in about a third of the samples, or two fifths of the samples lost in bursts of some 30.
+    """Seeds 0 to 5: each record is followed, its windows cover, and no change is called but by chance.
 
-    Nothing changes: intervals of the windows cover, and the record is followed but for where nothing moves.
+    At 5 % two changes or more in six records come with 0.03, at 30 % with 0.58. Set-points rest for the rest of the
+    time: five settling times after a move nothing is left to estimate from.
     """
-    rng = np.random.default_rng([20, 5])
-    samples = 4000
-    r = random_switching(rng, samples, 1, 60.0) / 2
-    v = coloured(rng, samples, 1, [1, -0.8], [1], 0.1)
-    limits = (
-        np.quantile(simulate(PLANT, LAW, r, 1.0, v=v).u, [0.15, 0.85]) if cut == "limits" else np.array([-9.0, 9.0])
-    )
-    s = simulate(PLANT, LAW, r, 1.0, v=v, limits=[(float(limits[0]), float(limits[1]))])
-    frame = {"time": s.t, "sp": s.r[:, 0] + 50, "op": s.u[:, 0] + 40, "pv": s.y[:, 0] + 50}
-    lengths = np.column_stack([rng.geometric(1 / 45, 400), rng.geometric(1 / 30, 400)]).ravel()
-    good = np.repeat(np.tile([True, False], 400), lengths)[:samples]
-    if cut == "limits":
-        assert 0.2 < np.mean((s.u <= limits[0]) | (s.u >= limits[1])) < 0.6
-        found = tracked([frame], op_limits=(float(limits[0]) + 40, float(limits[1]) + 40))
-    elif cut == "bursts":
-        found = tracked([frame | {"pv": np.where(good, frame["pv"], np.nan)}])
-    else:
-        found = tracked([{name: x[good] for name, x in frame.items()}])
-    fitted = [w for w in found.windows if w.status == "ok"]
-    assert sum(w.end - w.start for w in fitted) > 0.5 * samples and found.changes == ()
-    told = [(p, true) for w in fitted for e in w.elements for p, true in zip(e.parameters, THETA, strict=True) if p.ci]
-    assert len(told) >= 12
-    assert sum(not p.ci[0] <= true <= p.ci[1] for p, true in told if p.ci) <= 0.15 * len(told) + 1
+    tracks = [cut_record(cut, seed) for seed in range(6)]
+    fitted = [[w for w in found.windows if w.status == "ok"] for found in tracks]
+    assert min(sum(w.end - w.start for w in own) for own in fitted) > LEAST[cut] * 4000
+    assert sum(bool(found.changes) for found in tracks) <= 1
+    missed = [
+        not p.ci[0] <= true <= p.ci[1]
+        for own in fitted
+        for w in own
+        for e in w.elements
+        for p, true in zip(e.parameters, THETA, strict=True)
+        if p.ci
+    ]
+    assert len(missed) >= 72 and sum(missed) <= most(len(missed), 0.05)
 
 
 def test_constant_but_off_the_model_is_said_with_its_interval() -> None:
@@ -147,12 +182,15 @@ def test_after_a_step_the_standing_is_that_of_the_longest_stretch() -> None:
 
 @pytest.mark.slow
 def test_nothing_is_off_the_model_that_is_as_the_model_has_it() -> None:
-    """60 records at 5 %: `most` passes at that level with 0.99, at 20 % with less than 0.05; intervals likewise."""
-    found = [tracked(files(seed, [1200], 9999)).elements[0].standing for seed in range(100, 160)]
+    """80 records at 5 %: `most` passes at that level with 0.99, at 20 % with less than 0.05; intervals likewise.
+
+    Where a change is called by chance, at 5 % as well, nothing is said of how the element stands to the model.
+    """
+    found = [tracked(files(seed, [1200], 9999)).elements[0].standing for seed in range(100, 180)]
     told = [one for one in found if one is not None]
-    assert len(told) >= 58
-    assert sum(one.verdict == "changed" for one in told) <= most(60, 0.05)
+    assert len(told) >= 80 - most(80, 0.05)
+    assert sum(one.verdict == "changed" for one in told) <= most(80, 0.05)
     missed = [
         not p.ci[0] <= true <= p.ci[1] for one in told for p, true in zip(one.parameters, THETA, strict=True) if p.ci
     ]
-    assert sum(missed) <= most(180, 0.05)
+    assert sum(missed) <= most(240, 0.05)
