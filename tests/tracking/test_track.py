@@ -128,7 +128,7 @@ def test_a_disturbance_that_doubles_is_no_change(tmp_path: Path) -> None:
     found = followed(tmp_path, seed=3, level=np.where(X >= 1300, 2.0, 1.0))
     assert changed(found) == []
     assert {e.history for e in found.elements} == {"constant"}
-    assert found.headline == "No change over time was found in all 4 elements."
+    assert found.headline == "No change over time was found in all 4 elements, and no difference from the model."
 
 
 def test_record_without_moves_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -222,7 +222,7 @@ def test_every_field_of_the_track_is_described(step: tuple[int, Path, dict[str, 
     assert told["Each of `elements`"] == {f.name for f in fields(TrackedElement)}
     assert told["Each of `changes`"] == {f.name for f in fields(Change)}
     assert told["Each of `windows`"] == {f.name for f in fields(Window)}
-    for kind in (Moved, TrackedExperiment, WindowElement):
+    for kind in (Moved, TrackedExperiment, WindowElement):  # the last also as `standing`
         missing = {f.name for f in fields(kind)} - set(re.findall(r"`(\w+)`", text))
         assert not missing
 

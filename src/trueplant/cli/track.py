@@ -13,8 +13,8 @@ from trueplant.cli.analyse import REFUSED, saying
 from trueplant.cli.show import console
 from trueplant.output import as_json, prepare_output, write_files
 from trueplant.project.project import Project
-from trueplant.result import Change, ElementHistory, Status, Track
-from trueplant.result.track_words import moved_words, refused_stretches, time_text
+from trueplant.result import Change, ElementHistory, Status, Track, TrackedElement
+from trueplant.result.track_words import moved_words, off_words, refused_stretches, time_text
 
 JSON, PAGE = "track.json", "track.html"
 
@@ -55,7 +55,7 @@ def show(track: Track) -> None:
             name = Text(f"{element.input} -> {element.output}")
             word = "step or drift" if element.history == ElementHistory.UNDECIDED else element.history
             style = _STYLES.get(element.history, "bold red")
-            cells = [_cells(c) for c in changes] or [(Text(""), Text(element.reason))]
+            cells = [_cells(c) for c in changes] or [(Text(""), Text(_standing(element) or element.reason))]
             for k, (when, what) in enumerate(cells):
                 first = (name, Text(word, style=style), Text(str(element.windows)))
                 table.add_row(*(first if k == 0 else (Text(""),) * 3), when, what)
@@ -64,6 +64,12 @@ def show(track: Track) -> None:
         out.print(Text(f"refused: {names}, {file}, {spans} {track.time_unit}: {why}"))
     for reason in (*track.reasons, *track.notes):
         out.print(Text(f"{'refused' if reason in track.reasons else 'note'}: {reason.message}"))
+
+
+def _standing(element: TrackedElement) -> str:
+    """The parameters that are off the model all the time."""
+    off = [p for p in element.standing.parameters if p.changed] if element.standing else []
+    return "all the time " + ", ".join(off_words(p) for p in off) if off else ""
 
 
 def _cells(change: Change) -> tuple[Text, Text]:

@@ -86,7 +86,10 @@ def judge_elements(
     tolerance_percent: float = 0.0,
     worth_knowing: float = levels.WORTH_KNOWING,
 ) -> dict[tuple[int, int], Verdict]:
-    """The verdict on each element, familywise over all of them: Wald's test and the likelihood have to agree."""
+    """The verdict on each element, familywise over all of them: Wald's test and the likelihood have to agree.
+
+    With `worth_knowing` infinite all that is answered is tested, and no power is asked of what is called unchanged.
+    """
     places = sorted(found)
     evidence = [
         Evidence(
@@ -98,7 +101,7 @@ def judge_elements(
             found[p].joint,
             _detectable(estimates[p[0]], found[p], len(places), 1 - confidence),
             None if (rejected := found[p].rejected) is None else rejected.p_value,
-            _worth_knowing(found[p], worth_knowing),
+            _worth_knowing(found[p], worth_knowing) if np.isfinite(worth_knowing) else None,
         )
         for p in places
     ]

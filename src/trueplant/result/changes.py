@@ -105,6 +105,9 @@ class TrackedElement:
     scatter: float
     """Factor on the standard errors that the scatter of the windows asked for; 1 if none."""
     reason: str = ""
+    standing: WindowElement | None = None
+    """Against the model, from one estimate of the whole record, or of its longest stretch without a step of this
+    output; None where an element of this output drifted or changed at a time that is not known."""
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from trueplant.result.changes import Change, ChangeKind, ElementHistory, Moved, TrackedElement, Window
+from trueplant.result.element import Parameter
 from trueplant.result.numbers import counted, number, spoken
 from trueplant.result.reason import Reason
-from trueplant.result.status import Status
+from trueplant.result.status import ElementVerdict, Status
 
 
 class Tracked(Protocol):
@@ -40,12 +41,38 @@ def headline(track: Tracked) -> str:
     unknown = [e for e in track.elements if e.history == ElementHistory.NOT_IDENTIFIABLE]
     if not track.changes and steady:
         count = f"all {len(steady)} elements" if len(steady) > 1 and not unknown else counted(len(steady), "element")
-        text = f"No change over time was found in {count}."
+        as_modelled = all(e.standing and e.standing.verdict == ElementVerdict.UNCHANGED for e in steady)
+        text = f"No change over time was found in {count}{', and no difference from the model' if as_modelled else ''}."
     elif steady:
         text += f" {counted(len(steady), 'element')} without a change."
+    text += "".join(f" {sentence}" for e in steady if (sentence := standing_sentence(e)))
     if unknown:
         text += f" {counted(len(unknown), 'element')} cannot be followed in this record."
     return text.strip()
+
+
+def standing_sentence(element: TrackedElement) -> str:
+    """Such as: reflux -> top is constant, but 29 % off the model: gain 16.5 (16.1 to 16.9), model 12.8.
+
+    Empty unless the element is constant and off the model beyond chance.
+    """
+    standing = element.standing
+    if element.history != ElementHistory.CONSTANT or not standing or standing.verdict != ElementVerdict.CHANGED:
+        return ""
+    where = f"{spoken(element.input)} -> {spoken(element.output)}"
+    off = [p for p in standing.parameters if p.changed and p.plant is not None and p.model is not None and p.ci]
+    if not off:
+        return f"{where} is constant, but not as in the model; which of its parameters is off cannot be told."
+    worst = max(abs(p.change_percent or 0.0) for p in off)
+    size = f"{worst:.0f} % off the model" if worst else "off the model"
+    return f"{where} is constant, but {size}: {', '.join(map(off_words, off))}."
+
+
+def off_words(p: Parameter) -> str:
+    """Such as: gain 16.5 (16.1 to 16.9), model 12.8."""
+    low, high = p.ci or (None, None)
+    unit = f" {p.unit}" if p.unit else ""
+    return f"{spoken(p.name)} {number(p.plant)} ({number(low)} to {number(high)}){unit}, model {number(p.model)}{unit}"
 
 
 def change_sentence(change: Change, unit: str) -> str:

@@ -23,8 +23,8 @@ SHORTFALL = 1.1
 """Unknown initial states cost a window that much of its standard errors on top of those that the information
 predicts."""
 LONGEST = 0.25
-"""Share of an experiment's time that a window may take where single moves do not suffice. Judgement: a history has four
-windows at least."""
+"""Share of the record at which a window ends though it knows the plant less well than was asked for. Judgement: a
+history has four windows at least."""
 MOST = 80
 """Windows of one output: where there would be more, they are longer and more precise than was asked for. Judgement: of
 more nobody reads the figure, and each is a fit."""

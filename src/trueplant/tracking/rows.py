@@ -73,8 +73,8 @@ class Plan:
     demand: Demand
     settle: float
     """Time that a move keeps showing."""
-    blocks: Mapping[int, Blocks]
-    """By experiment, in its own time: the information in each part of the record."""
+    blocks: Blocks
+    """The information in each part of the record, in common time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,38 +113,31 @@ class FollowedRow:
         reasons = unanswered(estimate)
         answered = [k for k in range(estimate.theta.size) if k not in reasons]
         demand = demand_of(estimate.fit, answered, self.study.columns, self.precision)
-        blocks = {
-            k: blocks_of(estimate.fit, replace(estimate.row, pieces=found), self.moves[k])
-            for k, found in self.pieces.items()
-        }
-        return Plan(demand, settling(estimate.fit), blocks)
+        order = sorted(self.pieces, key=lambda k: self.offsets[k])
+        own = [blocks_of(estimate.fit, replace(estimate.row, pieces=self.pieces[k]), self.moves[k]) for k in order]
+        return Plan(demand, settling(estimate.fit), Blocks.joined(own, [self.offsets[k] for k in order]))
 
     def windows(self, plan: Plan, gaps: Sequence[tuple[float, float]], say: Progress) -> list[Fitted | Stretch]:
         """All windows in order of time; none reaches into one of the gaps (common time), where changes lie."""
         out: list[Fitted | Stretch] = []
-        for experiment, blocks in sorted(plan.blocks.items(), key=lambda item: self.offsets[item[0]]):
-            offset = self.offsets[experiment]
-            edges = [float(blocks.start[0]), *(t - offset for gap in gaps for t in gap), float(blocks.end[-1])]
-            for start, end in zip(edges[::2], edges[1::2], strict=True):
-                part = cut(blocks, start, end) if end > start else None
-                if part is not None:
-                    out += self._section(plan, part, experiment, bool(gaps), say)
+        edges = [-np.inf, *(t for gap in gaps for t in gap), np.inf]
+        for start, end in zip(edges[::2], edges[1::2], strict=True):
+            part = cut(plan.blocks, start, end) if end > start else None
+            if part is not None:
+                out += self._section(plan, part, bool(gaps), say)
         return out
 
-    def _section(
-        self, plan: Plan, part: Blocks, experiment: int, beside_change: bool, say: Progress
-    ) -> list[Fitted | Stretch]:
-        """The windows of one experiment between two gaps."""
-        segments = self._segments(experiment)
-        what = "no set-point moves" if segments[0].closed else "no OP moves"
-        laid = planned(part, plan.demand, experiment, plan.settle, what)
+    def _section(self, plan: Plan, part: Blocks, beside_change: bool, say: Progress) -> list[Fitted | Stretch]:
+        """The windows between two gaps."""
+        closed = self.study.screened[int(part.experiment[0])].segments[0].closed
+        laid = planned(part, plan.demand, plan.settle, "no set-point moves" if closed else "no OP moves")
         if (
             beside_change
             and all(w.refusal for w in laid)
             and part.errors[part.active].sum() >= levels.BESIDE_CHANGE * levels.FEWEST_ERRORS
         ):
             # little is left beside a change near the end: it is used all the same, to tell what the change was
-            laid = [Stretch(experiment, float(part.start[0]), float(part.end[-1]))]
+            laid = [Stretch(float(part.start[0]), float(part.end[-1]))]
         out: list[Fitted | Stretch] = []
         for k, window in enumerate(laid, start=1):
             say(f"{self.study.project.output_names[self.output]}: window {k} of {len(laid)}")
@@ -158,11 +151,13 @@ class FollowedRow:
         structure = next(spec.structure for spec in self.specs if spec.column == column)
         return structure.units(project.outputs[self.output].unit, inputs[column], project.time_unit)
 
-    def _segments(self, experiment: int) -> tuple[Segment, ...]:
-        return self.study.screened[experiment].segments
-
     def stretch_segments(self, window: Stretch) -> list[Segment]:
-        return part_of(self._segments(window.experiment), window.start, window.end)
+        """What of all experiments lies in a window, in order of time."""
+        found: list[Segment] = []
+        for k in sorted(self.pieces, key=lambda k: self.offsets[k]):
+            offset = self.offsets[k]
+            found += part_of(self.study.screened[k].segments, window.start - offset, window.end - offset)
+        return found
 
     def _fit(self, window: Stretch, settle: float) -> Fitted | Stretch:
         if window.refusal:
@@ -177,6 +172,25 @@ class FollowedRow:
         own = [replace(s, y=s.y[:, [self.output]]) for s in segments]
         if not excited(own, [computed] * len(own)):
             return replace(window, refusal=UNMOVED)
+        estimate = self.estimate(segments, settle)
+        if estimate is None:
+            return replace(window, refusal="no PV can be used in this stretch")
+        estimates = {self.output: estimate}
+        found = detect.elements_found(self.study.model, estimates)
+        settings = self.study.project.analysis
+        # A window alone need not tell a change worth knowing: all of them together do.
+        verdicts = detect.judge_elements(found, estimates, settings.confidence, settings.tolerance_percent, np.inf)
+        return Fitted(
+            window,
+            window.start,
+            window.end,
+            estimate,
+            {j: f for (_, j), f in found.items()},
+            {j: v for (_, j), v in verdicts.items()},
+        )
+
+    def estimate(self, segments: Sequence[Segment], settle: float) -> OutputEstimate | None:
+        """The output from some segments, with all that widens its errors."""
         confidence = self.study.project.analysis.confidence
         estimate = identify_output(
             segments,
@@ -188,36 +202,17 @@ class FollowedRow:
             time_scale=settle / levels.SETTLED,
         )
         if estimate is None:
-            return replace(window, refusal="no PV can be used in this stretch")
+            return None
         if self.pilot.predicted_by:
             estimate = widened_for_shared_disturbance(estimate, self.pilot.predicted_by, confidence)
-        estimate = without_hidden_dynamics(self.study.hidden, self.output, estimate)
-        estimates = {self.output: estimate}
-        found = detect.elements_found(self.study.model, estimates)
-        settings = self.study.project.analysis
-        # A window alone need not tell a change worth knowing: all of them together do.
-        verdicts = detect.judge_elements(found, estimates, settings.confidence, settings.tolerance_percent, np.inf)
-        offset = self.offsets[window.experiment]
-        return Fitted(
-            window,
-            window.start + offset,
-            window.end + offset,
-            estimate,
-            {j: f for (_, j), f in found.items()},
-            {j: v for (_, j), v in verdicts.items()},
-        )
+        return without_hidden_dynamics(self.study.hidden, self.output, estimate)
 
     def row_of(self, windows: Sequence[Fitted]) -> tuple[Row, Array]:
         """The raw record from the first to the last of some neighbouring windows, and the clock of its pieces."""
-        pieces: list[Piece] = []
-        clock: list[float] = []
-        for experiment in sorted({w.stretch.experiment for w in windows}, key=lambda k: self.offsets[k]):
-            own = [w.stretch for w in windows if w.stretch.experiment == experiment]
-            whole = Stretch(experiment, own[0].start, own[-1].end)
-            found = pieces_of(self.stretch_segments(whole), self.output, self.held, self.update)
-            pieces += found
-            clock += [self.offsets[experiment]] * len(found)
-        return Row(self.specs, tuple(pieces), self.pilot.row.stride), np.array(clock)
+        whole = Stretch(windows[0].start, windows[-1].end)
+        pieces = pieces_of(self.stretch_segments(whole), self.output, self.held, self.update)
+        clock = np.array([self.offsets[piece.experiment] for piece in pieces])
+        return Row(self.specs, pieces, self.pilot.row.stride), clock
 
 
 def follow_rows(study: Study, offsets: Mapping[int, float], precision: float, say: Progress) -> list[FollowedRow]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -21,6 +22,7 @@ from trueplant.tracking import levels
 from trueplant.tracking.changes import find_changes
 from trueplant.tracking.rows import Fitted, follow_rows
 from trueplant.tracking.series import Followed
+from trueplant.tracking.standing import standings
 from trueplant.tracking.windows import Stretch
 
 
@@ -49,6 +51,7 @@ def track(
     settings = project.analysis
     rows = follow_rows(study, offsets, precision, say)
     followed, elements, changes = find_changes(rows, 1 - settings.confidence, settings.seed, say)
+    standing = standings(followed, changes, say)
     windows = [_window(one, w) for one in followed for w in one.windows]
     if not any(w.status == Status.OK for w in windows):
         why = [w.reason for w in windows]
@@ -68,7 +71,7 @@ def track(
         time_unit=project.time_unit,
         experiments=tuple(experiments),
         windows=tuple(sorted(windows, key=lambda w: (w.output, w.start))),
-        elements=tuple(elements),
+        elements=tuple(replace(e, standing=standing.get((e.output, e.input))) for e in elements),
         changes=tuple(changes),
     )
 
@@ -105,11 +108,11 @@ def _window(one: Followed, window: Fitted | Stretch) -> Window:
     """A window of `Followed` as the result has it."""
     project = one.row.study.project
     output = project.output_names[one.row.output]
+    blocks = one.plan.blocks
+    inside = (blocks.start < window.end) & (blocks.end > window.start)
+    name = ", ".join(project.experiments[k].name for k in dict.fromkeys(blocks.experiment[inside].tolist()))
     if isinstance(window, Stretch):
-        offset = one.row.offsets[window.experiment]
-        name = project.experiments[window.experiment].name
-        return Window(output, name, window.start + offset, window.end + offset, Status.REFUSED, window.refusal)
-    name = project.experiments[window.stretch.experiment].name
+        return Window(output, name, window.start, window.end, Status.REFUSED, window.refusal)
     elements = tuple(_element(one, window, column) for column in sorted(window.found))
     return Window(output, name, window.start, window.end, Status.OK, "", elements)
 

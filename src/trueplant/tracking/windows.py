@@ -8,11 +8,12 @@ moved: what noise alone does to OP and PV depends on the controller as much as o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 
 import numpy as np
 
-from trueplant.arrays import Array, BoolArray
+from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify import Row, RowFit
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.noise import whiten, whitened_valid
@@ -22,9 +23,8 @@ from trueplant.tracking import levels
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of an experiment in its own time: a window to be fitted, or one that is refused."""
+    """A part of the record in common time, over several files where it has to: to be fitted, or refused."""
 
-    experiment: int
     start: float
     end: float
     refusal: str = ""
@@ -32,15 +32,29 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Information of one output's parameters in consecutive blocks of one experiment."""
+    """Information of one output's parameters in consecutive blocks, experiment after experiment."""
 
+    experiment: IntArray
+    """(n,)"""
     start: Array
+    """(n,) as `end`: of experiments in their own time until `joined` puts them on the common axis."""
     end: Array
     information: Array
     """(n, p + 1, p + 1): of the parameters and an offset, per unit of prediction-error variance 1; 0 in idle blocks."""
     errors: Array
     """(n,) prediction errors."""
     active: BoolArray
+
+    @classmethod
+    def joined(cls, blocks: Sequence[Blocks], offsets: Sequence[float]) -> Blocks:
+        """Those of several experiments in order of time, each moved to the common axis."""
+        columns = {f.name: np.concatenate([getattr(own, f.name) for own in blocks]) for f in fields(cls)}
+        shift = np.repeat(offsets, [own.start.size for own in blocks])
+        return cls(**{**columns, "start": columns["start"] + shift, "end": columns["end"] + shift})
+
+    def lasting(self, a: int, b: int) -> float:
+        """Time that blocks a to before b cover; what lies between files does not count."""
+        return float(np.sum(self.end[a:b] - self.start[a:b]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +68,9 @@ class Demand:
     shortest: float
     """Time that a window takes at least."""
 
-    def met(self, information: Array) -> bool:
-        return bool(np.all(levels.SHORTFALL * standard_errors(information) <= self.limits))
+    def met(self, information: Array, share: float = 1.0) -> bool:
+        """Are the standard errors within this many times what was asked for?"""
+        return bool(np.all(levels.SHORTFALL * standard_errors(information) <= share * self.limits))
 
     def shortfall(self, information: Array, length: float, errors: float) -> str:
         """What a stretch of this length with so many prediction errors lacks: length, samples, or moves."""
@@ -129,7 +144,8 @@ def blocks_of(fit: RowFit, row: Row, moves: Array) -> Blocks:
         np.where(last >= 0, start - moves[np.maximum(last, 0)], np.inf) if moves.size else np.full(start.size, np.inf)
     )
     active = since < settle
-    return Blocks(start, end, np.where(active[:, None, None], information, 0.0), errors, active)
+    experiment = np.full(start.size, row.pieces[0].experiment)
+    return Blocks(experiment, start, end, np.where(active[:, None, None], information, 0.0), errors, active)
 
 
 def _piece_blocks(fit: RowFit, row: Row, length: int, settle: float) -> tuple[Array, Array, Array, Array]:
@@ -168,9 +184,11 @@ def _piece_blocks(fit: RowFit, row: Row, length: int, settle: float) -> tuple[Ar
     return edges[:-1], edges[1:], information, errors
 
 
-def windows_of(blocks: Blocks, demand: Demand, experiment: int, settle: float, what: str) -> list[Stretch]:
-    """Windows and refused stretches of one experiment, in order of time. `what` names what should have moved."""
-    span = float(blocks.end[-1] - blocks.start[0])
+def windows_of(blocks: Blocks, demand: Demand, settle: float, what: str) -> list[Stretch]:
+    """Windows and refused stretches, in order of time. `what` names what should have moved.
+
+    A run of moves that does not suffice waits for the next one, also in the next file: pieces are estimated together.
+    """
     runs = _runs(blocks)
     found: list[Stretch] = []
     waiting: list[tuple[int, int]] = []
@@ -179,38 +197,48 @@ def windows_of(blocks: Blocks, demand: Demand, experiment: int, settle: float, w
     def give_up() -> None:
         if waiting:
             a, b = waiting[0][0], waiting[-1][1]
-            length = float(blocks.end[b - 1] - blocks.start[a])
-            why = demand.shortfall(blocks.information[a:b].sum(axis=0), length, float(blocks.errors[a:b].sum()))
-            found.append(Stretch(experiment, float(blocks.start[a]), float(blocks.end[b - 1]), why))
+            why = ""
+            if not _some(blocks, demand, a, b):
+                lasting, errors = blocks.lasting(a, b), float(blocks.errors[a:b].sum())
+                why = demand.shortfall(blocks.information[a:b].sum(axis=0), lasting, errors)
+            found.append(Stretch(float(blocks.start[a]), float(blocks.end[b - 1]), why))
             waiting.clear()
 
     for a, b in runs:
         own = _greedy(blocks, demand, a, b)
         if own:
             give_up()
-            found += [Stretch(experiment, float(blocks.start[p]), float(blocks.end[q - 1])) for p, q in own]
+            found += [Stretch(float(blocks.start[p]), float(blocks.end[q - 1])) for p, q in own]
             continue
-        if waiting and blocks.end[b - 1] - blocks.start[waiting[0][0]] > levels.LONGEST * span:
-            give_up()
         waiting.append((a, b))
         first = waiting[0][0]
         if _enough(blocks, demand, first, b):
-            found.append(Stretch(experiment, float(blocks.start[first]), float(blocks.end[b - 1])))
+            found.append(Stretch(float(blocks.start[first]), float(blocks.end[b - 1])))
             waiting.clear()
     give_up()
-    return _with_idle(found, blocks, experiment, settle, what)
+    return _with_idle(found, blocks, settle, what)
 
 
 def _runs(blocks: Blocks) -> list[tuple[int, int]]:
-    """(first, one past last) of each unbroken run of active blocks."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], blocks.active, [False]]).astype(int)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+    """(first, one past last) of each unbroken run of active blocks of one experiment."""
+    label = np.where(blocks.active, blocks.experiment, -1)
+    edges = np.flatnonzero(np.diff(label, prepend=-1, append=-1))
+    return [(int(a), int(b)) for a, b in pairwise(edges) if blocks.active[a]]
+
+
+def _some(blocks: Blocks, demand: Demand, a: int, b: int) -> bool:
+    """Do these blocks tell anything, if less than was asked for?"""
+    if blocks.lasting(a, b) < demand.shortest or blocks.errors[a:b].sum() < levels.FEWEST_ERRORS:
+        return False
+    return demand.met(blocks.information[a:b].sum(axis=0), levels.LARGEST_PRECISION / demand.precision)
 
 
 def _enough(blocks: Blocks, demand: Demand, a: int, b: int) -> bool:
-    if blocks.end[b - 1] - blocks.start[a] < demand.shortest or blocks.errors[a:b].sum() < levels.FEWEST_ERRORS:
+    """As precise as was asked for, or as long as a window may be."""
+    if not _some(blocks, demand, a, b):
         return False
-    return demand.met(blocks.information[a:b].sum(axis=0))
+    long = blocks.lasting(a, b) > levels.LONGEST * blocks.lasting(0, blocks.start.size)
+    return long or demand.met(blocks.information[a:b].sum(axis=0))
 
 
 def _greedy(blocks: Blocks, demand: Demand, a: int, b: int) -> list[tuple[int, int]]:
@@ -234,23 +262,26 @@ def _greedy(blocks: Blocks, demand: Demand, a: int, b: int) -> list[tuple[int, i
     return out
 
 
-def _with_idle(found: list[Stretch], blocks: Blocks, experiment: int, settle: float, what: str) -> list[Stretch]:
+def _with_idle(found: list[Stretch], blocks: Blocks, settle: float, what: str) -> list[Stretch]:
     """The stretches, and between them those in which nothing moved or nothing could be used, if they are long."""
-    edges = [float(blocks.start[0]), *(x for s in found for x in (s.start, s.end)), float(blocks.end[-1])]
     idle = []
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
-        if end - start > levels.IDLE * settle:
-            inside = (blocks.start < end) & (blocks.end > start)
-            there = blocks.errors[inside].sum() > 0
-            why = f"{what} in this stretch" if there else "no PV can be used in this stretch"
-            idle.append(Stretch(experiment, start, end, why))
+    for k in np.unique(blocks.experiment):
+        inside = np.flatnonzero(blocks.experiment == k)
+        first, last = float(blocks.start[inside[0]]), float(blocks.end[inside[-1]])
+        own = [s for s in found if s.start < last and s.end > first]
+        edges = [first, *(min(max(x, first), last) for s in own for x in (s.start, s.end)), last]
+        for start, end in zip(edges[::2], edges[1::2], strict=True):
+            if end - start > levels.IDLE * settle:
+                there = blocks.errors[(blocks.start < end) & (blocks.end > start)].sum() > 0
+                why = f"{what} in this stretch" if there else "no PV can be used in this stretch"
+                idle.append(Stretch(start, end, why))
     return sorted([*found, *idle], key=lambda s: s.start)
 
 
-def planned(blocks: Blocks, demand: Demand, experiment: int, settle: float, what: str) -> list[Stretch]:
+def planned(blocks: Blocks, demand: Demand, settle: float, what: str) -> list[Stretch]:
     """`windows_of`, with windows made longer until there are no more than MOST of them."""
     while True:
-        windows = windows_of(blocks, demand, experiment, settle, what)
+        windows = windows_of(blocks, demand, settle, what)
         count = sum(not w.refusal for w in windows)
         if count <= levels.MOST:
             return windows
@@ -265,6 +296,7 @@ def cut(blocks: Blocks, start: float, end: float) -> Blocks | None:
     if not keep.any():
         return None
     return Blocks(
+        blocks.experiment[keep],
         np.maximum(blocks.start[keep], start),
         np.minimum(blocks.end[keep], end),
         blocks.information[keep],

@@ -85,6 +85,8 @@ def _in_time(column: Array, r: Array | None, at: NDArray[np.intp]) -> bool:
     moved = np.zeros(len(column), dtype=bool)
     moved[at] = True
     if moved.mean() <= 0.5:
+        if not (np.isfinite(change[moved]).any() and np.isfinite(change[~moved]).any()):
+            return False
         return bool(np.nanmean(change[moved] ** 2) <= levels.COINCIDENT * np.nanmean(change[~moved] ** 2))
     if r is None:
         return True
