@@ -137,9 +137,12 @@ def test_a_failed_lqg_design_says_what_its_rig_is(real_data):
         (2, 2): ((0.241, 0.250), (141, 152), (13, 15)),
     }
     for (i, j), ranges in known.items():
+        richer = element(result, f"temperature_{i}", f"heater_{j}").rejected_structure
         for name, (low, high) in zip(["gain", "tau1", "dead_time"], ranges, strict=True):
             p = parameter(result, i, j, name)
-            assert p.plant is None or (p.ci[0] < high and p.ci[1] > low)
+            # Beside a second lag neither the first nor the dead time mean what they mean in those ranges.
+            comparable = richer is None or name == "gain"
+            assert p.plant is None or not comparable or (p.ci[0] < high and p.ci[1] > low)
     assert parameter(result, 1, 1, "gain").std_error < 0.06
     (note,) = [n.message for n in result.notes if n.code == "cause-valve-saturated"]
     assert "47 and 50 %" in note

@@ -78,10 +78,6 @@ RICHER_LAGS = (0.3, 3.0, 10.0, 30.0)
 looked for."""
 POLISHED_STEPS = 60
 """Of the fit that goes on."""
-STRUCTURE_FREEDOM = 3
-"""Degrees of freedom of the likelihood ratio for a further lag and lead: these two, and one for the search among places
-where they cancel each other. Over 100 simulated records whose structure sufficed its mean was 1.9, and 5 % of the
-values were above 5.9."""
 STRUCTURE_SHARE = 0.2
 """Of the chance of a false alarm over a whole matrix, what is left to the rejection of structures that suffice."""
 

@@ -151,10 +151,12 @@ def identify_output(
     theta, covariance = np.clip(fit.theta + shift, *row.bounds()), fit.covariance * factor + more
     moved, shifts = order_dependence(fit, covariance, tests)
     least = least_variance(row, theta, sampling.timing)
-    # How far another noise model moves a parameter counts as its error. A dead time that was left out may be there, too
-    # small to be seen: then the other parameters are as the fit with it has them.
+    # How far another noise model moves a parameter counts as its error, unless the runs have shown their spread. A dead
+    # time that was left out may be there, too small to be seen: then the other parameters are as the fit with it has
+    # them.
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
-    added = shifts**2 + left_out**2 + least
+    shown = runs is not None and not runs.agree
+    added = (0.0 if shown else shifts**2) + left_out**2 + least
     covariance = covariance + np.diag(added) + minima.spread
     unprofiled = covariance
     intervals = normal_intervals(row, theta, covariance, confidence)

@@ -122,7 +122,7 @@ def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
             wanted = replace(structure, lags=1, leads=structure.leads + 1)
             starts.append(_start(structure, p, wanted, np.array([share * lag])))
     rival = _polished(_best(_fitted(fit, m, wanted, starts)))
-    return float(chi2.sf(_rise(fit, rival, confidence), levels.STRUCTURE_FREEDOM))
+    return float(chi2.sf(_rise(fit, rival, confidence), _freedom(fit, rival)))
 
 
 def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Structure, Array] | None:
@@ -139,8 +139,8 @@ def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Stru
     criterion = dict(zip(found, _criteria([*found.values()]), strict=True))
     # Real lags come before complex pairs: a pair that is damped enough describes two lags as well.
     for structure in sorted(found, key=lambda one: (len(one.names), one.pairs, criterion[one])):
-        more = max(len(structure.names) - len(taken.names), 1)
-        if len(found) * chi2.sf(_rise(best, found[structure], confidence), more) < level:
+        freedom = _freedom(best, found[structure])
+        if len(found) * chi2.sf(_rise(best, found[structure], confidence), freedom) < level:
             taken, best = structure, found[structure]
     return None if taken is declared else (taken, best.theta[best.row.slices[m]])
 
@@ -228,6 +228,12 @@ def _rise(fit: RowFit, rival: RowFit, confidence: float) -> float:
     """By how much -2 log likelihood rises from the rival to the fit."""
     one, other = _criteria([fit, rival])
     return max(fit.left * (one - other) / inflation(rival, confidence), 0.0)
+
+
+def _freedom(fit: RowFit, rival: RowFit) -> int:
+    """How many more parameters and initial states a rival has: states are free again after every gap."""
+    more = int(rival.free.sum()) - int(fit.free.sum()) + rival.row.nuisance_count - fit.row.nuisance_count
+    return max(more, 1)
 
 
 def _criteria(fits: Sequence[RowFit]) -> list[float]:
