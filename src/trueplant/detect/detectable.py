@@ -17,9 +17,8 @@ def worth_knowing_of(structure: Structure, theta: Array, model: Sequence[float |
 
     Of the plant's `theta` (n,) or the model's values, whichever are larger.
     """
-    size = np.maximum(np.abs(theta), [abs(value or 0.0) for value in model])
-    with_lag = structure.is_dead_time | structure.is_lead
-    return np.asarray(share * np.where(with_lag, size + structure.lag(theta), size))
+    more = np.maximum(np.abs([value or 0.0 for value in model]) - np.abs(theta), 0.0)
+    return np.asarray(share * (structure.sizes(theta) + more))
 
 
 def detectable_change(

@@ -81,10 +81,8 @@ def compare_runs(pooled: RowFit, factor: float) -> Runs | None:
 
 def sizes_of(pooled: RowFit) -> Array:
     """(n,) what a relative spread of each parameter is relative to: itself, with the lag for dead times and leads."""
-    sizes = np.abs(pooled.theta)
-    for spec, part in zip(pooled.row.specs, pooled.row.slices, strict=True):
-        lag = spec.structure.lag(pooled.theta[part])
-        sizes[part] += np.where(spec.structure.is_dead_time | spec.structure.is_lead, lag, 0.0)
+    parts = zip(pooled.row.specs, pooled.row.slices, strict=True)
+    sizes = np.concatenate([spec.structure.sizes(pooled.theta[part]) for spec, part in parts])
     return np.where(sizes > 0, sizes, 1.0)
 
 
