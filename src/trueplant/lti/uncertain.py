@@ -113,8 +113,8 @@ class DrawnPlants:
     """By (output, input): structure and (count, n_p) parameters."""
     count: int
 
-    def response(self, w: Array) -> ComplexArray:
-        """(count, n_w, n_y, n_u) at j w."""
+    def response(self, w: Array | ComplexArray) -> ComplexArray:
+        """(count, n_w, n_y, n_u) at j w; a complex w lies off the axis."""
         nominal = self.nominal(1j * w)
         found = np.broadcast_to(nominal, (self.count, *nominal.shape)).copy()
         for (i, j), (structure, parameters) in self.parameters.items():
@@ -136,7 +136,7 @@ class DrawnPlants:
         return structure.transfer(parameters[k])
 
 
-def responses(structure: Structure, parameters: Array, w: Array) -> ComplexArray:
+def responses(structure: Structure, parameters: Array, w: Array | ComplexArray) -> ComplexArray:
     """G(j w) (n_plants, n_w) of plants with the parameters (n_plants, n_p)."""
     s = 1j * w
     value = np.ones((len(parameters), w.size), dtype=np.complex128) / s**structure.integrators

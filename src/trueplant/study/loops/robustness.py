@@ -232,21 +232,13 @@ def weights_of(given: Any) -> Any:
 def _drawn(study: Study, loop: LinearLoop, known: UncertainPlant) -> DrawnStability | None:
     """How many of the plants drawn from the estimate today's controller keeps stable, below which Ms, and within wP.
 
-    None where nothing varies, or where plant or controller is unstable by itself: the count of the draws' unstable
-    poles rests on their stability.
+    None where that cannot be counted (`drawn_responses`).
     """
-    plant, controller = loop.plant, loop.controller
-    laws = [entry.tf for entry in controller.entries.values() if isinstance(entry, Linear)]
-    elements = [element for row in plant.elements for element in row]
-    if any(np.any(f.poles.real > 0) for f in (*elements, *laws)) or not known.varying:
-        return None
     seed = study.project.analysis.seed
-    try:
-        draws = known.draw(levels.STABILITY_DRAWS, seed)
-    except LoopError:
+    drawn = drawn_responses(seed, loop, known)
+    if drawn is None:
         return None
-    w = common_grid(plant, controller, crossover(plant, controller))
-    response, law = draws.response(w)[:, :, :, : plant.shape[1]], controller(on_axis(w))
+    w, response, law = drawn
     found = peaks(response, law, w)
     rows = []
     for i in loop.inputs:
@@ -255,6 +247,28 @@ def _drawn(study: Study, loop: LinearLoop, known: UncertainPlant) -> DrawnStabil
         rows.append(DrawnLoop(study.project.input_names[i], held, middle, high))
     share = _share_performance(study, response, law, w, found)
     return DrawnStability(levels.STABILITY_DRAWS, seed, found.share_stable, levels.HIGHEST_MS, tuple(rows), share)
+
+
+def drawn_responses(
+    seed: int, loop: LinearLoop, known: UncertainPlant, growth: float = 0.0
+) -> tuple[Array, ComplexArray, ComplexArray] | None:
+    """Frequencies w (n_w,), plants drawn (count, n_w, n_y, n_u) and controller (n_w, n_u, n_y) at s = growth + jw.
+
+    None where nothing varies, or where plant or controller is unstable by itself: the count of the draws' unstable
+    poles rests on their stability.
+    """
+    plant, controller = loop.plant, loop.controller
+    laws = [entry.tf for entry in controller.entries.values() if isinstance(entry, Linear)]
+    elements = [element for row in plant.elements for element in row]
+    if any(np.any(f.poles.real > 0) for f in (*elements, *laws)) or not known.varying:
+        return None
+    try:
+        draws = known.draw(levels.STABILITY_DRAWS, seed)
+    except LoopError:
+        return None
+    w = common_grid(plant, controller, _crossover(plant, controller))
+    response = draws.response(w - 1j * growth if growth else w)[:, :, :, : plant.shape[1]]
+    return w, response, controller(on_axis(w) + growth)
 
 
 def _share_performance(study: Study, response: ComplexArray, law: ComplexArray, w: Array, found: Peaks) -> float | None:
@@ -269,7 +283,7 @@ def _share_performance(study: Study, response: ComplexArray, law: ComplexArray, 
     return float(np.mean(found.stable & (error < 1)))
 
 
-def crossover(plant: TransferMatrix, controller: Controller) -> float:
+def _crossover(plant: TransferMatrix, controller: Controller) -> float:
     """The highest frequency at which the loop gain, in its strongest direction, is above 1."""
     rates = rates_of(plant, controller)
     w = rates.grid(per_decade=20, above=10.0)

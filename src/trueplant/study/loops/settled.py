@@ -7,18 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from trueplant.errors import LoopError
 from trueplant.identify import WhyUnanswered
-from trueplant.loop import Linear, LinearLoop
+from trueplant.loop import LinearLoop
 from trueplant.lti import UncertainPlant
 from trueplant.record import Segment
 from trueplant.result import ControllerCheck
 from trueplant.study import levels
-from trueplant.study.loops.robustness import crossover
+from trueplant.study.loops.robustness import drawn_responses
 from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.updated import updated_plant
 from trueplant.study.study import Study
-from trueplant.tune.drawn import common_grid, peaks
+from trueplant.tune.drawn import peaks
 
 
 def against_settled_loop(study: Study, identified: Identified, checks: Sequence[ControllerCheck]) -> Identified:
@@ -67,18 +66,10 @@ def _settled(study: Study, checks: Sequence[ControllerCheck]) -> Segment | None:
 def share_diverging(seed: int, loop: LinearLoop, known: UncertainPlant, span: float) -> float:
     """Share of the drawn plants on which the loop would grow by more than RUNS_AWAY within the span.
 
-    The poles to the right of Re s = log(RUNS_AWAY) / span are counted; 0 where they cannot be, as in `robustness`.
+    The poles to the right of Re s = log(RUNS_AWAY) / span are counted; 0 where they cannot be (`drawn_responses`).
     """
-    plant, controller = loop.plant, loop.controller
-    laws = [entry.tf for entry in controller.entries.values() if isinstance(entry, Linear)]
-    elements = [element for row in plant.elements for element in row]
-    if any(np.any(f.poles.real > 0) for f in (*elements, *laws)) or not known.varying:
+    drawn = drawn_responses(seed, loop, known, float(np.log(levels.RUNS_AWAY)) / span)
+    if drawn is None:
         return 0.0
-    try:
-        draws = known.draw(levels.STABILITY_DRAWS, seed)
-    except LoopError:
-        return 0.0
-    w = common_grid(plant, controller, crossover(plant, controller))
-    line = w - 1j * np.log(levels.RUNS_AWAY) / span
-    response, law = draws.response(line)[:, :, :, : plant.shape[1]], controller(1j * line)
+    w, response, law = drawn
     return 1.0 - peaks(response, law, w).share_stable
