@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.identify import behind_valves, identify_matrix, specs_of, sticking, try_valves
+from trueplant.identify import behind_valves, identify_matrix, specs_of, sticking, try_valves, widened_for_valves
 from trueplant.identify.valves import FoundValve
 from trueplant.loop import PID, Controller, Valve, simulate
 from trueplant.lti import TransferMatrix
@@ -66,3 +66,20 @@ def test_nothing_is_known_of_the_stem_before_op_has_moved_through_its_band():
     assert np.ptp(early) > band >= np.ptp(early[:-1])
     assert np.array_equal(moved.u[:, 0], Valve(backlash=band).positions(segment.u[:, 0])[first:])
     assert np.array_equal(moved.t, segment.t[first:]) and np.array_equal(moved.y, segment.y[first:])
+
+
+def test_what_a_valve_may_move_reaches_an_estimate_of_another_structure_by_name():
+    """The record was estimated anew since, and its element has a second lag now: the gain is widened all the same."""
+    segment, _ = record(5, 0.003)
+    first = identify_matrix([segment], PLANT, specs_of(PLANT))
+    richer = TransferMatrix.of([["2 exp(-3.3 s)/((10 s + 1)(0.5 s + 1))"]], "min")
+    second = identify_matrix([segment], richer, specs_of(richer))
+    tried = try_valves(first, [0])
+    wider = widened_for_valves(second, tried, 0.95)
+    shares = np.array([one.odds for one in tried[0]]) / (1 + sum(one.odds for one in tried[0]))
+    shifts = np.array([one.shift(0)[0] for one in tried[0]])
+    more = np.diag(wider[0].covariance - second[0].covariance)
+    assert second[0].row.names == ("gain", "tau1", "tau2", "dead_time")
+    assert shares.sum() > 0.01
+    np.testing.assert_allclose(more[[0, 3]], (shares @ shifts**2)[[0, 2]], rtol=1e-9)
+    assert more[2] == 0

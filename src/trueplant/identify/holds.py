@@ -29,7 +29,7 @@ from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import best_dead_times
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.output import OutputEstimate, averaged
-from trueplant.identify.row import Piece, Row, Spec
+from trueplant.identify.row import Piece, Row, placed
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.record.types import Segment
@@ -185,17 +185,6 @@ def with_holds(segments: Sequence[Segment], holds: Mapping[int, FoundHold]) -> t
     return tuple(out)
 
 
-def _placed(values: Array, of: Row, row: Row) -> Array:
-    """(m, row.size) values (m, of.size) of the parameters of one row in another; 0 for what only that one has."""
-    known = {(spec.column, name): k for k, (spec, name) in enumerate(_named(of))}
-    places = [known.get((spec.column, name)) for spec, name in _named(row)]
-    return np.column_stack([np.zeros(len(values)) if k is None else values[:, k] for k in places])
-
-
-def _named(row: Row) -> list[tuple[Spec, str]]:
-    return [(spec, name) for spec in row.specs for name in spec.structure.names]
-
-
 def widened_for_holds(
     estimates: Mapping[int, OutputEstimate], holds: Mapping[int, FoundHold], confidence: float
 ) -> dict[int, OutputEstimate]:
@@ -203,6 +192,6 @@ def widened_for_holds(
     out = dict(estimates)
     for found in holds.values():
         for i in found.thetas.keys() & out.keys():
-            shifts = _placed(found.shifts(i), found.held[i].row, out[i].row)
+            shifts = placed(found.shifts(i), found.held[i].row, out[i].row)
             out[i] = averaged(out[i], shifts, found.shares, confidence)
     return out

@@ -374,3 +374,14 @@ def _differenced(piece: Piece, stride: int) -> Piece:
     y[stride:] = np.where(valid[stride:], piece.y[stride:] - piece.y[:-stride], 0.0)
     inputs[:, stride:] = piece.inputs[:, stride:] - piece.inputs[:, :-stride]
     return replace(piece, y=y, valid=valid, inputs=inputs)
+
+
+def placed(values: Array, of: Row, row: Row) -> Array:
+    """(m, row.size) values (m, of.size) of the parameters of one row in another; 0 for what only that one has."""
+    known = {(spec.column, name): k for k, (spec, name) in enumerate(_named(of))}
+    places = [known.get((spec.column, name)) for spec, name in _named(row)]
+    return np.column_stack([np.zeros(len(values)) if k is None else values[:, k] for k in places])
+
+
+def _named(row: Row) -> list[tuple[Spec, str]]:
+    return [(spec, name) for spec in row.specs for name in spec.structure.names]

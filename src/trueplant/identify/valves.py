@@ -22,7 +22,7 @@ from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit, Whitening, fit_row
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.output import OutputEstimate, averaged
-from trueplant.identify.row import Piece, Row
+from trueplant.identify.row import Piece, Row, placed
 from trueplant.loop.valve import Valve
 from trueplant.record.types import Segment
 
@@ -48,8 +48,14 @@ class Tried:
     found: FoundValve
     odds: float
     """Against a valve that follows OP: the mean over all bands of the ratio of likelihoods, times the odds before."""
-    shifts: Mapping[int, Array]
-    """By output: (size,) by how much its parameters would be larger."""
+    behind: Mapping[int, RowFit]
+    """By output: the plant fitted behind it."""
+    before: Mapping[int, RowFit]
+    """And the plant fitted to OP on the same samples."""
+
+    def shift(self, i: int) -> Array:
+        """(1, size) by how much the parameters of output i would be larger."""
+        return np.asarray(self.behind[i].theta - self.before[i].theta)[None]
 
 
 def try_valves(estimates: Mapping[int, OutputEstimate], columns: Sequence[int]) -> dict[int, tuple[Tried, ...]]:
@@ -77,8 +83,10 @@ def widened_for_valves(
     out = dict(estimates)
     for ones in tried.values():
         shares = np.array([one.odds for one in ones]) / (1 + sum(one.odds for one in ones))
-        for i in out.keys() & (ones[0].shifts.keys() if ones else ()):
-            shifts = np.array([np.zeros(out[i].row.size), *(one.shifts[i] for one in ones)])
+        for i in out.keys() & (ones[0].behind.keys() if ones else ()):
+            shifts = np.vstack(
+                [np.zeros((1, out[i].row.size)), *(placed(one.shift(i), one.behind[i].row, out[i].row) for one in ones)]
+            )
             out[i] = averaged(out[i], shifts, np.array([1 - shares.sum(), *shares]), confidence)
     return out
 
@@ -114,7 +122,7 @@ def _kind(
     gains = np.minimum(gains, most)
     p = float(min(1.0, len(kind) * families * chi2.sf(max(gains.max(), 0.0), 1)))
     odds = levels.STICKS / families * float(np.mean(np.exp(np.minimum(gains / 2, levels.LARGEST_EXPONENT))))
-    return Tried(FoundValve(valve, p), odds, {i: behind[i].theta - fits[i].theta for i in fits})
+    return Tried(FoundValve(valve, p), odds, behind, fits)
 
 
 def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> Valve:

@@ -64,7 +64,6 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         segments = behind_valves(segments, valves)
         estimates = estimate(study, segments, say)
         tried = try_valves(estimates, [j for j in columns if j not in valves])
-    estimates = widened_for_valves(estimates, tried, study.project.analysis.confidence)
     fits: dict[int, DisturbedFit] = {}
     if estimates and study.project.unmeasured:
         say("estimating unmeasured disturbances")
@@ -74,7 +73,8 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         if any(segment.jumps for segment in segments):
             estimates = estimate(study, segments, say)
         estimates = _resting_on_disturbances(study, estimates, fits)
-    estimates = widened_for_holds(estimates, holds, study.project.analysis.confidence)
+    confidence = study.project.analysis.confidence
+    estimates = widened_for_valves(widened_for_holds(estimates, holds, confidence), tried, confidence)
     taken = {(i, spec.column): spec for i, found in estimates.items() for spec in found.row.specs}
     return Identified(estimates, {**study.specs, **taken}, segments, fits, _missing(study, taken), valves, holds)
 
