@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numba import njit
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
@@ -61,7 +63,8 @@ class Prior:
 
     def penalty(self, theta: Array) -> float:
         """-2 log density at theta (n,), relative to the model's."""
-        return float(np.sum(self._distance(theta)[0] ** 2))
+        distance, _ = self._distance(theta)
+        return float(distance @ distance)
 
     def normal_equations(self, theta: Array) -> tuple[Array, Array]:
         """Diagonal (n,) of the information and half of the gradient (n,) of the penalty."""
@@ -70,12 +73,24 @@ class Prior:
 
     def _distance(self, theta: Array) -> tuple[Array, Array]:
         """From the model in standard deviations, and its derivative."""
-        value, slope = self._logarithm(theta)
-        return (value - self._logarithm(self.model)[0]) / levels.PRIOR_SPREAD, slope / levels.PRIOR_SPREAD
+        value, slope = _logarithm(theta, self.unit, self.positive)
+        return (value - self._centre) / levels.PRIOR_SPREAD, slope / levels.PRIOR_SPREAD
 
-    def _logarithm(self, theta: Array) -> tuple[Array, Array]:
-        """And its derivative; zeros where nothing is known."""
-        above = np.where(self.positive, np.maximum(theta, levels.SMALLEST), 1.0)
-        signed = np.where(self.positive, 0.0, theta / self.unit)
-        value = np.where(self.positive, np.log(above), np.arcsinh(signed))
-        return value, np.where(self.positive, 1 / above, 1 / (self.unit * np.sqrt(1 + signed**2)))
+    @cached_property
+    def _centre(self) -> Array:
+        centre: Array = _logarithm(self.model, self.unit, self.positive)[0]
+        return centre
+
+
+@njit(cache=True)
+def _logarithm(theta: Array, unit: Array, positive: BoolArray) -> tuple[Array, Array]:
+    """And its derivative; zeros where nothing is known."""
+    value, slope = np.empty(theta.size), np.empty(theta.size)
+    for k in range(theta.size):
+        if positive[k]:
+            above = max(theta[k], levels.SMALLEST)
+            value[k], slope[k] = np.log(above), 1 / above
+        else:
+            share = theta[k] / unit[k]
+            value[k], slope[k] = np.arcsinh(share), 1 / (unit[k] * np.sqrt(1 + share**2))
+    return value, slope
