@@ -6,14 +6,15 @@ block, so that all come equally often; the structures of the elements are drawn 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.signal import lfilter
 
 import trueplant as tp
 from trueplant.errors import TrueplantError
-from trueplant.identify import Row, Spec, fit_row, pieces_of
+from trueplant.identify import OutputEstimate, Row, Spec, fit_row, pieces_of
 from trueplant.identify.noise import fit_ar
 from trueplant.loop import Controller, Simulation, Step, Valve, alternating_steps, simulate, unstable_poles
 from trueplant.lti import Structure, TransferFunction, TransferMatrix, to_formula
@@ -22,10 +23,13 @@ from trueplant.notebook.loops import project_of
 from trueplant.project import Project
 from trueplant.record.types import Segment
 from trueplant.result import Element
+from trueplant.study.data.controller_check import check_controllers
 from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.prepare import prepare
+from trueplant.study.loops.settled import against_settled_loop
 from trueplant.study.pipeline import analyse
 from trueplant.study.plant.elements import judge
+from trueplant.study.plant.gate import through_the_gate
 from trueplant.study.plant.identified import identify
 from trueplant.study.plant.updated import updated_plant
 from trueplant.study.study import quiet
@@ -281,24 +285,32 @@ class Answer:
     codes: tuple[str, ...]
     """Of reasons and notes."""
     headline: str = ""
+    estimates: Mapping[int, OutputEstimate] = field(default_factory=dict)
+    """By output."""
 
 
 def analysed(case: Case, whole: bool) -> Answer:
     """What the whole of `tp.run` says of the case's record, or its stages up to verdicts and causes alone."""
     frame, project = _project(case)
-    if whole:
-        result = analyse(project, frames=[frame])
-        said = (*result.reasons, *result.notes)
-        return Answer(str(result.status), result.elements, tuple(sorted({str(r.code) for r in said})), result.headline)
+    if not whole:
+        return decided(project, frame)
+    result = analyse(project, frames=[frame])
+    said = (*result.reasons, *result.notes)
+    return Answer(str(result.status), result.elements, tuple(sorted({str(r.code) for r in said})), result.headline)
+
+
+def decided(project: Project, frame: dict[str, Array]) -> Answer:
+    """The stages of `tp.run` up to verdicts and causes."""
     study = prepare(project, quiet, [frame])
-    reasons = doubts(study)
+    reasons, controllers = doubts(study), check_controllers(study)
     if not study.segments or blocked(reasons):
         return Answer("refused", (), tuple(sorted({str(r.code) for r in reasons})))
-    identified = identify(study, quiet)
+    identified = against_settled_loop(study, through_the_gate(study, identify(study, quiet)), controllers)
     plant = updated_plant(study.model, identified.estimates)
     judged = judge(study, identified, plant.nominal)
     codes = tuple(sorted({str(reason.code) for reason in judged.causes}))
-    return Answer("ok" if judged.answered else "refused", judged.elements, codes)
+    status = "ok" if judged.answered else "refused"
+    return Answer(status, judged.elements, codes, estimates=identified.estimates)
 
 
 def _project(case: Case) -> tuple[dict[str, Array], Project]:
