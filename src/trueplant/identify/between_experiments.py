@@ -16,6 +16,7 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
+from trueplant.identify.covariance import scaled
 from trueplant.identify.estimate import noise_signals
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.noise import fit_ar
@@ -57,10 +58,10 @@ def single_runs(pooled: RowFit) -> list[tuple[int, RowFit]]:
     return fits
 
 
-def compare_runs(pooled: RowFit, factor: float) -> Runs | None:
+def compare_runs(pooled: RowFit, factor: Array) -> Runs | None:
     """How far single experiments differ; None with fewer than two that can be fitted.
 
-    `factor` is that of the covariance for slow noise (`inflation`).
+    `factor` (n,) is that of the variances (`inflation`).
     """
     if len({piece.experiment for piece in pooled.row.pieces}) < 2:
         return None
@@ -68,7 +69,7 @@ def compare_runs(pooled: RowFit, factor: float) -> Runs | None:
     if len(fits) < 2:
         return None
     theta = np.array([fit.theta for _, fit in fits])
-    covariance = factor * np.array([fit.covariance for _, fit in fits])
+    covariance = scaled(np.array([fit.covariance for _, fit in fits]), factor)
     free = np.flatnonzero(pooled.free)
     sizes = sizes_of(pooled)[free]
     gain = pooled.row.is_gain[free]

@@ -2,39 +2,75 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.stats import norm, t
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.fit import RowFit
+from trueplant.identify.fit import RowFit, linearised
+from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.noise import whiten
 from trueplant.identify.row import Row
 
 
-def inflation(fit: RowFit, confidence: float) -> float:
-    """Factor on the covariance for noise so slow that the record says little of it.
+def inflation(fit: RowFit, confidence: float) -> Array:
+    """(size,) factors on the variances of theta for what is not known of the noise model.
 
-    A level is known from the record as well as from n = N A(1)^2 white errors. The fit takes one of them with it for
-    each parameter and offset, so that slow noise looks smaller than it is. At least half are taken to be left: a noise
-    that wanders without end has none, and the parameters are then known from faster changes. The level of the noise is
-    itself an estimate: what is left of it, or what the uncertainty of A(1) says (Satterthwaite's rule for
-    the variance 1/A(1)^2), gives the degrees of freedom of Student's quantile.
+    A parameter is known as well as the noise is small at the frequencies that tell it: by the coefficients a of A(q)
+    its variance v moves as d log v/da = -2 rho (`Told`). The fit takes a share of the noise with it for each
+    parameter, operating point and initial state, so that the noise looks smaller than it is; the restricted likelihood
+    (Patterson and Thompson 1971) takes that back, here to first order. What is still not known of a gives the degrees
+    of freedom of Student's quantile (Satterthwaite's rule, as in Kenward and Roger 1997).
     """
-    level = float(1 + np.sum(fit.ar))
-    n = fit.count * min(level**2, 1.0)
-    taken = int(fit.free.sum()) + fit.row.nuisance_count
-    left = max(n - taken, n / 2)
+    told = Told.of(fit)
+    spread = fit.variance * inverse(fit.information)[fit.theta.size :, fit.theta.size :]
+    smaller = 2 * told.rho @ spread @ told.taken
+    variance = 4 * np.einsum("ik,kl,il->i", told.rho, spread, told.rho) + 2 / fit.left
     tail = 0.5 + confidence / 2
-    known = level**2 / max(2 * _level_variance(fit), 1e-300)
-    quantile = t.ppf(tail, max(min(left, known), levels.FEWEST_FREEDOM)) / norm.ppf(tail)
-    return float(n / left * quantile**2) if n > 0 else float(2 * quantile**2)
+    quantile = t.ppf(tail, np.maximum(2 / variance, levels.FEWEST_FREEDOM)) / norm.ppf(tail)
+    return np.asarray(np.exp(np.clip(smaller, 0.0, levels.LARGEST_EXPONENT)) * quantile**2)
 
 
-def _level_variance(fit: RowFit) -> float:
-    """Variance of A(1), the sum of the noise model's coefficients."""
-    block = fit.information[fit.theta.size :, fit.theta.size :]
-    ones = np.ones(len(block))
-    return float(fit.variance * ones @ np.linalg.lstsq(block, ones, rcond=1e-12)[0]) if ones.size else 0.0
+def scaled(covariance: Array, factors: Array) -> Array:
+    """Covariance (..., n, n) with variances larger by factors (n,), of the same correlations."""
+    return np.asarray(covariance * np.sqrt(np.outer(factors, factors)))
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """How what tells the parameters, and what the fit takes of the noise, move with the noise model."""
+
+    rho: Array
+    """(size, order) sum over time of what tells a parameter, whitened, times the same so many samples before, as it was
+    before it was whitened; relative to the sum of squares of the first."""
+    taken: Array
+    """(order,) half the slope of the log determinant of the information on all parameters, operating points and initial
+    states."""
+
+    @classmethod
+    def of(cls, fit: RowFit) -> Told:
+        order, size, free = fit.ar.size, fit.theta.size, np.ix_(fit.free, fit.free)
+        information, moments, taken = np.zeros((size, size)), np.zeros((order, size, size)), np.zeros(order)
+        for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
+            plain = fit.weights[piece.number] * np.vstack([piece.moved, piece.unknown])
+            white = whiten(fit.ar, plain.T)[piece.use].T
+            inverted = inverse(white[size:] @ white[size:].T)
+            shares = white[:size] @ white[size:].T @ inverted
+            plain[:size] -= shares @ plain[size:]
+            white[:size] -= shares @ white[size:]
+            information += white[:size] @ white[:size].T
+            for lag in range(1, order + 1):
+                before = plain[:, order - lag : plain.shape[1] - lag].T[piece.use]
+                moments[lag - 1] += white[:size] @ before[:, :size]
+                taken[lag - 1] += np.sum(inverted * (white[size:] @ before[:, size:]))
+        whole = np.zeros((size, size))
+        prior = fit.variance * fit.row.prior.normal_equations(fit.theta)[0]
+        whole[free] = inverse((information + np.diag(prior))[free])
+        told = np.einsum("ia,kab,ib->ik", whole, moments, whole)
+        own = np.einsum("ia,ab,ib->i", whole, information, whole)
+        return cls(told / np.maximum(own, 1e-300)[:, None], taken + np.einsum("ab,kab->k", whole, moments))
 
 
 def initial_state_share(fit: RowFit) -> float:

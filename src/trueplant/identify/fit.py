@@ -128,6 +128,10 @@ class Linearised:
     """(size + order, n_used) by theta and ar."""
     basis: Array
     """(n_used, rank) what operating points and initial states span."""
+    moved: Array
+    """(size, n) the output by theta."""
+    unknown: Array
+    """(n_z, n) responses to operating points and initial states, as far as they can be told."""
 
 
 def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[Linearised]:
@@ -150,7 +154,7 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[Li
         unknown.add_gradient(coefficients, moved)
         jacobian = _jacobian(moved, v, weights[k], ar, use)
         remove(basis.T, jacobian)
-        yield Linearised(k, use, errors, jacobian, basis)
+        yield Linearised(k, use, errors, jacobian, basis, moved, unknown.rows[coefficients != 0])
 
 
 def _jacobian(moved: Array, v: Array, weight: float, ar: Array, use: slice | BoolArray) -> Array:

@@ -2,8 +2,9 @@
 
 Dead times and lags that can stand for each other, two delayed terms, a lead and a lag: there the likelihood has
 several minima of nearly the same depth, and the curvature at the deepest says nothing of the others. The fit is begun
-again from many places about itself and about the model. What ends lower is the estimate; what ends higher by less than
-the quantile of the likelihood ratio belongs to the interval, which is the hull of all.
+again from many places about itself and about the model. What ends lower is the estimate; what ends higher counts by its
+probability in the covariance, and by less than the quantile of the likelihood ratio higher belongs to the interval,
+which is the hull of all.
 """
 
 from __future__ import annotations
@@ -17,18 +18,18 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
-from trueplant.identify.covariance import inflation
+from trueplant.identify.covariance import inflation, scaled
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.likelihood import rise
 
 
 @dataclass(frozen=True, eq=False)
 class OpenMinima:
-    """The minima of the likelihood that are as deep as the deepest within chance, the deepest first."""
+    """The minima of the likelihood that were found, the deepest first."""
 
     fits: tuple[RowFit, ...]
-    factor: float
-    """Of the covariance (`inflation`)."""
+    factor: Array
+    """(size,) of the variances (`inflation`)."""
     quantile: float
     """Of the normal distribution, for the confidence asked for."""
 
@@ -39,7 +40,8 @@ class OpenMinima:
     @property
     def _rises(self) -> Array:
         """(n_minima,) of -2 log likelihood from the deepest."""
-        return np.array([rise(self.best, one) / self.factor for one in self.fits])
+        rises = np.array([rise(self.best, one) for one in self.fits])
+        return np.asarray(rises / self.factor[self.best.free].mean())
 
     @property
     def shares(self) -> Array:
@@ -51,10 +53,11 @@ class OpenMinima:
         return np.asarray(shares / shares.sum())
 
     @property
-    def spread(self) -> Array:
-        """(n, n) what the other minima add to the covariance about the deepest."""
+    def added(self) -> Array:
+        """(n, n) what the other minima add to the covariance about the deepest: where they are, and how wide."""
         shifts = np.array([one.theta for one in self.fits]) - self.best.theta
-        return np.asarray((shifts.T * self.shares) @ shifts)
+        widths = np.array([one.covariance for one in self.fits]) - self.best.covariance
+        return np.asarray((shifts.T * self.shares) @ shifts + scaled(np.tensordot(self.shares, widths, 1), self.factor))
 
     def hull(self, intervals: Array, shift: Array) -> Array:
         """(n, 2) intervals that hold those of the other minima too, shifted by as much as the estimate is (n,).
@@ -63,8 +66,11 @@ class OpenMinima:
         """
         low, high = self.best.row.bounds()
         out = intervals.copy()
-        for one, risen in zip(self.fits[1:], self._rises[1:], strict=True):
-            reach = np.sqrt(max(self.quantile**2 - risen, 0.0) * self.factor * np.diag(one.covariance))
+        left = self.quantile**2 - self._rises
+        for one, depth in zip(self.fits[1:], left[1:], strict=True):
+            if depth <= 0:
+                break
+            reach = np.sqrt(depth * self.factor * np.diag(one.covariance))
             out[:, 0] = np.minimum(out[:, 0], np.maximum(one.theta + shift - reach, low))
             out[:, 1] = np.maximum(out[:, 1], np.minimum(one.theta + shift + reach, high))
         return out
@@ -79,9 +85,7 @@ def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
     found = _distinct([part, *(_ended(part, start) for start in _starts(part))])
     if part is not fit:
         found = _distinct([fit, *(_ended(fit, one.theta) for one in found[: levels.MINIMA_POLISHED])])
-    factor, quantile = inflation(found[0], confidence), float(norm.ppf(0.5 + confidence / 2))
-    near = [one for one in found if rise(found[0], one) < quantile**2 * factor]
-    return OpenMinima(tuple(near), factor, quantile)
+    return OpenMinima(tuple(found), inflation(found[0], confidence), float(norm.ppf(0.5 + confidence / 2)))
 
 
 def _starts(fit: RowFit) -> list[Array]:

@@ -12,7 +12,7 @@ from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.between_experiments import Runs, compare_runs
 from trueplant.identify.blocks import in_blocks
-from trueplant.identify.covariance import inflation, initial_state_share, least_variance
+from trueplant.identify.covariance import inflation, initial_state_share, least_variance, scaled
 from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit
@@ -62,8 +62,8 @@ class OutputEstimate:
     unprofiled: Array | None = None
     """The covariance before it was widened to the profile intervals: wider single parameters would misstate strong
     correlations between them. Joint tests use this one beside the likelihood ratio; None: `covariance` itself."""
-    factor: float = 1.0
-    """Of the covariance, for noise so slow that the record says little of it (`inflation`): intervals, likelihood
+    factor: Array = field(default_factory=lambda: np.ones(1))
+    """(size,) of the variances, for what the record does not say of the noise (`inflation`): intervals, likelihood
     ratios and verdicts all count it."""
     robust_covariance: bool = False
     """Are the prediction errors heteroscedastic or coloured, so that the covariance is that of `sandwich`?"""
@@ -93,13 +93,13 @@ class OutputEstimate:
     def likelihood_ratio_p(self, index: Array, values: Array) -> float:
         """p-value that the parameters theta[index] have these values, by the likelihood that belongs to theta."""
         if self.rise is None:
-            return likelihood_ratio_p(self.fit, index, values, self.factor)
+            return likelihood_ratio_p(self.fit, index, values, float(self.factor[index].mean()))
         return ratio_p(self.rise(index, values), len(index))
 
     def absence_p(self, m: int) -> float:
         """p-value that element m of the row is absent, by the likelihood that belongs to theta."""
         if self.rise is None:
-            return absence_p(self.fit, m, self.factor)
+            return absence_p(self.fit, m, float(self.factor[self.row.slices[m]].mean()))
         part = self.row.slices[m]
         without = np.where(self.row.is_gain, 0.0, self.theta)[part]
         return ratio_p(self.rise(np.arange(part.start, part.stop), without), SEARCHED_FREEDOM + without.size)
@@ -148,7 +148,7 @@ def identify_output(
     if runs is not None:
         more = more + runs.added
     shift = np.zeros(row.size) if runs is None else runs.shift
-    theta, covariance = np.clip(fit.theta + shift, *row.bounds()), fit.covariance * factor + more
+    theta, covariance = np.clip(fit.theta + shift, *row.bounds()), scaled(fit.covariance, factor) + more
     moved, shifts = order_dependence(fit, covariance, tests)
     least = least_variance(row, theta, sampling.timing)
     # How far another noise model moves a parameter counts as its error, unless the runs have shown their spread. A dead
@@ -157,12 +157,13 @@ def identify_output(
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
     shown = runs is not None and not runs.agree
     added = (0.0 if shown else shifts**2) + left_out**2 + least
-    covariance = covariance + np.diag(added) + minima.spread
+    covariance = covariance + np.diag(added) + minima.added
     unprofiled = covariance
     intervals = normal_intervals(row, theta, covariance, confidence)
     for index in _profiled(fit):
         # A dead time that is fixed at 0 may still be as large as the data allow.
-        ends = np.add(profile_interval(fit if fit.free[index] else full, index, confidence, factor), shift[index])
+        profiled = fit if fit.free[index] else full
+        ends = np.add(profile_interval(profiled, index, confidence, float(factor[index])), shift[index])
         low, high = widened(ends, float(theta[index]), added[index] + more[index, index], confidence)
         covariance = as_wide_as(covariance, index, float(theta[index]), (low, high), confidence)
         intervals[index] = low, high

@@ -227,7 +227,7 @@ def _best(fits: Sequence[RowFit]) -> RowFit:
 def _rise(fit: RowFit, rival: RowFit, confidence: float) -> float:
     """By how much -2 log likelihood rises from the rival to the fit."""
     one, other = _criteria([fit, rival])
-    return max(fit.left * (one - other) / inflation(rival, confidence), 0.0)
+    return max(fit.left * (one - other) / float(inflation(rival, confidence)[rival.free].mean()), 0.0)
 
 
 def _freedom(fit: RowFit, rival: RowFit) -> int:

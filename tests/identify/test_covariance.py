@@ -1,0 +1,87 @@
+"""What is not known of the noise model: factors on variances, by other ways and by their promise. Simulated records."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import norm
+
+from support.simulated import coloured, random_switching, segment_of
+from trueplant.identify import Row, RowFit, Spec, fit_row, pieces_of
+from trueplant.identify.covariance import Told, inflation
+from trueplant.identify.fit import evaluate
+from trueplant.identify.noise import fit_ar
+from trueplant.loop import PID, Controller, simulate
+from trueplant.lti import Structure, TransferMatrix
+
+FOPDT = Structure.parse("fopdt")
+TRUTH = np.array([2.0, 12.0, 3.4])
+LAW = Controller.diagonal([PID(Kc=0.3, Ti=12.0, sample_time=1.0)])
+
+
+def fitted(seed: int, pole: float, order: int, samples: int = 600) -> RowFit:
+    """One loop under AR(1) noise, fitted from the truth."""
+    rng = np.random.default_rng(seed)
+    v = coloured(rng, samples, 1, [1, -pole], [1], 0.2)
+    plant = TransferMatrix(((FOPDT.transfer(TRUTH),),), "min")
+    segment = segment_of(simulate(plant, LAW, random_switching(rng, samples, 1, 60.0), 1.0, v=v))
+    row = Row((Spec(0, FOPDT, tuple(TRUTH)),), pieces_of([segment], 0))
+    begun = fit_row(row, TRUTH, np.zeros(0), iterations=0)
+    y, valid = row.measured(0)
+    errors = y - row.response(TRUTH, 0)
+    return fit_row(row, TRUTH, fit_ar([errors - errors.mean()], [valid], order)[0], weights=begun.weights)
+
+
+def test_variances_move_with_the_noise_model_as_finite_differences_say():
+    fit = fitted(1, 0.9, 3)
+    step = 1e-5
+
+    def log_variances(ar):
+        whole = evaluate(fit.row, fit.theta, ar, fit.weights)
+        unit = fit.cost / fit.count
+        prior = np.diag(fit.row.prior.normal_equations(fit.theta)[0]) * (unit - whole.unit)
+        return np.log(np.diag(np.linalg.inv(whole.information[:3, :3] + prior)))
+
+    moves = [(log_variances(fit.ar + d) - log_variances(fit.ar - d)) / (2 * step) for d in step * np.eye(3)]
+    np.testing.assert_allclose(-2 * Told.of(fit).rho, np.column_stack(moves), rtol=0.02, atol=0.02)
+
+
+def test_what_the_fit_takes_is_the_slope_of_a_log_determinant():
+    """The determinant of the whitened derivatives and unknowns together, each filtered by scipy."""
+    fit = fitted(2, 0.9, 2)
+    _, gradient = fit.row.response_and_gradient(fit.theta, 0)
+    columns = np.column_stack([gradient, fit.row.nuisance(fit.theta, 0)])
+
+    def half_log_determinant(ar):
+        white = lfilter([1.0, *ar], [1.0], columns, axis=0)[2:]
+        white /= np.linalg.norm(columns, axis=0)
+        return 0.5 * np.linalg.slogdet(white.T @ white)[1]
+
+    step = 1e-5
+    slopes = [
+        (half_log_determinant(fit.ar + d) - half_log_determinant(fit.ar - d)) / (2 * step) for d in step * np.eye(2)
+    ]
+    assert fit.row.nuisance_count > 0
+    np.testing.assert_allclose(Told.of(fit).taken, slopes, rtol=0.05)
+
+
+def test_noise_that_is_white_or_long_known_widens_nothing():
+    assert np.all(inflation(fitted(3, 0.0, 1, 6000), 0.95) < 1.01)
+    slow = inflation(fitted(3, 0.97, 1), 0.95)
+    assert slow[0] > 1.1 and slow[2] < 1.02, "the gain is told by slow moves, the dead time by fast ones"
+
+
+@pytest.mark.slow
+def test_intervals_of_gains_cover_under_slow_noise():
+    """400 records of 600 samples under AR(1) noise with the pole 0.97.
+
+    368 to 392 covered passes with 0.98 at a coverage of 95 %, with 0.03 at 90 %. Without the factors it is less.
+    """
+    z = norm.ppf(0.975)
+    fits = [fitted(100 + seed, 0.97, 1) for seed in range(400)]
+    apart = np.array([(fit.theta[0] - 2.0) / np.sqrt(fit.covariance[0, 0]) for fit in fits])
+    factors = np.array([inflation(fit, 0.95)[0] for fit in fits])
+    covered, plain = np.sum(np.abs(apart) < z * np.sqrt(factors)), np.sum(np.abs(apart) < z)
+    assert 368 <= covered <= 392
+    assert plain < covered
