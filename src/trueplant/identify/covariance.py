@@ -70,7 +70,9 @@ class Told:
         whole[free] = inverse((information + np.diag(prior))[free])
         told = np.einsum("ia,kab,ib->ik", whole, moments, whole)
         own = np.einsum("ia,ab,ib->i", whole, information, whole)
-        return cls(told / np.maximum(own, 1e-300)[:, None], taken + np.einsum("ab,kab->k", whole, moments))
+        told_at_all = (own > levels.LOST * np.diag(whole))[:, None]
+        rho = np.divide(told, own[:, None], out=np.zeros_like(told), where=told_at_all)
+        return cls(rho, taken + np.einsum("ab,kab->k", whole, moments))
 
 
 def initial_state_share(fit: RowFit) -> float:

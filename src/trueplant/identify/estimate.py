@@ -21,7 +21,7 @@ from trueplant.identify.validate import residual_tests
 class Options:
     """How a row is estimated."""
 
-    largest_order: int = 30
+    largest_order: int = levels.LARGEST_ORDER
     """Of the autoregressive noise model."""
     order: int | None = None
     """Fixed order of the noise model; None chooses it."""
