@@ -73,7 +73,7 @@ def _with_loads(fit: RowFit) -> RowFit:
         if place is None:
             break
         other = _refitted(fit, _loaded(fit.row, *place))
-        if rise(other, fit) < _cost(fit):
+        if rise(other, fit) < _cost(fit) or not _shows(fit, *place):
             break
         fit = other
     return fit
@@ -217,22 +217,29 @@ def _gains(fit: RowFit, part: _Part) -> Array:
     seen = np.fft.rfft(weight * np.vstack([part.errors, part.explained]), 2 * n)
     products = np.fft.irfft(seen[:, None] * np.conj(np.fft.rfft(shapes, 2 * n)), 2 * n)[..., :n].T
     grams = weight**2 * np.cumsum(shapes.T[:, :, None] * shapes.T[:, None, :], axis=0)[::-1]
+    sizes = np.diagonal(grams, axis1=1, axis2=2)
     grams = grams - products[:, :, 1:] @ products[:, :, 1:].transpose(0, 2, 1)
-    explained, weights = _explained(grams, products[:, :, 0])
+    explained, weights = _explained(grams, products[:, :, 0], sizes)
     wrong = len(shapes) - len(loads)
-    gains = (explained - _explained(grams[:, :wrong, :wrong], products[:, :wrong, 0])[0]) / part.variance
+    gains = (
+        explained - _explained(grams[:, :wrong, :wrong], products[:, :wrong, 0], sizes[:, :wrong])[0]
+    ) / part.variance
     lag = max(spec.structure.lag(fit.theta[own]) for spec, own in zip(fit.row.specs, fit.row.slices, strict=True))
     soon = min(int(lag / fit.row.pieces[k].h / fit.row.stride) + 1, n - 1)
     moved = np.abs(weights[:, wrong:] @ loads[:, soon])
     gains[moved < _moved_by_inputs(fit, k, soon + 1)[fit.ar.size :]] = 0.0
-    gains[-levels.QUIET_SAMPLES :] = 0.0
+    gains[: levels.QUIET_SAMPLES] = gains[-levels.QUIET_SAMPLES :] = 0.0
     return np.asarray(gains)
 
 
-def _explained(grams: Array, moments: Array) -> tuple[Array, Array]:
-    """(n,) squares that columns with these products explain, and their weights (n, m)."""
-    scale = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2), levels.SMALLEST))
-    normal = grams / (scale[:, :, None] * scale[:, None, :]) + levels.RIDGE * np.eye(moments.shape[1])
+def _explained(grams: Array, moments: Array, sizes: Array) -> tuple[Array, Array]:
+    """(n,) squares that columns with these products explain, and their weights (n, m).
+
+    `sizes` (n, m) are the squares of the columns before what else explains them was taken out: what is left of some is
+    rounding.
+    """
+    scale = np.sqrt(np.maximum(sizes, levels.SMALLEST))
+    normal = grams / (scale[:, :, None] * scale[:, None, :]) + levels.LOST * np.eye(moments.shape[1])
     weights = np.linalg.solve(normal, (moments / scale)[..., None])[..., 0] / scale
     return np.sum(moments * weights, axis=1), weights
 
