@@ -12,6 +12,7 @@ from trueplant.detect import levels
 from trueplant.detect.detectable import detectable_change, worth_knowing_of
 from trueplant.detect.verdict import Evidence, Verdict, judge
 from trueplant.identify import (
+    Budget,
     OutputEstimate,
     Rejected,
     Spec,
@@ -40,6 +41,8 @@ class Found:
     reasons: Mapping[int, Unanswered]
     """Parameters that are not answered, by their place in theta."""
     model: tuple[float | None, ...]
+    budget: Budget
+    """What the variances in the covariance are made of."""
     rejected: Rejected | None = None
     """The structure that the record rejects, in favour of that of `spec`; None where it suffices."""
 
@@ -60,6 +63,7 @@ def elements_found(model: TransferMatrix, estimates: Mapping[int, OutputEstimate
                 estimate.intervals[index],
                 {k: reasons[int(place)] for k, place in enumerate(index) if int(place) in reasons},
                 _model_values(model, i, spec, spec.column in estimate.rejected),
+                estimate.budget.at(index),
                 estimate.rejected.get(spec.column),
             )
     return found

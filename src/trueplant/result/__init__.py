@@ -1,5 +1,6 @@
 """What an analysis returns: typed, frozen, with its words and its JSON."""
 
+from trueplant.result.budget import ParameterBudget, Source, VariancePart
 from trueplant.result.changes import (
     Change,
     ChangeKind,
@@ -129,6 +130,7 @@ __all__ = [
     "Notation",
     "Pairing",
     "Parameter",
+    "ParameterBudget",
     "PartialCoherence",
     "Peak",
     "PlannedMove",
@@ -145,6 +147,7 @@ __all__ = [
     "Settled",
     "SignalCoherence",
     "SignalExcitation",
+    "Source",
     "Status",
     "StepResponseMetrics",
     "SystemPeaks",
@@ -156,6 +159,7 @@ __all__ = [
     "UncertainRow",
     "Uncertainty",
     "ValidationFit",
+    "VariancePart",
     "Window",
     "WindowElement",
     "WorstElement",

@@ -16,7 +16,7 @@ from trueplant.result import Code, Element, ElementVerdict, Importance, Reason
 from trueplant.study import levels
 from trueplant.study.plant.causes import causes_of
 from trueplant.study.plant.identified import Identified
-from trueplant.study.plant.parameters import parameters_of
+from trueplant.study.plant.parameters import budgets_of, parameters_of
 from trueplant.study.plant.structures import restructured
 from trueplant.study.study import Place, Study
 
@@ -151,6 +151,7 @@ def _element(
         grade=detect.grade(_half_widths(found), answered, sound),
         detectable_change=verdict.detectable,
         rejected_structure=None if found.rejected is None else str(found.rejected.structure),
+        budget=budgets_of(found),
     )
 
 
