@@ -37,6 +37,8 @@ class Found:
     joint: Array
     """The covariance for tests of the whole: without the widening of single parameters by their profiles, which
     stretches strong correlations and which the likelihood ratio makes up for."""
+    covariance_by_data: Array
+    """What the record alone says, without the prior: very large where it says nothing."""
     intervals: Array
     reasons: Mapping[int, Unanswered]
     """Parameters that are not answered, by their place in theta."""
@@ -60,6 +62,7 @@ def elements_found(model: TransferMatrix, estimates: Mapping[int, OutputEstimate
                 estimate.theta[index],
                 estimate.covariance[np.ix_(index, index)],
                 (estimate.covariance if estimate.unprofiled is None else estimate.unprofiled)[np.ix_(index, index)],
+                estimate.fit.covariance_by_data[np.ix_(index, index)],
                 estimate.intervals[index],
                 {k: reasons[int(place)] for k, place in enumerate(index) if int(place) in reasons},
                 _model_values(model, i, spec, spec.column in estimate.rejected),

@@ -32,6 +32,7 @@ from trueplant.result.controllers import (
 )
 from trueplant.result.curves import CoherenceCurves, Curves, MuCurves, Residuals, RetuningCurves, Trend
 from trueplant.result.data import DataFinding, Excitation, Exclusion, ExperimentData, SignalExcitation
+from trueplant.result.derived import Derived
 from trueplant.result.element import Element, Importance, Interval, Parameter
 from trueplant.result.fit import FitRow, ResidualTest, ValidationFit
 from trueplant.result.methods import (
@@ -92,6 +93,7 @@ __all__ = [
     "Curves",
     "DataFinding",
     "DeclaredDisturbance",
+    "Derived",
     "DetectedElement",
     "Detection",
     "DisturbanceFit",

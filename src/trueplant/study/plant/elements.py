@@ -130,7 +130,7 @@ def _element(
     j: int,
     importance: tuple[Array, str],
 ) -> Element:
-    units = found.spec.structure.units(study.project.outputs[i].unit, _input_unit(study, j), study.project.time_unit)
+    units = found.spec.structure.units(study.project.outputs[i].unit, input_unit(study, j), study.project.time_unit)
     parameters = parameters_of(found, verdict, units)
     answered = [p.plant is not None for p in parameters]
     peak, basis = importance
@@ -155,7 +155,8 @@ def _element(
     )
 
 
-def _input_unit(study: Study, j: int) -> str:
+def input_unit(study: Study, j: int) -> str:
+    """The unit of a column of the model."""
     inputs = study.project.inputs
     return inputs[j].unit if j < len(inputs) else study.project.disturbances[j - len(inputs)].unit
 
