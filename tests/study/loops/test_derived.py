@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from support import two_loops
@@ -168,3 +169,31 @@ def test_an_element_that_the_model_lacks_has_no_phase_there(tmp_path):
     assert found["phase", "crossover"].model is None and found["total_delay", "rest"].model is None
     net = found["net_gain", "rest"]
     assert net.ci is not None and net.ci[0] < 6.6 < net.ci[1]
+
+
+def test_of_an_input_that_stands_still_nothing_is_said(tmp_path):
+    rng = np.random.default_rng(7)
+    law = Controller.diagonal([PID(**LAW)])
+    record = simulate(PLANT, law, random_switching(rng, 500, 1, 40.0), 1.0, noise=0.05, seed=7)
+    project = declared(tmp_path, record, "2 exp(-2 s)/(10 s + 1)", LAW)
+    still = pl.read_csv(tmp_path / "one.csv").with_columns(other=pl.lit(40.0))
+    still.write_csv(tmp_path / "one.csv")
+    more = """
+[[input]]
+name = "other"
+op = "other"
+
+[[model]]
+output = "y"
+input = "other"
+tf = "1 exp(-3 s)/(5 s + 1)"
+"""
+    _, elements = known(Project.from_toml(project.to_toml() + more, tmp_path))
+    found = {e.input: e.derived for e in elements}
+    assert len(found["other"]) == len(found["u"]) == 5
+    for one in found["other"]:
+        assert one.plant is None and one.std_error is None and one.ci is None
+        assert one.model is not None and "does not move" in one.reason
+    net = found["u"][0]
+    assert net.plant is not None and net.std_error is not None
+    assert abs(net.plant - TRUE_GAIN) < 3 * net.std_error

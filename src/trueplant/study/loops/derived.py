@@ -48,7 +48,9 @@ def with_derived(study: Study, plant: TransferMatrix, judged: Judged) -> Judged:
         place = places.get((element.output, element.input))
         if place is not None:
             units = {p.name: p.unit for p in element.parameters}
-            element = replace(element, derived=tuple(_derived(study, plant, judged.found[place], place, units)))
+            # of a gain that is 0 nothing else follows, and no number that does not exist is answered
+            with np.errstate(divide="ignore", invalid="ignore"):
+                element = replace(element, derived=tuple(_derived(study, plant, judged.found[place], place, units)))
         elements.append(element)
     return replace(judged, elements=tuple(elements))
 
@@ -71,11 +73,11 @@ def _derived(
 def _frequency(study: Study, plant: TransferMatrix, found: Found, column: int) -> tuple[str, float]:
     """Where the loop that its input closes has a gain of 1; without one, at the element's own corner."""
     loop = study.loop(plant)
-    places = [] if loop is None else [place for place in loop.controller.entries if place[0] == column]
-    at = [crossover(plant[i, column], loop.controller, (column, i)) for _, i in places] if loop is not None else []
-    known = [w for w in at if w is not None]
-    if known:
-        return "crossover", max(known)
+    if loop is not None:
+        places = [place for place in loop.controller.entries if place[0] == column]
+        at = [crossover(plant[i, column], loop.controller, (column, i)) for _, i in places]
+        if known := [w for w in at if w is not None]:
+            return "crossover", max(known)
     structure, theta = found.spec.structure, found.theta
     slow = structure.lag(theta) + structure.longest_dead_time(theta)
     return "corner", 1 / slow if slow > 0 else np.inf
@@ -106,10 +108,10 @@ def _response(found: Found, model: TransferFunction, w: float, unit: str, time_u
     structure, theta = found.spec.structure, found.theta
     yield _delay(found, model, w, time_unit)
     s = np.array([1j * w])
-    value, old = complex(structure.transfer(theta)(s)[0]), complex(model(s)[0])
+    value, old = structure.transfer(theta)(s)[0], model(s)[0]
     relative = structure.gradient(theta, s)[0] / value
-    size = max(abs(value), abs(old)) if old else np.inf
-    yield _Quantity("magnitude", unit, abs(old), abs(value), abs(value) * relative.real, size, least=0.0)
+    size = float(max(abs(value), abs(old))) if old else np.inf
+    yield _Quantity("magnitude", unit, float(abs(old)), float(abs(value)), abs(value) * relative.real, size, least=0.0)
     turned = phase(structure, theta, w)
     before = float(np.degrees(turned + np.angle(old / value))) if old else None
     yield _Quantity("phase", "deg", before, float(np.degrees(turned)), np.degrees(relative.imag), np.degrees(1.0))
@@ -123,7 +125,8 @@ def _told(found: Found, quantity: _Quantity, at: str, w: float, confidence: floa
         # that one parameter is uncertain does not say that this is
         if gradient[k] and reason.why is not WhyUnanswered.TOO_UNCERTAIN:
             return replace(told, reason=reason.text)
-    error, by_data = (float(np.sqrt(gradient @ c @ gradient)) for c in (found.covariance, found.covariance_by_data))
+    both = (found.covariance, found.covariance_by_data)
+    error, by_data = (float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0))) for covariance in both)
     if not max(error, by_data) <= TOO_UNCERTAIN * quantity.size:
         return replace(told, reason=WhyUnanswered.TOO_UNCERTAIN.value)
     half = float(norm.ppf(0.5 + confidence / 2)) * error
