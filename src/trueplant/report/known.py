@@ -20,9 +20,9 @@ MEANING = {
     Source.MINIMA: "other sets of parameters that the record does not rule out",
     Source.PROFILE: "the interval reaches further to one side than the standard error by itself would say",
     Source.SHARED_DISTURBANCE: "a disturbance that reaches several outputs",
-    Source.VALVE: "the valve may stick, though that is not certain",
     Source.DISTURBANCE: "the disturbance that the project declares and nobody measured",
     Source.HOLD: "how a measured disturbance runs between its samples",
+    Source.VALVE: "the valve may stick, though that is not certain",
 }
 QUANTITIES = {"net_gain": "net gain", "net_slope": "net slope", "total_delay": "total delay"}
 

@@ -20,9 +20,9 @@ class Source(Enum):
     MINIMA = "other plants that fit as well"
     PROFILE = "uneven interval"
     SHARED_DISTURBANCE = "disturbance of several outputs"
-    VALVE = "valve"
     DISTURBANCE = "declared disturbance"
     HOLD = "disturbance between samples"
+    VALVE = "valve"
 
 
 @dataclass(frozen=True)
