@@ -10,12 +10,14 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from support import ROOT
+from support.budgets import sources_of
 from trueplant import Project, tf
 from trueplant.cli.analyse import demo_text
-from trueplant.lti import TransferFunction, sampled_response, structure_of
+from trueplant.lti import TransferFunction, UncertainPlant, sampled_response, structure_of
+from trueplant.lti.delay import total_delay
 from trueplant.output import read_results, write_results
 from trueplant.project.simulation import as_file, simulate_record
-from trueplant.result import Result
+from trueplant.result import Derived, Result, Source
 from trueplant.result.schema import published
 from trueplant.study import levels
 from trueplant.study.pipeline import analyse
@@ -48,6 +50,7 @@ def holds_together(project: Project, folder: Path) -> Result:
     estimated = {(outputs[i], inputs[j]) for i, row in plant.rows.items() for j in row.columns}
     seed, tail = project.analysis.seed, (1 - project.analysis.confidence) / 2
     drawn = plant.draw(levels.STEP_DRAWS, seed).parameters
+    assert Source.NOISE in sources_of(result)
     assert again.plant is not None and result.curves is not None
     for e in result.elements:
         i, j = outputs.index(e.output), inputs.index(e.input)
@@ -68,6 +71,9 @@ def holds_together(project: Project, folder: Path) -> Result:
                 assert row.unknown or drawn_error == pytest.approx(p.std_error)
             else:
                 assert part.start + k in row.unknown
+        for one in e.derived:
+            if one.plant is not None:
+                derived_from(one, plant, i, m)
         own = structure.transfer(row.theta[part])
         same(plant.nominal[i, j], own, rtol=1e-12)
         same(again.plant.nominal[i, j], own, rtol=1e-12)
@@ -87,6 +93,32 @@ def holds_together(project: Project, folder: Path) -> Result:
         np.testing.assert_allclose(result.curves.step_low[:, i, j], low, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(result.curves.step_high[:, i, j], high, rtol=1e-9, atol=1e-12)
     return result
+
+
+def derived_from(one: Derived, plant: UncertainPlant, i: int, m: int) -> None:
+    """Values and standard errors of what follows from the parameters: those of the plant and its covariance.
+
+    What is held in the plant's covariance is not in these: where a parameter is not known they are larger.
+    """
+    row = plant.rows[i]
+    structure, part = row.structures[m], row.slices[m]
+    theta, covariance, s = row.theta[part], row.covariance[part, part], np.array([1j * one.frequency])
+    if one.name in ("net_gain", "net_slope"):
+        value, slope = theta[structure.is_gain].sum(), structure.is_gain.astype(float)
+    elif one.name == "total_delay":
+        value, slope = total_delay(structure, theta, one.frequency)
+    else:
+        g = structure.transfer(theta)(s)[0]
+        relative = structure.gradient(theta, s)[0] / g
+        value, slope = {
+            "magnitude": (abs(g), abs(g) * relative.real),
+            "phase": (np.degrees(np.angle(g)), np.degrees(relative.imag)),
+        }[one.name]
+    gap = one.plant - value
+    assert abs((gap + 180) % 360 - 180 if one.name == "phase" else gap) < 1e-9 * max(abs(value), 1)
+    drawn_error = np.sqrt(slope @ covariance @ slope)
+    assert drawn_error <= one.std_error * (1 + 1e-6)
+    assert row.unknown or drawn_error == pytest.approx(one.std_error)
 
 
 def same(one: TransferFunction, other: TransferFunction, rtol: float = 2e-5) -> None:

@@ -12,6 +12,7 @@ from trueplant.detect import levels
 from trueplant.detect.detectable import detectable_change, worth_knowing_of
 from trueplant.detect.verdict import Evidence, Verdict, judge
 from trueplant.identify import (
+    Budget,
     OutputEstimate,
     Rejected,
     Spec,
@@ -36,10 +37,14 @@ class Found:
     joint: Array
     """The covariance for tests of the whole: without the widening of single parameters by their profiles, which
     stretches strong correlations and which the likelihood ratio makes up for."""
+    covariance_by_data: Array
+    """What the record alone says, without the prior: very large where it says nothing."""
     intervals: Array
     reasons: Mapping[int, Unanswered]
     """Parameters that are not answered, by their place in theta."""
     model: tuple[float | None, ...]
+    budget: Budget
+    """What the variances in the covariance are made of."""
     rejected: Rejected | None = None
     """The structure that the record rejects, in favour of that of `spec`; None where it suffices."""
 
@@ -57,9 +62,11 @@ def elements_found(model: TransferMatrix, estimates: Mapping[int, OutputEstimate
                 estimate.theta[index],
                 estimate.covariance[np.ix_(index, index)],
                 (estimate.covariance if estimate.unprofiled is None else estimate.unprofiled)[np.ix_(index, index)],
+                estimate.fit.covariance_by_data[np.ix_(index, index)],
                 estimate.intervals[index],
                 {k: reasons[int(place)] for k, place in enumerate(index) if int(place) in reasons},
                 _model_values(model, i, spec, spec.column in estimate.rejected),
+                estimate.budget.at(index),
                 estimate.rejected.get(spec.column),
             )
     return found

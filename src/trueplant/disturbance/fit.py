@@ -38,6 +38,8 @@ class DisturbedFit:
     theta: Array
     """(n,) parameters of the elements, stacked in the order of row.specs."""
     covariance: Array
+    by_background: Array
+    """(n, n) what the covariance would be if the declared disturbance were known: noise alone."""
     noise: Noise
     jumps: tuple[tuple[int, ...], ...]
     """Samples of each piece (at the row's stride) at which a declared step was found to jump."""
@@ -195,13 +197,15 @@ def _finished(row: Row, theta: Array, noise: Noise, jumps: tuple[tuple[int, ...]
     linear = sum(row.nuisance(theta, k).shape[1] + len(jumps[k]) for k in range(len(row.pieces)))
     ratio = point.cost / max(count - theta.size - linear, 1)
     without = _Likelihood(row, replace(noise, declared=()), tuple(() for _ in jumps))
-    alone = np.diag(without.information(theta)[0])
+    background = without.information(theta)[0]
+    alone = np.diag(background)
     kept = np.divide(np.diag(point.information), alone, out=np.ones(theta.size), where=alone > 0)
     errors = point.likelihood.errors(theta)
     return DisturbedFit(
         row=row,
         theta=theta,
         covariance=max(ratio, 1.0) * inverse(point.information),
+        by_background=max(ratio, 1.0) * inverse(background),
         noise=noise,
         jumps=jumps,
         criterion=value,

@@ -1,5 +1,6 @@
 """Parametric estimates of the plant, and how far they can be trusted."""
 
+from trueplant.identify.budget import Budget
 from trueplant.identify.equation_error import equation_error, paper_route
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit, fit_row
@@ -17,6 +18,7 @@ from trueplant.identify.valves import FoundValve, behind_valves, sticking, try_v
 
 __all__ = [
     "RESIDUAL_TESTS",
+    "Budget",
     "FoundHold",
     "FoundValve",
     "Held",

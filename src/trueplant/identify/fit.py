@@ -57,13 +57,18 @@ class RowFit:
         return self.variance * inverse(self.information)[:n, :n]
 
     @property
-    def standard_errors_by_data(self) -> Array:
-        """(size,) what the record alone says of theta, without the prior: very large where it says nothing."""
+    def covariance_by_data(self) -> Array:
+        """(size, size) what the record alone says of theta, without the prior: very large where it says nothing."""
         n = self.theta.size
         information = self.information.copy()
         prior = self.row.prior.normal_equations(self.theta)[0] * self.variance * self.left / max(self.count, 1)
         information[np.arange(n), np.arange(n)] -= np.where(self.free, prior, 0.0)
-        return np.asarray(np.sqrt(self.variance * np.diag(inverse(information))[:n]))
+        return self.variance * inverse(information)[:n, :n]
+
+    @property
+    def standard_errors_by_data(self) -> Array:
+        """(size,) those of `covariance_by_data`."""
+        return np.asarray(np.sqrt(np.diag(self.covariance_by_data)))
 
     @property
     def left(self) -> int:

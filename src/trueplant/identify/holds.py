@@ -33,6 +33,7 @@ from trueplant.identify.row import Piece, Row, placed
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.record.types import Segment
+from trueplant.result.budget import Source
 
 
 class Way(IntEnum):
@@ -193,5 +194,5 @@ def widened_for_holds(
     for found in holds.values():
         for i in found.thetas.keys() & out.keys():
             shifts = placed(found.shifts(i), found.held[i].row, out[i].row)
-            out[i] = averaged(out[i], shifts, found.shares, confidence)
+            out[i] = averaged(out[i], shifts, found.shares, confidence, Source.HOLD)
     return out

@@ -33,6 +33,8 @@ class JointFit:
     """One vector a row."""
     covariance: tuple[Array, ...]
     """One matrix a row."""
+    moved: tuple[Array, ...]
+    """One vector a row: how far the last increase of the order moved theta; its square is in the covariance."""
     ar: Array
     """(order, n_y, n_y)."""
     sigma: Array
@@ -223,6 +225,7 @@ def _finished(rows: Sequence[Row], found: Descent[_Point]) -> JointFit:
     return JointFit(
         theta=tuple(theta[place] for place in places),
         covariance=tuple(covariance[place, place] for place in places),
+        moved=tuple(np.zeros(row.size) for row in rows),
         ar=ar,
         sigma=sigma,
         errors=tuple(errors),
@@ -258,11 +261,9 @@ def fit_until_white(fits: Sequence[RowFit]) -> JointFit | None:
 
 def _with_shift(fit: JointFit, longer: JointFit) -> JointFit | None:
     """The longer fit, its covariance enlarged by how far it moved; None if it did not converge."""
-    moved = [
-        covariance + np.diag((theta - before) ** 2)
-        for before, theta, covariance in zip(fit.theta, longer.theta, longer.covariance, strict=True)
-    ]
-    return replace(longer, covariance=tuple(moved)) if longer.converged else None
+    moved = tuple(theta - before for before, theta in zip(fit.theta, longer.theta, strict=True))
+    larger = tuple(own + np.diag(by**2) for own, by in zip(longer.covariance, moved, strict=True))
+    return replace(longer, covariance=larger, moved=moved) if longer.converged else None
 
 
 def whiteness_p(fit: JointFit) -> float:

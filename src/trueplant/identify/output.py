@@ -12,6 +12,7 @@ from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.between_experiments import Runs, compare_runs
 from trueplant.identify.blocks import in_blocks
+from trueplant.identify.budget import Budget
 from trueplant.identify.covariance import inflation, initial_state_share, least_variance, scaled
 from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row
@@ -30,6 +31,7 @@ from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.lti.structure import Structure
 from trueplant.record.types import Segment
+from trueplant.result.budget import Source
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ class OutputEstimate:
     """(size,)"""
     covariance: Array
     """(size, size)"""
+    budget: Budget
+    """What the variances in it are made of."""
     intervals: Array
     """(size, 2); infinite where nothing is known."""
     runs: Runs | None
@@ -143,12 +147,7 @@ def identify_output(
     fit, row = minima.best, minima.best.row
     tests, factor = residual_tests(fit, confidence), inflation(fit, confidence)
     runs, robust = compare_runs(fit, factor), needs_sandwich(tests)
-    # Neither the curvature of the likelihood nor its profiles count these.
-    more = fit.covariance * (initial_state_share(fit) if any(segment.closed for segment in segments) else 0.0)
-    if robust:
-        more = more + sandwich_covariance(fit) - fit.covariance
-    if runs is not None:
-        more = more + runs.added
+    more, budget = _beyond_likelihood(fit, factor, any(segment.closed for segment in segments), robust, runs)
     shift = np.zeros(row.size) if runs is None else runs.shift
     theta, covariance = np.clip(fit.theta + shift, *row.bounds()), scaled(fit.covariance, factor) + more
     moved, shifts = order_dependence(fit, covariance, tests)
@@ -158,8 +157,16 @@ def identify_output(
     # them.
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
     shown = runs is not None and not runs.agree
-    added = (0.0 if shown else shifts**2) + left_out**2 + least
+    shifts = np.zeros(row.size) if shown else shifts
+    added = shifts**2 + left_out**2 + least
     covariance = covariance + np.diag(added) + minima.added
+    for source, variances in (
+        (Source.NOISE_MODEL, np.diag(shifts**2)),
+        (Source.LEFT_OUT, np.diag(left_out**2)),
+        (Source.ROUNDING, np.diag(least)),
+        (Source.MINIMA, minima.added),
+    ):
+        budget = budget.including(source, variances)
     unprofiled = covariance
     intervals = normal_intervals(row, theta, covariance, confidence)
     for index in _profiled(fit):
@@ -174,6 +181,7 @@ def identify_output(
         fit=fit,
         theta=theta,
         covariance=covariance,
+        budget=budget.including(Source.PROFILE, covariance - unprofiled),
         intervals=minima.hull(intervals, shift),
         runs=runs,
         order_dependence=moved,
@@ -183,6 +191,23 @@ def identify_output(
         factor=factor,
         robust_covariance=robust,
     )
+
+
+def _beyond_likelihood(
+    fit: RowFit, factor: Array, closed: bool, robust: bool, runs: Runs | None
+) -> tuple[Array, Budget]:
+    """What neither the curvature of the likelihood nor its profiles count (size, size), and the budget with it."""
+    plain = fit.covariance
+    more = plain * (initial_state_share(fit) if closed else 0.0)
+    budget = Budget.of(plain).including(Source.SLOW_NOISE, scaled(plain, factor) - plain)
+    budget = budget.including(Source.START, more)
+    if robust:
+        before, more = more, more + sandwich_covariance(fit) - plain
+        budget = budget.including(Source.COLOUR, more - before)
+    if runs is not None:
+        more = more + runs.added
+        budget = budget.including(Source.EXPERIMENTS, runs.added)
+    return more, budget
 
 
 def _fitted(found: RowFit, confidence: float) -> tuple[RowFit, OpenMinima]:
@@ -203,14 +228,20 @@ def _profiled(fit: RowFit) -> list[int]:
     return chosen
 
 
-def averaged(estimate: OutputEstimate, shifts: Array, shares: Array, confidence: float) -> OutputEstimate:
-    """The estimate, where theta may be larger by each of `shifts` (m, size) with the probabilities `shares` (m,)."""
+def averaged(
+    estimate: OutputEstimate, shifts: Array, shares: Array, confidence: float, source: Source
+) -> OutputEstimate:
+    """The estimate, where theta may be larger by each of `shifts` (m, size) with the probabilities `shares` (m,).
+
+    `source` is what leaves that open.
+    """
     more = (shifts.T * shares) @ shifts
     low, high = estimate.row.bounds()
     ends = mixed(estimate.intervals, estimate.theta, shifts, shares, confidence)
     return replace(
         estimate,
         covariance=estimate.covariance + more,
+        budget=estimate.budget.including(source, more),
         unprofiled=None if estimate.unprofiled is None else estimate.unprofiled + more,
         intervals=np.clip(ends, low[:, None], high[:, None]),
     )

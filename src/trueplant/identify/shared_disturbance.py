@@ -14,10 +14,12 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
+from trueplant.identify.budget import Budget
 from trueplant.identify.intervals import normal_intervals, widened
 from trueplant.identify.joint import fit_until_white
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.portmanteau import correlogram
+from trueplant.result.budget import Source
 
 
 def predicted_outputs(estimates: Mapping[int, OutputEstimate]) -> dict[int, list[int]]:
@@ -50,14 +52,24 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
     if joint is None:
         return None
     better = {}
-    for (i, found), theta, covariance in zip(estimates.items(), joint.theta, joint.covariance, strict=True):
+    every = zip(estimates.items(), joint.theta, joint.covariance, joint.moved, strict=True)
+    for (i, found), theta, covariance, moved in every:
+        own = np.diag(moved**2)
+        budget = Budget.of(covariance - own).including(Source.NOISE_MODEL, own)
         before = found.covariance if found.unprofiled is None else found.unprofiled
         unprofiled = covariance + before - found.fit.covariance
         wider = np.sqrt(np.diag(found.covariance) / np.maximum(np.diag(before), levels.SMALLEST))
         covariance = unprofiled * np.outer(wider, wider)
         intervals = normal_intervals(found.row, theta, covariance, confidence)
+        budget = budget.joined(found.budget.without(Source.NOISE, Source.PROFILE))
         better[i] = replace(
-            found, theta=theta, covariance=covariance, intervals=intervals, unprofiled=unprofiled, jointly=True
+            found,
+            theta=theta,
+            covariance=covariance,
+            budget=budget.including(Source.PROFILE, covariance - unprofiled),
+            intervals=intervals,
+            unprofiled=unprofiled,
+            jointly=True,
         )
     return better
 
@@ -76,5 +88,10 @@ def widened_for_shared_disturbance(
     covariance = estimate.covariance * levels.SHARED_FACTOR**2
     unprofiled = None if estimate.unprofiled is None else estimate.unprofiled * levels.SHARED_FACTOR**2
     return replace(
-        estimate, covariance=covariance, intervals=intervals, unprofiled=unprofiled, predicted_by=tuple(others)
+        estimate,
+        covariance=covariance,
+        budget=estimate.budget.including(Source.SHARED_DISTURBANCE, covariance - estimate.covariance),
+        intervals=intervals,
+        unprofiled=unprofiled,
+        predicted_by=tuple(others),
     )

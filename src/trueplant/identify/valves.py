@@ -25,6 +25,7 @@ from trueplant.identify.rivals import element_response, rivals
 from trueplant.identify.row import Row, placed
 from trueplant.loop.valve import Valve
 from trueplant.record.types import Segment
+from trueplant.result.budget import Source
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def widened_for_valves(
             shifts = np.vstack(
                 [np.zeros((1, out[i].row.size)), *(placed(one.shift(i), one.behind[i].row, out[i].row) for one in ones)]
             )
-            out[i] = averaged(out[i], shifts, np.array([1 - shares.sum(), *shares]), confidence)
+            out[i] = averaged(out[i], shifts, np.array([1 - shares.sum(), *shares]), confidence, Source.VALVE)
     return out
 
 

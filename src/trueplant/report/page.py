@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trueplant.report import levels, loops, retuned, tables, walk
+from trueplant.report import known, levels, loops, retuned, tables, walk
 from trueplant.report.detected import detected
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.labels import label
@@ -50,6 +50,8 @@ def render(result: Result) -> str:
             comparison=tables.comparison(result.methods, result.elements),
             detected=detected(result.methods.detectors, result.elements),
             elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in result.elements],
+            known=known.known_table(result.elements),
+            budget=known.budget_table(result.elements),
             grid=_grid(result),
             scale=number(scale),
             figures=_figures(result.curves, book, _z(_confidence(result))) if result.curves is not None else None,

@@ -1,5 +1,6 @@
 """What an analysis returns: typed, frozen, with its words and its JSON."""
 
+from trueplant.result.budget import ParameterBudget, Source, VariancePart
 from trueplant.result.changes import (
     Change,
     ChangeKind,
@@ -31,6 +32,7 @@ from trueplant.result.controllers import (
 )
 from trueplant.result.curves import CoherenceCurves, Curves, MuCurves, Residuals, RetuningCurves, Trend
 from trueplant.result.data import DataFinding, Excitation, Exclusion, ExperimentData, SignalExcitation
+from trueplant.result.derived import Derived
 from trueplant.result.element import Element, Importance, Interval, Parameter
 from trueplant.result.fit import FitRow, ResidualTest, ValidationFit
 from trueplant.result.methods import (
@@ -91,6 +93,7 @@ __all__ = [
     "Curves",
     "DataFinding",
     "DeclaredDisturbance",
+    "Derived",
     "DetectedElement",
     "Detection",
     "DisturbanceFit",
@@ -129,6 +132,7 @@ __all__ = [
     "Notation",
     "Pairing",
     "Parameter",
+    "ParameterBudget",
     "PartialCoherence",
     "Peak",
     "PlannedMove",
@@ -145,6 +149,7 @@ __all__ = [
     "Settled",
     "SignalCoherence",
     "SignalExcitation",
+    "Source",
     "Status",
     "StepResponseMetrics",
     "SystemPeaks",
@@ -156,6 +161,7 @@ __all__ = [
     "UncertainRow",
     "Uncertainty",
     "ValidationFit",
+    "VariancePart",
     "Window",
     "WindowElement",
     "WorstElement",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from trueplant.result.budget import ParameterBudget
+from trueplant.result.derived import Derived
 from trueplant.result.status import ElementVerdict
 
 Interval = tuple[float, float]
@@ -56,3 +58,7 @@ class Element:
     the three. None where nothing was tested or nothing is known."""
     rejected_structure: str | None = None
     """The declared structure, where the record rejects it in favour of `structure`."""
+    derived: tuple[Derived, ...] = ()
+    """What is known of it as a whole."""
+    budget: tuple[ParameterBudget, ...] = ()
+    """What the standard error of each answered parameter is made of."""

@@ -15,6 +15,7 @@ from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.nonparametric import coherence_of
 from trueplant.study.data.prepare import prepare
 from trueplant.study.experiment.plans import more_data
+from trueplant.study.loops.derived import with_derived
 from trueplant.study.loops.retuning import Retuning, retuning_of
 from trueplant.study.loops.robustness import LoopToday, robustness_of
 from trueplant.study.loops.settled import against_settled_loop
@@ -43,7 +44,7 @@ def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
         reasons += (Reason(Code.NOTHING_TO_ESTIMATE, "no output has both an element to estimate and usable data"),)
         return refused(study, _checked(study, controllers, reasons))
     plant = updated_plant(study.model, identified.estimates)
-    judged = judge(study, identified, plant.nominal)
+    judged = with_derived(study, plant.nominal, judge(study, identified, plant.nominal))
     say("comparing methods")
     compared = compare_methods(study, identified, plant.nominal)
     say("what the change does to the loops")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from support.budgets import sources_of
 from support.disturbed import (
     FEED,
     LAWS,
@@ -23,6 +24,7 @@ from support.simulated import coloured, random_switching
 from trueplant import Result
 from trueplant.loop import step_disturbance
 from trueplant.lti import sampled_response
+from trueplant.result import Source
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +56,12 @@ def test_the_verdict_rests_on_a_fit_that_knows_the_step(stepped):
     for place, row in parameters(stepped, WITH_FIT).items():
         for mine, other in zip(row, parameters(stepped, "direct")[place], strict=True):
             assert mine["plant"] == other["plant"]
+
+
+@pytest.mark.slow
+def test_the_declared_disturbance_has_its_part_in_every_standard_error(stepped):
+    """What the step leaves uncertain beside the noise; the budget is that of this fit, and of the valves."""
+    assert sources_of(stepped) == {Source.NOISE, Source.DISTURBANCE, Source.ROUNDING, Source.VALVE}
 
 
 @pytest.mark.slow

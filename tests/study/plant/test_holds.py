@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import trueplant as tp
-from trueplant.result import Code
+from support.budgets import sources_of
+from trueplant.result import Code, Source
 
 LOOP = """
 time_unit = "min"
@@ -104,3 +105,7 @@ def test_what_the_record_cannot_tell_is_left_open_and_alarms_nobody(tmp_path):
     assert low < 2.3 and high > 2.7
     assert [e.verdict for e in result.elements if e.input == "feed"] != ["changed"]
     assert np.isfinite([low, high]).all()
+    assert Source.HOLD in sources_of(result)
+    (feed,) = [e for e in result.elements if e.input == "feed"]
+    (budget,) = [b for b in feed.budget if b.parameter == "dead_time"]
+    assert {part.source: part.share for part in budget.parts}[Source.HOLD] > 0.01

@@ -142,7 +142,7 @@ def _crossover_limit(
     speed = study.project.tuning.limits.speed or levels.SPEED
     i, j = place
     g = today.plant[j, i]
-    now = _crossover(g, today.controller, place)
+    now = crossover(g, today.controller, place)
     if now is None:
         lags = sum(-1 / p.real for p in g.poles if p.real < 0)
         now = 1 / (lags + max(term.dead_time for term in g.terms) or 1.0)
@@ -157,7 +157,7 @@ def _crossover_limit(
     return speed * now, f"{speed:g} times {said}, the largest change made in one step"
 
 
-def _crossover(g: TransferFunction, today: Controller, place: Place) -> float | None:
+def crossover(g: TransferFunction, today: Controller, place: Place) -> float | None:
     """The highest frequency at which the loop alone has a gain of 1."""
     w = frequencies([g])
     above = np.flatnonzero(np.abs(g(axis(w)) * today.entries[place].feedback(axis(w))) >= 1)

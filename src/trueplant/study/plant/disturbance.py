@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from trueplant.arrays import Array
 from trueplant.disturbance import DisturbedFit, Part, Recovered, fit_with_disturbance, likelihood_p, recover
-from trueplant.identify import OutputEstimate
+from trueplant.identify import Budget, OutputEstimate
 from trueplant.identify.covariance import least_variance
 from trueplant.identify.intervals import normal_intervals
 from trueplant.loop import Controller
@@ -24,6 +24,7 @@ from trueplant.result import (
     DisturbanceJump,
     LostInformation,
     Reason,
+    Source,
 )
 from trueplant.study import levels
 from trueplant.study.study import Place, Study
@@ -133,12 +134,15 @@ def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float
         return estimate
     if not _same_elements(fit, estimate):
         return estimate
-    covariance = fit.covariance + np.diag(least_variance(fit.row, fit.theta, timing))
+    least = np.diag(least_variance(fit.row, fit.theta, timing))
+    covariance = fit.covariance + least
+    budget = Budget.of(fit.by_background).including(Source.DISTURBANCE, fit.covariance - fit.by_background)
     intervals = normal_intervals(fit.row, fit.theta, covariance, confidence)
     return replace(
         estimate,
         theta=fit.theta,
         covariance=covariance,
+        budget=budget.including(Source.ROUNDING, least),
         intervals=intervals,
         order_dependence={},
         unprofiled=None,

@@ -16,7 +16,7 @@ from trueplant.result import Code, Element, ElementVerdict, Importance, Reason
 from trueplant.study import levels
 from trueplant.study.plant.causes import causes_of
 from trueplant.study.plant.identified import Identified
-from trueplant.study.plant.parameters import parameters_of
+from trueplant.study.plant.parameters import budgets_of, parameters_of
 from trueplant.study.plant.structures import restructured
 from trueplant.study.study import Place, Study
 
@@ -130,7 +130,7 @@ def _element(
     j: int,
     importance: tuple[Array, str],
 ) -> Element:
-    units = found.spec.structure.units(study.project.outputs[i].unit, _input_unit(study, j), study.project.time_unit)
+    units = found.spec.structure.units(study.project.outputs[i].unit, input_unit(study, j), study.project.time_unit)
     parameters = parameters_of(found, verdict, units)
     answered = [p.plant is not None for p in parameters]
     peak, basis = importance
@@ -151,10 +151,12 @@ def _element(
         grade=detect.grade(_half_widths(found), answered, sound),
         detectable_change=verdict.detectable,
         rejected_structure=None if found.rejected is None else str(found.rejected.structure),
+        budget=budgets_of(found),
     )
 
 
-def _input_unit(study: Study, j: int) -> str:
+def input_unit(study: Study, j: int) -> str:
+    """The unit of a column of the model."""
     inputs = study.project.inputs
     return inputs[j].unit if j < len(inputs) else study.project.disturbances[j - len(inputs)].unit
 

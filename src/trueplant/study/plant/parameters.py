@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueplant.detect import Found, Verdict
-from trueplant.result import Parameter
+from trueplant.result import Parameter, ParameterBudget, VariancePart
 
 
 def parameters_of(found: Found, verdict: Verdict, units: Sequence[str]) -> tuple[Parameter, ...]:
@@ -33,3 +33,14 @@ def parameters_of(found: Found, verdict: Verdict, units: Sequence[str]) -> tuple
             )
         )
     return tuple(parameters)
+
+
+def budgets_of(found: Found) -> tuple[ParameterBudget, ...]:
+    """What the variance of each answered parameter is made of; sources without a part in it are left out."""
+    told = [k for k in range(found.theta.size) if k not in found.reasons]
+    return tuple(ParameterBudget(found.spec.structure.names[k], _shares(found, k)) for k in told)
+
+
+def _shares(found: Found, k: int) -> tuple[VariancePart, ...]:
+    shares = {source: float(more[k] / found.covariance[k, k]) for source, more in found.budget.parts.items()}
+    return tuple(VariancePart(source, x) for source, x in shares.items() if abs(x) > np.finfo(float).eps)
