@@ -62,7 +62,10 @@ class RowFit:
         n = self.theta.size
         information = self.information.copy()
         prior = self.row.prior.normal_equations(self.theta)[0] * self.variance * self.left / max(self.count, 1)
+        whole = np.diag(information)[:n].copy()
         information[np.arange(n), np.arange(n)] -= np.where(self.free, prior, 0.0)
+        silent = np.flatnonzero(np.diag(information)[:n] <= levels.LOST * whole)
+        information[silent, :] = information[:, silent] = 0.0  # what is left of these is rounding
         return self.variance * inverse(information)[:n, :n]
 
     @property

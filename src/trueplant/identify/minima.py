@@ -82,9 +82,9 @@ def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
     In a long record they are looked for in that part of it in which the inputs move most.
     """
     part = of_a_part(fit)
-    found = _distinct([part, *(_ended(part, start) for start in _starts(part))])
+    found = _distinct([_ordered(part), *(_ended(part, start) for start in _starts(part))])
     if part is not fit:
-        found = _distinct([fit, *(_ended(fit, one.theta) for one in found[: levels.MINIMA_POLISHED])])
+        found = _distinct([_ordered(fit), *(_ended(fit, one.theta) for one in found[: levels.MINIMA_POLISHED])])
     return OpenMinima(tuple(found), inflation(found[0], confidence), float(norm.ppf(0.5 + confidence / 2)))
 
 
@@ -106,6 +106,18 @@ def _starts(fit: RowFit) -> list[Array]:
 
 def _ended(fit: RowFit, theta: Array) -> RowFit:
     """Where a fit of the same row that begins elsewhere ends."""
+    return _ordered(_fitted(fit, theta))
+
+
+def _ordered(fit: RowFit) -> RowFit:
+    """The fit with the lags of each element in order: two that have changed places are the same plant."""
+    theta = fit.theta.copy()
+    for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
+        theta[part] = theta[part][spec.structure.sorted(theta[part])]
+    return fit if np.array_equal(theta, fit.theta) else _fitted(fit, np.where(fit.free, theta, fit.theta))
+
+
+def _fitted(fit: RowFit, theta: Array) -> RowFit:
     return fit_row(
         fit.row,
         theta,
