@@ -20,13 +20,13 @@ from trueplant.detect import levels
 from trueplant.detect.causes import level_variance
 from trueplant.detect.change_point import change_point
 from trueplant.identify import RowFit, fit_row
+from trueplant.identify.covariance import inflation
 from trueplant.identify.fit import linearised, residuals
 from trueplant.identify.likelihood import held_at, rise
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.levels import SAMPLES_PER_PARAMETER, UNDERMODELLED
-from trueplant.identify.noise import choose_order
 from trueplant.identify.row import Piece, Row
-from trueplant.identify.sandwich import noise_covariance, sandwich_covariance
+from trueplant.identify.sandwich import noise_covariance, plant_covariance
 from trueplant.identify.validate import residual_tests
 
 
@@ -36,14 +36,12 @@ class TwoFits:
 
     one: RowFit
     other: RowFit
-    factor: float
-    """Of covariances and likelihood ratios, for noise so slow that the record says little of it."""
 
     @classmethod
-    def of(cls, fit: RowFit, one: Sequence[Piece], other: Sequence[Piece], factor: float) -> TwoFits | None:
+    def of(cls, fit: RowFit, one: Sequence[Piece], other: Sequence[Piece]) -> TwoFits | None:
         """Started from the fit of both; None where one of them is too short to be fitted alone."""
         fits = [_alone(fit, pieces) for pieces in (one, other)]
-        return None if fits[0] is None or fits[1] is None else cls(fits[0], fits[1], factor)
+        return None if fits[0] is None or fits[1] is None else cls(fits[0], fits[1])
 
     @cached_property
     def plant_p(self) -> float:
@@ -53,16 +51,17 @@ class TwoFits:
         ratio, which does not take the likelihood to be a parabola.
         """
         free = np.flatnonzero(self.one.free & self.other.free)
-        within = np.ix_(free, free)
-        weights = [inverse(self.factor * sandwich_covariance(fit)[within]) for fit in self._both]
+        factors = [inflation(fit, 0.95) for fit in self._both]
+        weights = [
+            inverse(factor * plant_covariance(fit)[np.ix_(free, free)])
+            for factor, fit in zip(factors, self._both, strict=True)
+        ]
         moved = (self.other.theta - self.one.theta)[free]
         wald = float(moved @ inverse(inverse(weights[0]) + inverse(weights[1])) @ moved)
-        middle = self.one.theta.copy()
-        middle[free] = inverse(weights[0] + weights[1]) @ sum(
-            w @ fit.theta[free] for w, fit in zip(weights, self._both, strict=True)
-        )
-        risen = min(self._rise(free, theta) for theta in (middle, self.one.theta, self.other.theta))
-        return float(chi2.sf(min(wald, risen / self.factor), max(free.size, 1)))
+        mean = self.one.theta.copy()
+        mean[free] += inverse(weights[0] + weights[1]) @ weights[1] @ moved
+        risen = min(self._rise(free, theta, factors) for theta in (mean, self.one.theta, self.other.theta))
+        return float(chi2.sf(min(wald, risen), max(free.size, 1)))
 
     @cached_property
     def size_p(self) -> float:
@@ -77,7 +76,7 @@ class TwoFits:
         scores = norm.ppf(0.5 + ranks / (2 * (ranks.size + 1)))
         parts = scores[:count], scores[count:]
         apart = float(parts[1].mean() - parts[0].mean())
-        variance = sum(level_variance(part, _memory(part)) for part in parts)
+        variance = sum(level_variance(part, levels.CHANGE_LARGEST_ORDER) for part in parts)
         return float(2 * norm.sf(abs(apart) / np.sqrt(max(variance, levels.SMALLEST_VARIANCE))))
 
     @cached_property
@@ -128,9 +127,10 @@ class TwoFits:
     def _output_errors(self) -> list[list[Array]]:
         return [[v[np.isfinite(v)] for v, _, _ in residuals(fit)] for fit in self._both]
 
-    def _rise(self, free: NDArray[np.intp], theta: Array) -> float:
+    def _rise(self, free: NDArray[np.intp], theta: Array, factors: Sequence[float]) -> float:
         """By how much -2 log likelihood rises if both have this plant."""
-        return sum(rise(fit, held_at(fit, free, theta[free])) for fit in self._both)
+        fits = zip(self._both, factors, strict=True)
+        return sum(rise(fit, held_at(fit, free, theta[free])) / factor for fit, factor in fits)
 
 
 def between(row: Row, begin: int, end: int) -> tuple[Piece, ...]:
@@ -186,7 +186,7 @@ class Moved:
         if found is None:
             return self
         place = round(found.time / h)
-        again = _two_fits(self.fit, place, sides.factor)
+        again = _two_fits(self.fit, place)
         return self if again is None else replace(self, place=place, sides=again)
 
     def stretch(self, begin: int, end: int) -> tuple[Piece, ...]:
@@ -197,7 +197,7 @@ class Moved:
         return max(parts, key=lambda pieces: sum(int(piece.valid.sum()) for piece in pieces))
 
 
-def likeliest_change(fit: RowFit, factor: float) -> Moved | None:
+def likeliest_change(fit: RowFit) -> Moved | None:
     """The instant at which two plants fit best by one step of Gauss and Newton from that of the whole record.
 
     None where no instant leaves enough on both sides.
@@ -215,13 +215,13 @@ def likeliest_change(fit: RowFit, factor: float) -> Moved | None:
     ]
     best = inner[int(np.argmax(gains))]
     place, ends = blocks[best + 1].begin, (blocks[best].begin, blocks[min(best + 2, len(blocks) - 1)].begin)
-    sides = _two_fits(fit, place, factor)
+    sides = _two_fits(fit, place)
     return None if sides is None else Moved(fit, place, ends, len(inner), sides)
 
 
-def _two_fits(fit: RowFit, place: int, factor: float) -> TwoFits | None:
+def _two_fits(fit: RowFit, place: int) -> TwoFits | None:
     total = sum(piece.y.size for piece in fit.row.pieces)
-    return TwoFits.of(fit, between(fit.row, 0, place), between(fit.row, place, total), factor)
+    return TwoFits.of(fit, between(fit.row, 0, place), between(fit.row, place, total))
 
 
 def _local(row: Row, place: int) -> tuple[Piece, int]:
@@ -282,8 +282,3 @@ def _correlation(signals: Sequence[Array]) -> float:
     power = sum(float(v @ v) for v in centred)
     return float(sum(v[1:] @ v[:-1] for v in centred) / max(power, levels.SMALLEST_VARIANCE))
 
-
-def _memory(x: Array) -> int:
-    """Order of the autoregression of x (n,)."""
-    largest = min(levels.CHANGE_LARGEST_ORDER, x.size // levels.BESIDE)
-    return choose_order([x - np.mean(x)], [np.ones(x.size, dtype=bool)], largest)

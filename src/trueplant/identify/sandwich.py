@@ -43,11 +43,16 @@ def needs_sandwich(tests: ResidualTests) -> bool:
 
 
 def sandwich_covariance(fit: RowFit) -> Array:
-    """Covariance (size, size) of theta, no standard error below that of the likelihood (Newey and West's weights)."""
-    n = fit.theta.size
-    covariance = _sandwich(fit, RESIDUAL_LAGS)[:n, :n]
+    """Covariance (size, size) of theta, no standard error below that of the likelihood."""
+    covariance = plant_covariance(fit)
     # Never less than the likelihood's: with few errors that are large the meat is itself poorly known.
     return np.asarray(covariance + np.diag(np.maximum(np.diag(fit.covariance) - np.diag(covariance), 0.0)))
+
+
+def plant_covariance(fit: RowFit) -> Array:
+    """Covariance (size, size) of theta as the errors have it (Newey and West's weights)."""
+    n = fit.theta.size
+    return np.asarray(_sandwich(fit, RESIDUAL_LAGS)[:n, :n])
 
 
 def noise_covariance(fit: RowFit) -> Array:

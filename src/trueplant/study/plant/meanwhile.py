@@ -24,15 +24,14 @@ class _Pair:
     fit: RowFit
     border: int
     """The first sample of the later one, over all pieces of `fit` on end."""
-    factor: float
 
 
 def changed_meanwhile(study: Study, estimates: Mapping[int, OutputEstimate], level: float) -> list[Reason]:
     """Disturbances and plants that were not the same throughout; each kind at `level` over the whole study."""
     pairs = [pair for i, estimate in estimates.items() for pair in _pairs(study, i, estimate)]
-    runs = [(i, estimate.factor, fit) for i, estimate in estimates.items() for _, fit in _experiments(estimate.fit)]
+    runs = [(i, fit) for i, estimate in estimates.items() for _, fit in _experiments(estimate.fit)]
     causes = [_disturbance(study, pair, level / len(pairs)) for pair in pairs]
-    causes += [_moved(study, i, likeliest_change(fit, factor), level / len(runs)) for i, factor, fit in runs]
+    causes += [_moved(study, i, likeliest_change(fit), level / len(runs)) for i, fit in runs]
     return [cause for cause in causes if cause is not None]
 
 
@@ -53,11 +52,11 @@ def _pairs(study: Study, i: int, estimate: OutputEstimate) -> Iterator[_Pair]:
     """Each later experiment beside the first; of one experiment its halves."""
     (first, own), *later = _experiments(estimate.fit)
     if not later:
-        yield _Pair(i, "second half", own, middle(own.row), estimate.factor)
+        yield _Pair(i, "second half", own, middle(own.row))
     border = sum(piece.y.size for piece in own.row.pieces)
     for k, _ in later:
         both = _part(estimate.fit, [first, k])
-        yield _Pair(i, study.project.experiments[k].name, both, border, estimate.factor)
+        yield _Pair(i, study.project.experiments[k].name, both, border)
 
 
 def _disturbance(study: Study, pair: _Pair, level: float) -> Reason | None:
@@ -66,7 +65,7 @@ def _disturbance(study: Study, pair: _Pair, level: float) -> Reason | None:
     The rival explanation is a plant that moved, at the instant that suits it best: each stretch is compared with what
     lies on one side of that instant.
     """
-    moved = likeliest_change(pair.fit, pair.factor)
+    moved = likeliest_change(pair.fit)
     if moved is None:
         return None
     found = _compared(pair, moved)
@@ -88,7 +87,7 @@ def _compared(pair: _Pair, moved: Moved) -> TwoFits | None:
     stretches = moved.stretch(0, pair.border), moved.stretch(pair.border, total)
     if min(sum(int(np.sum(piece.valid)) for piece in pieces) for pieces in stretches) < levels.FEWEST_ERRORS:
         return None
-    return TwoFits.of(pair.fit, *stretches, pair.factor)
+    return TwoFits.of(pair.fit, *stretches)
 
 
 def _moved(study: Study, i: int, moved: Moved | None, level: float) -> Reason | None:
