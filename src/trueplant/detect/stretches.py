@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm, rankdata
+from scipy.stats import chi2, norm, rankdata, t
 
 from trueplant.arrays import Array
 from trueplant.detect import levels
@@ -21,6 +21,7 @@ from trueplant.detect.causes import level_variance
 from trueplant.detect.change_point import change_point
 from trueplant.identify import RowFit, fit_row
 from trueplant.identify.covariance import inflation
+from trueplant.identify.estimate import fit_noise
 from trueplant.identify.fit import linearised, residuals
 from trueplant.identify.likelihood import held_at, rise
 from trueplant.identify.linear_algebra import inverse
@@ -43,15 +44,14 @@ class TwoFits:
         fits = [_alone(fit, pieces) for pieces in (one, other)]
         return None if fits[0] is None or fits[1] is None else cls(fits[0], fits[1])
 
-    @cached_property
-    def plant_p(self) -> float:
-        """p-value that the plant is the same in both, whatever the noise.
+    def plant_p(self, confidence: float) -> float:
+        """p-value that the plant is the same in both, whatever the noise; `confidence` as in `inflation`.
 
         The less convinced counts of two tests: Wald, which knows what errors of uneven size do, and the likelihood
         ratio, which does not take the likelihood to be a parabola.
         """
         free = np.flatnonzero(self.one.free & self.other.free)
-        factors = [inflation(fit, 0.95) for fit in self._both]
+        factors = [inflation(fit, confidence) for fit in self._both]
         weights = [
             inverse(factor * plant_covariance(fit)[np.ix_(free, free)])
             for factor, fit in zip(factors, self._both, strict=True)
@@ -76,8 +76,11 @@ class TwoFits:
         scores = norm.ppf(0.5 + ranks / (2 * (ranks.size + 1)))
         parts = scores[:count], scores[count:]
         apart = float(parts[1].mean() - parts[0].mean())
-        variance = sum(level_variance(part, levels.CHANGE_LARGEST_ORDER) for part in parts)
-        return float(2 * norm.sf(abs(apart) / np.sqrt(max(variance, levels.SMALLEST_VARIANCE))))
+        order = levels.CHANGE_LARGEST_ORDER
+        variances = np.array([max(level_variance(part, order), levels.SMALLEST_VARIANCE) for part in parts])
+        # A spectral density from an autoregression has n/(2 order) degrees of freedom (Berk 1974); Satterthwaite's sum.
+        freedom = variances.sum() ** 2 / sum(v**2 * 2 * order / part.size for v, part in zip(variances, parts, strict=True))
+        return float(2 * t.sf(abs(apart) / np.sqrt(variances.sum()), freedom))
 
     @cached_property
     def colour_p(self) -> float:
@@ -164,10 +167,9 @@ class Moved:
     """Instants."""
     sides: TwoFits
 
-    @property
-    def p_value(self) -> float:
+    def p_value(self, confidence: float) -> float:
         """That the plant is the same before and after, the search over the instants counted (Bonferroni)."""
-        return min(1.0, self.tried * self.sides.plant_p)
+        return min(1.0, self.tried * self.sides.plant_p(confidence))
 
     @property
     def time(self) -> float:
@@ -266,10 +268,16 @@ def _alone(fit: RowFit, pieces: Sequence[Piece]) -> RowFit | None:
     """A stretch fitted alone, without the samples that answer to what OP did before it."""
     if not pieces:
         return None
-    row = replace(fit.row, pieces=tuple(pieces)).without_unseen(fit.theta)
+    row = replace(fit.row, pieces=tuple(pieces))
     if sum(int(row.measured(k)[1].sum()) for k in range(len(pieces))) <= _fewest(fit):
         return None
-    return fit_row(row, fit.theta, fit.ar, free=fit.free)
+    row = row.without_unseen(fit.theta)
+    # A free response that a noise model cancels is left out (`identifiable_columns`), so that there can be a minimum with
+    # it and one without: hence a start from the noise of the whole, and one from that of the stretch with all of them.
+    still = fit_row(row, fit.theta, np.zeros(0), free=np.zeros(fit.theta.size, dtype=bool))
+    order = fit.ar.size
+    starts = [fit.ar, fit_noise(still, order, order)]
+    return min((fit_row(row, fit.theta, ar, free=fit.free) for ar in starts if ar.size == order), key=lambda f: f.cost)
 
 
 def _fewest(fit: RowFit) -> int:

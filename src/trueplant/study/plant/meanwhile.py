@@ -28,6 +28,8 @@ class _Pair:
 
 def changed_meanwhile(study: Study, estimates: Mapping[int, OutputEstimate], level: float) -> list[Reason]:
     """Disturbances and plants that were not the same throughout; each kind at `level` over the whole study."""
+    # without a noise model a record is free of noise, and what is left of it is rounding
+    estimates = {i: estimate for i, estimate in estimates.items() if estimate.fit.ar.size}
     pairs = [pair for i, estimate in estimates.items() for pair in _pairs(study, i, estimate)]
     runs = [(i, fit) for i, estimate in estimates.items() for _, fit in _experiments(estimate.fit)]
     causes = [_disturbance(study, pair, level / len(pairs)) for pair in pairs]
@@ -44,8 +46,7 @@ def _part(fit: RowFit, experiments: list[int]) -> RowFit:
     """A fit with the pieces of some experiments alone, in this order."""
     kept = [n for k in experiments for n, piece in enumerate(fit.row.pieces) if piece.experiment == k]
     row = replace(fit.row, pieces=tuple(fit.row.pieces[n] for n in kept))
-    count = sum(int(row.measured(n)[1].sum()) for n in range(len(kept)))
-    return fit if len(kept) == len(fit.row.pieces) else replace(fit, row=row, weights=fit.weights[kept], count=count)
+    return replace(fit, row=row, weights=fit.weights[kept])
 
 
 def _pairs(study: Study, i: int, estimate: OutputEstimate) -> Iterator[_Pair]:
@@ -92,11 +93,12 @@ def _compared(pair: _Pair, moved: Moved) -> TwoFits | None:
 
 def _moved(study: Study, i: int, moved: Moved | None, level: float) -> Reason | None:
     """The plant of an experiment was not the same before and after some instant, whatever the noise did."""
-    if moved is None or moved.p_value >= level:
+    p = 1.0 if moved is None else moved.p_value(study.project.analysis.confidence)
+    if moved is None or p >= level:
         return None
     message = (
         "the plant was not the same throughout the record: one plant suits it best until about "
-        f"t = {moved.refined().time:.4g}, and another from then on (p = {moved.p_value:.1g}, with a noise of its own for each). "
+        f"t = {moved.refined().time:.4g}, and another from then on (p = {p:.1g}, with a noise of its own for each). "
         "What is given for it here lies between the two; `trueplant track` says what has changed and since when"
     )
     experiment = study.project.experiments[moved.fit.row.pieces[0].experiment].name
