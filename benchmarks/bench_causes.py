@@ -27,10 +27,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from scipy.signal import lfilter
-from support.changing import changing_loop
-from support.simulated import BLT, WOOD_BERRY, coloured, random_switching
 
 import trueplant as tp
+from support.changing import changing_loop
+from support.simulated import BLT, WOOD_BERRY, coloured, random_switching
 from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix, to_formula
 from trueplant.notebook.loops import project_of
@@ -125,8 +125,10 @@ def two(changes: bool = False, colour: bool = False):
         if colour:
             v = np.column_stack([coloured(rng, n, 1, [1, -0.5], [1], 0.3)[:, 0], recoloured(rng, n, 0.3)[:, 0]])
         gain = 6.6 * np.where(np.arange(n) < n // 2, 1.0, 1.4)
-        return changing_loop(WOOD_BERRY, BLT, r, v, (1, 0), gain, 10.9, 7.4) if changes else simulate(
-            WOOD_BERRY, BLT, r, 1.0, v=v
+        return (
+            changing_loop(WOOD_BERRY, BLT, r, v, (1, 0), gain, 10.9, 7.4)
+            if changes
+            else simulate(WOOD_BERRY, BLT, r, 1.0, v=v)
         )
 
     return record

@@ -1,8 +1,8 @@
 """Two stretches of the same data: was the plant the same in both, was the noise?
 
-What a plant that moved leaves unexplained passes for another noise, and another noise for another plant. Each stretch is
-therefore fitted alone, plant, noise model and starts, and each question is put with the answer to the other left open.
-No error is taken to be normal or of one size: covariances are those of the sandwich, and sizes are compared by ranks.
+What a plant that moved leaves unexplained passes for another noise, and another noise for another plant. Each stretch
+is therefore fitted alone, plant, noise model and starts, and each question is put with the other one left open. No
+error is taken to be normal or of one size: covariances are those of the sandwich, and sizes are compared by ranks.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, norm, rankdata, t
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, IntArray
 from trueplant.detect import levels
 from trueplant.detect.causes import level_variance
 from trueplant.detect.change_point import change_point
@@ -23,9 +22,9 @@ from trueplant.identify import RowFit, fit_row
 from trueplant.identify.covariance import inflation
 from trueplant.identify.estimate import fit_noise
 from trueplant.identify.fit import linearised, residuals
+from trueplant.identify.levels import SAMPLES_PER_PARAMETER, UNDERMODELLED
 from trueplant.identify.likelihood import held_at, rise
 from trueplant.identify.linear_algebra import inverse
-from trueplant.identify.levels import SAMPLES_PER_PARAMETER, UNDERMODELLED
 from trueplant.identify.row import Piece, Row
 from trueplant.identify.sandwich import noise_covariance, plant_covariance
 from trueplant.identify.validate import residual_tests
@@ -79,7 +78,9 @@ class TwoFits:
         order = levels.CHANGE_LARGEST_ORDER
         variances = np.array([max(level_variance(part, order), levels.SMALLEST_VARIANCE) for part in parts])
         # A spectral density from an autoregression has n/(2 order) degrees of freedom (Berk 1974); Satterthwaite's sum.
-        freedom = variances.sum() ** 2 / sum(v**2 * 2 * order / part.size for v, part in zip(variances, parts, strict=True))
+        freedom = variances.sum() ** 2 / sum(
+            v**2 * 2 * order / part.size for v, part in zip(variances, parts, strict=True)
+        )
         return float(2 * t.sf(abs(apart) / np.sqrt(variances.sum()), freedom))
 
     @cached_property
@@ -130,10 +131,10 @@ class TwoFits:
     def _output_errors(self) -> list[list[Array]]:
         return [[v[np.isfinite(v)] for v, _, _ in residuals(fit)] for fit in self._both]
 
-    def _rise(self, free: NDArray[np.intp], theta: Array, factors: Sequence[float]) -> float:
+    def _rise(self, free: IntArray, theta: Array, factors: Sequence[float]) -> float:
         """By how much -2 log likelihood rises if both have this plant."""
         fits = zip(self._both, factors, strict=True)
-        return sum(rise(fit, held_at(fit, free, theta[free])) / factor for fit, factor in fits)
+        return float(sum(rise(fit, held_at(fit, free, theta[free])) / factor for fit, factor in fits))
 
 
 def between(row: Row, begin: int, end: int) -> tuple[Piece, ...]:
@@ -272,8 +273,8 @@ def _alone(fit: RowFit, pieces: Sequence[Piece]) -> RowFit | None:
     if sum(int(row.measured(k)[1].sum()) for k in range(len(pieces))) <= _fewest(fit):
         return None
     row = row.without_unseen(fit.theta)
-    # A free response that a noise model cancels is left out (`identifiable_columns`), so that there can be a minimum with
-    # it and one without: hence a start from the noise of the whole, and one from that of the stretch with all of them.
+    # A free response that a noise model cancels is left out (`identifiable_columns`): there can be a minimum with it and
+    # one without. Hence one start from the noise of the whole record, and one from that of the stretch.
     still = fit_row(row, fit.theta, np.zeros(0), free=np.zeros(fit.theta.size, dtype=bool))
     order = fit.ar.size
     starts = [fit.ar, fit_noise(still, order, order)]
@@ -289,4 +290,3 @@ def _correlation(signals: Sequence[Array]) -> float:
     centred = [v - v.mean() for v in signals if v.size]
     power = sum(float(v @ v) for v in centred)
     return float(sum(v[1:] @ v[:-1] for v in centred) / max(power, levels.SMALLEST_VARIANCE))
-

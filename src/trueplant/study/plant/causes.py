@@ -20,6 +20,9 @@ from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.meanwhile import changed_meanwhile
 from trueplant.study.study import Study
 
+TESTED = (Code.CAUSE_DISTURBANCE, Code.CAUSE_MOVED_MEANWHILE, Code.CAUSE_OPERATING_POINT)
+"""The causes with a test of their own; the others follow from verdicts, or from the test of valves."""
+
 
 def causes_of(
     study: Study, identified: Identified, found: Mapping[tuple[int, int], Found], elements: Sequence[Element]
@@ -30,7 +33,7 @@ def causes_of(
     """
     changed = [e for e in elements if e.verdict == ElementVerdict.CHANGED]
     estimates = {i: estimate for i, estimate in identified.estimates.items() if estimate.refuted is None}
-    level = levels.CAUSES * (1 - study.project.analysis.confidence) / 3
+    level = levels.CAUSES * (1 - study.project.analysis.confidence) / len(TESTED)
     causes = [*_saturated(study), *_valves(study, identified.valves), *changed_meanwhile(study, estimates, level)]
     causes += _levels(study, estimates, found, level)
     return causes + _plant(study, estimates, found, changed)

@@ -76,9 +76,9 @@ def _disturbance(study: Study, pair: _Pair, level: float) -> Reason | None:
         return None
     (std, now), (correlation, after) = found.std, found.correlation
     message = (
-        f"the disturbance has changed: its standard deviation was {std:.3g} and is {now:.3g} here, its correlation from "
-        f"one sample to the next was {correlation:.2g} and is {after:.2g} (p = {found.noise_p:.1g}, with a plant of its "
-        "own for each stretch). That by itself is no mismatch"
+        f"the disturbance has changed: its standard deviation was {std:.3g} and is {now:.3g} here, its correlation "
+        f"from one sample to the next was {correlation:.2g} and is {after:.2g} (p = {found.noise_p:.1g}, with a plant "
+        "of its own for each stretch). That by itself is no mismatch"
     )
     return Reason(Code.CAUSE_DISTURBANCE, message, f"{study.project.output_names[pair.output]}, {pair.name}")
 
