@@ -212,7 +212,7 @@ def main() -> None:
             right = np.array([ok for ok, _ in found]) & ~wrong
             which = Counter(code for _, codes in found for code in codes)
             said = ", ".join(f"{code} {count}" for code, count in which.most_common())
-            shares = [100 * x for x in (right.mean(), wrong.mean(), 1 - right.mean() - wrong.mean())]
+            shares = [100 * np.mean(x) for x in (right, wrong, ~right & ~wrong)]
             print(f"{name:32}{shares[0]:9.0f}{shares[1]:9.0f}{shares[2]:11.0f}  {said}", flush=True)
     print(f"{time.perf_counter() - begun:.0f} s")
 
