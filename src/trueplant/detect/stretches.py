@@ -19,7 +19,7 @@ from trueplant.detect import levels
 from trueplant.detect.causes import level_variance
 from trueplant.detect.change_point import change_point
 from trueplant.identify import RowFit, fit_row
-from trueplant.identify.covariance import inflation
+from trueplant.identify.covariance import inflation, scaled
 from trueplant.identify.estimate import fit_noise
 from trueplant.identify.fit import linearised, residuals
 from trueplant.identify.levels import SAMPLES_PER_PARAMETER, UNDERMODELLED
@@ -50,17 +50,19 @@ class TwoFits:
         ratio, which does not take the likelihood to be a parabola.
         """
         free = np.flatnonzero(self.one.free & self.other.free)
+        if not free.size:
+            return 1.0
         factors = [inflation(fit, confidence) for fit in self._both]
         weights = [
-            inverse(factor * plant_covariance(fit)[np.ix_(free, free)])
-            for factor, fit in zip(factors, self._both, strict=True)
+            inverse(scaled(plant_covariance(fit), factor)[np.ix_(free, free)])
+            for fit, factor in zip(self._both, factors, strict=True)
         ]
         moved = (self.other.theta - self.one.theta)[free]
         wald = float(moved @ inverse(inverse(weights[0]) + inverse(weights[1])) @ moved)
         mean = self.one.theta.copy()
         mean[free] += inverse(weights[0] + weights[1]) @ weights[1] @ moved
         risen = min(self._rise(free, theta, factors) for theta in (mean, self.one.theta, self.other.theta))
-        return float(chi2.sf(min(wald, risen), max(free.size, 1)))
+        return float(chi2.sf(min(wald, risen), free.size))
 
     @cached_property
     def size_p(self) -> float:
@@ -131,10 +133,10 @@ class TwoFits:
     def _output_errors(self) -> list[list[Array]]:
         return [[v[np.isfinite(v)] for v, _, _ in residuals(fit)] for fit in self._both]
 
-    def _rise(self, free: IntArray, theta: Array, factors: Sequence[float]) -> float:
+    def _rise(self, free: IntArray, theta: Array, factors: Sequence[Array]) -> float:
         """By how much -2 log likelihood rises if both have this plant."""
         fits = zip(self._both, factors, strict=True)
-        return float(sum(rise(fit, held_at(fit, free, theta[free])) / factor for fit, factor in fits))
+        return float(sum(rise(fit, held_at(fit, free, theta[free])) / np.mean(factor[free]) for fit, factor in fits))
 
 
 def between(row: Row, begin: int, end: int) -> tuple[Piece, ...]:
