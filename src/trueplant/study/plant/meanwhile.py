@@ -94,7 +94,7 @@ def _compared(pair: _Pair, moved: Moved) -> TwoFits | None:
 def _moved(study: Study, i: int, moved: Moved | None, level: float) -> Reason | None:
     """The plant of an experiment was not the same before and after some instant, whatever the noise did."""
     p = 1.0 if moved is None else moved.p_value(study.project.analysis.confidence)
-    if moved is None or p >= level:
+    if moved is None or not p < level:
         return None
     message = (
         "the plant was not the same throughout the record: one plant suits it best until about "
