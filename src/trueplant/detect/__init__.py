@@ -1,12 +1,6 @@
 """Which elements changed, and whether it matters."""
 
-from trueplant.detect.causes import (
-    CommonFactor,
-    NoiseChange,
-    common_factors,
-    level_variance,
-    noise_change,
-)
+from trueplant.detect.causes import CommonFactor, common_factors, level_variance
 from trueplant.detect.correlation import cross_correlation, partial_correlation
 from trueplant.detect.detectable import detectable_change
 from trueplant.detect.elements import Found, elements_found, judge_elements, verdicts
@@ -16,6 +10,7 @@ from trueplant.detect.ratio import plant_model_ratio
 from trueplant.detect.sensitivity import nominal_sensitivity
 from trueplant.detect.signals import Detection, Signals, signals_of
 from trueplant.detect.stepwise import stepwise
+from trueplant.detect.stretches import Moved, TwoFits, likeliest_change, middle
 from trueplant.detect.verdict import (
     Evidence,
     ParameterVerdict,
@@ -33,9 +28,10 @@ __all__ = [
     "Detection",
     "Evidence",
     "Found",
-    "NoiseChange",
+    "Moved",
     "ParameterVerdict",
     "Signals",
+    "TwoFits",
     "Verdict",
     "common_factors",
     "cross_correlation",
@@ -48,7 +44,8 @@ __all__ = [
     "judge",
     "judge_elements",
     "level_variance",
-    "noise_change",
+    "likeliest_change",
+    "middle",
     "nominal_sensitivity",
     "one_class",
     "partial_correlation",

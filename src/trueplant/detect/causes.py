@@ -1,8 +1,7 @@
-"""Tests that distinguish causes: common factors of gains, a changed disturbance, a shifted level."""
+"""Tests that distinguish causes: common factors of gains, a shifted level."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,45 +53,6 @@ def common_factors(ratio: Array, covariance: Array, present: NDArray[np.bool_], 
         if p_equal >= level:
             found.append(CommonFactor(kind, k, factor, float(weights.sum() ** -0.5), p_equal))
     return found
-
-
-@dataclass(frozen=True)
-class NoiseChange:
-    """How the disturbance of one stretch of data differs from that of another."""
-
-    p_value: float
-    std: tuple[float, float]
-    """Standard deviations before and after."""
-    correlation: tuple[float, float]
-    """From one sample to the next, before and after."""
-
-
-def noise_change(before: Sequence[Array], after: Sequence[Array], order: int) -> NoiseChange:
-    """Do two groups of output errors (N,) come from the same autoregressive process of this order?
-
-    Likelihood ratio of one noise model for each against one for both: chi-square with order + 1 degrees of freedom.
-    """
-    groups = [[np.asarray(x - np.mean(x)) for x in group] for group in (before, after)]
-    own = [_innovations(group, group, order) for group in groups]
-    both = [*groups[0], *groups[1]]
-    pooled = _innovations(both, both, order)
-    power = [sum(float(e @ e) for e in es) for es in own]
-    count = [sum(e.size for e in es) for es in own]
-    joint = sum(float(e @ e) for e in pooled)
-    separate = sum(n * np.log(max(s, 1e-300) / n) for s, n in zip(power, count, strict=True))
-    ratio = sum(count) * np.log(max(joint, 1e-300) / sum(count)) - separate
-    std = [float(np.sqrt(np.mean(np.concatenate(group) ** 2))) for group in groups]
-    correlation = [
-        float(sum(x[1:] @ x[:-1] for x in group) / max(sum(float(x @ x) for x in group), 1e-300)) for group in groups
-    ]
-    p = float(chi2.sf(max(ratio, 0.0), order + 1))
-    return NoiseChange(p, (std[0], std[1]), (correlation[0], correlation[1]))
-
-
-def _innovations(train: Sequence[Array], signals: Sequence[Array], order: int) -> list[Array]:
-    valid = [np.ones(x.size, dtype=bool) for x in train]
-    ar = fit_ar(list(train), valid, order)[0]
-    return [np.asarray(whiten(ar, x)) for x in signals]
 
 
 def level_variance(v: Array, order: int) -> float:

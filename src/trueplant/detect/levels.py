@@ -23,7 +23,8 @@ CLOSER_PASS = 40
 CHANGE_ROUNDS = 4
 """Rounds in which the instant, the parameters and the noise model are estimated in turn, at most."""
 CHANGE_LARGEST_ORDER = 15
-"""Order of the noise model, at most: the errors are filtered at every instant that is tried."""
+"""Order of the noise model, at most: the errors are filtered at every instant that is tried. Of the autoregression of
+sizes of errors, from which the variance of their mean is: bursts of some ten samples are within its reach."""
 BESIDE = 10
 """Prediction errors on each side of the instant, at least."""
 CHANGE_SETTLED = 1e-3

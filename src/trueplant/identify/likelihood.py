@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, fit_row
 
@@ -33,7 +33,7 @@ def ratio_p(rise: float, freedom: int) -> float:
     return float(chi2.sf(max(rise, 0.0), freedom))
 
 
-def held_at(fit: RowFit, index: Array, values: Array) -> RowFit:
+def held_at(fit: RowFit, index: Array | IntArray, values: Array) -> RowFit:
     """The fit with theta[index] held at these values, as far as the bounds let them be."""
     theta, free = fit.theta.copy(), fit.free.copy()
     low, high = fit.row.bounds()

@@ -43,18 +43,37 @@ def needs_sandwich(tests: ResidualTests) -> bool:
 
 
 def sandwich_covariance(fit: RowFit) -> Array:
-    """Covariance (size, size) of theta, no standard error below that of the likelihood (Newey and West's weights)."""
+    """Covariance (size, size) of theta, no standard error below that of the likelihood."""
+    covariance = plant_covariance(fit)
+    # Never less than the likelihood's: with few errors that are large the meat is itself poorly known.
+    return np.asarray(covariance + np.diag(np.maximum(np.diag(fit.covariance) - np.diag(covariance), 0.0)))
+
+
+def plant_covariance(fit: RowFit) -> Array:
+    """Covariance (size, size) of theta as the errors have it (Newey and West's weights)."""
+    n = fit.theta.size
+    return np.asarray(_sandwich(fit, RESIDUAL_LAGS)[:n, :n])
+
+
+def noise_covariance(fit: RowFit) -> Array:
+    """Covariance (order, order) of the coefficients of the noise model, for prediction errors of uneven size.
+
+    Without lags: what is left of colour is what the coefficients are about.
+    """
+    n = fit.theta.size
+    return np.asarray(_sandwich(fit, 0)[n:, n:])
+
+
+def _sandwich(fit: RowFit, most_lags: int) -> Array:
+    """Covariance (size + order, size + order) of theta and the noise model."""
     size = fit.theta.size + fit.ar.size
     meat = np.zeros((size, size))
     for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
         scores = piece.jacobian * piece.errors
         meat += scores @ scores.T
-        lags = min(RESIDUAL_LAGS, piece.errors.size // 10)
+        lags = min(most_lags, piece.errors.size // 10)
         for lag in range(1, lags + 1):
             product = scores[:, lag:] @ scores[:, :-lag].T
             meat += (1 - lag / (lags + 1)) * (product + product.T)
     bread = inverse(fit.information)
-    n = fit.theta.size
-    covariance = (bread @ meat @ bread)[:n, :n] * fit.count / fit.left
-    # Never less than the likelihood's: with few errors that are large the meat is itself poorly known.
-    return np.asarray(covariance + np.diag(np.maximum(np.diag(fit.covariance) - np.diag(covariance), 0.0)))
+    return np.asarray((bread @ meat @ bread) * fit.count / fit.left)

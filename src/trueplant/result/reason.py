@@ -59,6 +59,7 @@ class Code(StrEnum):
     CAUSE_VALVE_SATURATED = "cause-valve-saturated", "an actuator at its limit"
     CAUSE_OPERATING_POINT = "cause-operating-point", "a sensor's bias, or a load that came to stay"
     CAUSE_DISTURBANCE = "cause-disturbance", "the disturbance, not the plant"
+    CAUSE_MOVED_MEANWHILE = "cause-moved-meanwhile", "the plant was not the same throughout the record"
     CAUSE_UNKNOWN = "cause-unknown", "the data cannot say which"
 
 

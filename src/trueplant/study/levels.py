@@ -132,8 +132,9 @@ MISDESCRIBED = 1e-3
 
 # -- plant/causes ----------------------------------------------------------------------------------------------------
 
-DISTURBANCE_CHANGED = 1e-3
-"""Significance from which a disturbance counts as changed."""
+CAUSES = 0.2
+"""Part of the chance of a false alarm that a verdict may have, 1 - confidence, which all causes with a test of their
+own share alike over the whole study: as much as structures get."""
 FEWEST_ERRORS = 200
 """Prediction errors of a stretch below which its disturbance is not compared."""
 WORTH_SAYING_AT_LIMIT = 0.02

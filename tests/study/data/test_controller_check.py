@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -72,7 +73,8 @@ def test_the_gains_and_times_found_are_those_of_the_law():
     errors = {r.name: r.std_error for r in wrong.ratios}
     for name, true in {"gain": 1 / 0.8, "integral time": 1 / 1.5, "derivative time": 1.0}.items():
         assert found[name] == pytest.approx(true, abs=4 * errors[name]), wrong.message
-    assert "throughout" in wrong.message
+    assert "is not what was declared" in wrong.message and "throughout" in wrong.message
+    assert "has changed" not in wrong.message
 
 
 @pytest.mark.parametrize(("pv_digits", "op_digits"), [(0.01, 0.01), (0.2, 0.1), (0.5, 0.1)])
@@ -93,16 +95,21 @@ def test_the_standard_errors_know_the_rounding(pv_digits, op_digits):
         assert np.sum(np.abs(z) > 3) <= 2, name
 
 
-def test_another_tuning_is_dated():
-    before = Loop(PI, seed=7)
-    after = replace(before, law=replace(PI, Kc=2.6), seed=8)
-    first, second = before.record(), after.record()
-    frame = pl.concat([first, second.with_columns(pl.col("t") + before.samples)])
-    found = checked(before, frame)
+@pytest.mark.parametrize("declared_first", [True, False])
+def test_another_tuning_is_dated(declared_first):
+    """That a controller has changed is said where one part of the record is as declared, and another is not."""
+    declared = Loop(PI, seed=7)
+    other = replace(declared, law=replace(PI, Kc=2.6), seed=8)
+    first, second = (loop.record() for loop in ((declared, other) if declared_first else (other, declared)))
+    frame = pl.concat([first, second.with_columns(pl.col("t") + declared.samples)])
+    found = checked(declared, frame)
     assert found.confirmed is False
-    assert found.since == pytest.approx(before.samples, abs=200)
+    assert found.message.startswith("the controller has changed: ")
+    at = float(re.search(r"until t = (\d+)" if declared_first else r"from t = (\d+) on the declared", found.message)[1])
+    assert at == pytest.approx(declared.samples, abs=200)
+    assert found.since == (at if declared_first else None)
     assert ratios(found)["gain"] > 1.05
-    assert "from then on it is gain 1.30" in found.message
+    assert "it is gain 1.30" in found.message
 
 
 @pytest.mark.parametrize(("on", "words"), [("pv", "the derivative on PV"), ("error", "the derivative on the error")])

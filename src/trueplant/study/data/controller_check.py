@@ -14,7 +14,7 @@ from trueplant.record import Segment
 from trueplant.record.sensor import update_every
 from trueplant.result import ControllerCheck, LawRatio
 from trueplant.study import levels
-from trueplant.study.data.law_judged import Judged, Ratio, judged, since
+from trueplant.study.data.law_judged import Judged, Ratio, judged, parted
 from trueplant.study.data.law_windows import Stretch
 from trueplant.study.data.op_law import written_from_samples
 from trueplant.study.study import Study
@@ -62,17 +62,22 @@ def _entry(study: Study, k: int, name: str, controller: Controller, i: int) -> C
 def _denied(
     study: Study, said: ControllerCheck, found: Judged, written: _Written, controller: Controller, i: int
 ) -> ControllerCheck:
-    """What wrote OP instead, and from when on."""
-    text = "the declared controller does not reproduce OP: "
-    then = since(found)
-    if then is not None:
-        at, ratios = then
-        text += f"until t = {at:g} it does, from then on it is {_words(_ratios(study, ratios))}"
-        return replace(said, confirmed=False, message=text, since=at)
+    """What wrote OP instead: one law throughout, else the declared one in a part of the record and another in the rest.
+
+    Only the latter is a controller that has changed.
+    """
+    text = "the controller is not what was declared, which does not reproduce OP: "
     for words, other in _others(controller, i):
         instead = judged(written.stretches, other, i, written.scale)
         if instead is not None and instead.confirmed:
             return replace(said, confirmed=False, message=f"{text}it does {words}, with the gains and times declared")
+    then = parted(found) if found.left > found.allowed else None
+    if then is not None:
+        when = f"until t = {then.at:g}", f"from t = {then.at:g} on"
+        own, rest = when if then.declared_first else when[::-1]
+        law = _words(_ratios(study, then.ratios))
+        message = f"the controller has changed: {own} the declared one reproduces OP, {rest} it is {law}"
+        return replace(said, confirmed=False, message=message, since=then.at if then.declared_first else None)
     if found.off:
         text += f"{_words(said.ratios)}, throughout"
         return replace(said, confirmed=False, message=text)

@@ -177,26 +177,41 @@ def ratios_of(labels: Sequence[Label], fit: Fit) -> tuple[Ratio, ...]:
     return tuple(found)
 
 
-def since(found: Judged) -> tuple[float, tuple[Ratio, ...]] | None:
-    """From when on the law is another one, and which, if it was as declared until then; else None.
+@dataclass(frozen=True)
+class Parted:
+    """A record that the declared law wrote up to a moment or from it on, and another law the rest of it."""
 
-    The record is parted where the declared law before and the best gains after miss OP least together.
-    """
+    at: float
+    declared_first: bool
+    ratios: tuple[Ratio, ...]
+    """Of the other law."""
+
+
+def parted(found: Judged) -> Parted | None:
+    """The moment at which the declared law became another one, or another one the declared law; None if neither."""
+    return _parted(found, True) or _parted(found, False)
+
+
+def _parted(found: Judged, declared_first: bool) -> Parted | None:
+    """Parted where the declared law on one side and the best gains on the other miss OP least together."""
     windows = found.windows
     n, m = len(windows), len(windows.labels)
     cuts = np.arange(levels.LAW_BEFORE, n - levels.LAW_BEFORE + 1)
     if not cuts.size:
         return None
-    missed = np.concatenate([[0.0], np.cumsum(windows.missed())])
+    way = slice(None) if declared_first else slice(None, None, -1)
+    missed = np.concatenate([[0.0], np.cumsum(windows.missed()[way])])
     gram, moment, power = (
-        np.concatenate([np.cumsum(x[::-1], axis=0)[::-1], np.zeros((1, *x.shape[1:]))])
+        np.concatenate([np.cumsum(x[way][::-1], axis=0)[::-1], np.zeros((1, *x.shape[1:]))])
         for x in (windows.gram, windows.moment, windows.power)
     )
     G = gram[cuts] + np.finfo(float).eps * np.trace(gram[0]) * np.eye(m)
     gains = np.linalg.solve(G, moment[cuts][..., None])[..., 0]
-    at = int(cuts[np.argmin(missed[cuts] + power[cuts] - np.sum(gains * moment[cuts], axis=1))])
-    before, after = windows.fit(slice(0, at)), windows.fit(slice(at, None))
-    ratios = ratios_of(windows.labels, before)
-    right = not any(r.off for r in ratios) and all_known(ratios) and before.rms <= found.allowed
-    changed = ratios_of(windows.labels, after)
-    return (float(windows.start[at]), changed) if right and any(r.off for r in changed) else None
+    best = int(cuts[np.argmin(missed[cuts] + power[cuts] - np.sum(gains * moment[cuts], axis=1))])
+    at = best if declared_first else n - best
+    sides = slice(0, at), slice(at, None)
+    declared, other = (windows.fit(side) for side in (sides if declared_first else sides[::-1]))
+    ratios = ratios_of(windows.labels, declared)
+    right = not any(r.off for r in ratios) and all_known(ratios) and declared.rms <= found.allowed
+    changed = ratios_of(windows.labels, other)
+    return Parted(float(windows.start[at]), declared_first, changed) if right and any(r.off for r in changed) else None

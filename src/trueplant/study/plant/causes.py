@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import norm
 
 from trueplant.arrays import Array
-from trueplant.detect import CommonFactor, Found, common_factors, level_variance, noise_change
+from trueplant.detect import CommonFactor, Found, common_factors, level_variance
 from trueplant.identify import FoundValve, OutputEstimate
 from trueplant.identify.fit import residuals
 from trueplant.identify.row import Piece
@@ -17,7 +17,11 @@ from trueplant.record import Segment
 from trueplant.result import Code, Element, ElementVerdict, Reason
 from trueplant.study import levels
 from trueplant.study.plant.identified import Identified
+from trueplant.study.plant.meanwhile import changed_meanwhile
 from trueplant.study.study import Study
+
+TESTED = (Code.CAUSE_DISTURBANCE, Code.CAUSE_MOVED_MEANWHILE, Code.CAUSE_OPERATING_POINT)
+"""The causes with a test of their own; the others follow from verdicts, or from the test of valves."""
 
 
 def causes_of(
@@ -29,8 +33,9 @@ def causes_of(
     """
     changed = [e for e in elements if e.verdict == ElementVerdict.CHANGED]
     estimates = {i: estimate for i, estimate in identified.estimates.items() if estimate.refuted is None}
-    causes = [*_saturated(study), *_valves(study, identified.valves), *_disturbances(study, estimates)]
-    causes += _levels(study, estimates, found)
+    level = levels.CAUSES * (1 - study.project.analysis.confidence) / len(TESTED)
+    causes = [*_saturated(study), *_valves(study, identified.valves), *changed_meanwhile(study, estimates, level)]
+    causes += _levels(study, estimates, found, level)
     return causes + _plant(study, estimates, found, changed)
 
 
@@ -71,50 +76,11 @@ def _valves(study: Study, valves: Mapping[int, FoundValve]) -> list[Reason]:
     return causes
 
 
-def _groups(estimate: OutputEstimate) -> list[tuple[str, list[Array]]]:
-    """Output errors to be compared: those of each experiment, with one experiment of its first and second half."""
-    pieces = estimate.row.pieces
-    errors = [v[np.isfinite(v)] for v, _, _ in residuals(estimate.fit)]
-    experiments = sorted({p.experiment for p in pieces})
-    if len(experiments) > 1:
-        return [
-            (str(k), [v for v, p in zip(errors, pieces, strict=True) if p.experiment == k and v.size])
-            for k in experiments
-        ]
-    longest = max(errors, key=len)
-    half = longest.size // 2
-    return [("first half", [longest[:half]]), ("second half", [longest[half:]])]
-
-
-def _disturbances(study: Study, estimates: Mapping[int, OutputEstimate]) -> list[Reason]:
-    """Where the noise model of a later stretch is not that of the first one."""
-    causes = []
-    for i, estimate in estimates.items():
-        if estimate.runs is not None and not estimate.runs.agree:
-            continue  # the plants differ: what they leave unexplained does too
-        order = max(estimate.fit.ar.size, 1)
-        groups = [(name, vs) for name, vs in _groups(estimate) if sum(v.size for v in vs) >= levels.FEWEST_ERRORS]
-        for name, later in groups[1:]:
-            change = noise_change(groups[0][1], later, order)
-            if change.p_value * len(estimates) * (len(groups) - 1) >= levels.DISTURBANCE_CHANGED:
-                continue
-            where = name if name == "second half" else study.project.experiments[int(name)].name
-            (std, now), (correlation, after) = change.std, change.correlation
-            message = (
-                f"the disturbance has changed: its standard deviation was {std:.3g} and is {now:.3g} here, its "
-                f"correlation from one sample to the next was {correlation:.2g} and is {after:.2g} "
-                f"(p = {change.p_value:.1g}). That by itself is no mismatch"
-            )
-            causes.append(Reason(Code.CAUSE_DISTURBANCE, message, f"{study.project.output_names[i]}, {where}"))
-    return causes
-
-
 def _levels(
-    study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[tuple[int, int], Found]
+    study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[tuple[int, int], Found], level: float
 ) -> list[Reason]:
     """Where PV sits at another level than in the first experiment, for the same OP."""
     sizes, places = [], []
-    level = 1 - study.project.analysis.confidence
     for i, estimate in estimates.items():
         if any(spec.structure.integrators for spec in estimate.row.specs):
             continue
@@ -129,7 +95,7 @@ def _levels(
             if 2 * norm.sf(abs(shift) / max(sigma, 1e-300)) * len(rest) * len(estimates) >= level:
                 continue
             unit = study.project.outputs[i].unit
-            half = norm.isf(level / 2) * sigma
+            half = norm.isf((1 - study.project.analysis.confidence) / 2) * sigma
             sizes.append(f"{shift:+.3g} ± {half:.2g} {unit}".rstrip())
             places.append(f"{study.project.output_names[i]}, {study.project.experiments[k].name}")
     if not places:

@@ -1,0 +1,105 @@
+"""What changed between stretches of the same data: the plant, the noise, or both; each said only against the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trueplant.detect import Moved, TwoFits, likeliest_change, middle
+from trueplant.identify import OutputEstimate, RowFit
+from trueplant.result import Code, Reason
+from trueplant.study import levels
+from trueplant.study.study import Study
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """Two stretches of one output whose noise is compared."""
+
+    output: int
+    name: str
+    """Of the later one."""
+    fit: RowFit
+    border: int
+    """The first sample of the later one, over all pieces of `fit` on end."""
+
+
+def changed_meanwhile(study: Study, estimates: Mapping[int, OutputEstimate], level: float) -> list[Reason]:
+    """Disturbances and plants that were not the same throughout; each kind at `level` over the whole study."""
+    # without a noise model a record is free of noise, and what is left of it is rounding
+    estimates = {i: estimate for i, estimate in estimates.items() if estimate.fit.ar.size}
+    pairs = [pair for i, estimate in estimates.items() for pair in _pairs(study, i, estimate)]
+    runs = [(i, fit) for i, estimate in estimates.items() for _, fit in _experiments(estimate.fit)]
+    causes = [_disturbance(study, pair, level / len(pairs)) for pair in pairs]
+    causes += [_moved(study, i, likeliest_change(fit), level / len(runs)) for i, fit in runs]
+    return [cause for cause in causes if cause is not None]
+
+
+def _experiments(fit: RowFit) -> list[tuple[int, RowFit]]:
+    """The experiments with their pieces, at the plant of all of them."""
+    return [(k, _part(fit, [k])) for k in sorted({piece.experiment for piece in fit.row.pieces})]
+
+
+def _part(fit: RowFit, experiments: list[int]) -> RowFit:
+    """A fit with the pieces of some experiments alone, in this order."""
+    kept = [n for k in experiments for n, piece in enumerate(fit.row.pieces) if piece.experiment == k]
+    row = replace(fit.row, pieces=tuple(fit.row.pieces[n] for n in kept))
+    return replace(fit, row=row, weights=fit.weights[kept])
+
+
+def _pairs(study: Study, i: int, estimate: OutputEstimate) -> Iterator[_Pair]:
+    """Each later experiment beside the first; of one experiment its halves."""
+    (first, own), *later = _experiments(estimate.fit)
+    if not later:
+        yield _Pair(i, "second half", own, middle(own.row))
+    border = sum(piece.y.size for piece in own.row.pieces)
+    for k, _ in later:
+        both = _part(estimate.fit, [first, k])
+        yield _Pair(i, study.project.experiments[k].name, both, border)
+
+
+def _disturbance(study: Study, pair: _Pair, level: float) -> Reason | None:
+    """The noise of the later stretch is another one, whatever the plant did meanwhile.
+
+    The rival explanation is a plant that moved, at the instant that suits it best: each stretch is compared with what
+    lies on one side of that instant.
+    """
+    moved = likeliest_change(pair.fit)
+    if moved is None:
+        return None
+    found = _compared(pair, moved)
+    if found is not None and found.noise_p < level:
+        found = _compared(pair, moved.refined())
+    if found is None or not found.noise_p < level or not found.explained:
+        return None
+    (std, now), (correlation, after) = found.std, found.correlation
+    message = (
+        f"the disturbance has changed: its standard deviation was {std:.3g} and is {now:.3g} here, its correlation "
+        f"from one sample to the next was {correlation:.2g} and is {after:.2g} (p = {found.noise_p:.1g}, with a plant "
+        "of its own for each stretch). That by itself is no mismatch"
+    )
+    return Reason(Code.CAUSE_DISTURBANCE, message, f"{study.project.output_names[pair.output]}, {pair.name}")
+
+
+def _compared(pair: _Pair, moved: Moved) -> TwoFits | None:
+    total = sum(piece.y.size for piece in pair.fit.row.pieces)
+    stretches = moved.stretch(0, pair.border), moved.stretch(pair.border, total)
+    if min(sum(int(np.sum(piece.valid)) for piece in pieces) for pieces in stretches) < levels.FEWEST_ERRORS:
+        return None
+    return TwoFits.of(pair.fit, *stretches)
+
+
+def _moved(study: Study, i: int, moved: Moved | None, level: float) -> Reason | None:
+    """The plant of an experiment was not the same before and after some instant, whatever the noise did."""
+    p = 1.0 if moved is None else moved.p_value(study.project.analysis.confidence)
+    if moved is None or not p < level:
+        return None
+    message = (
+        "the plant was not the same throughout the record: one plant suits it best until about "
+        f"t = {moved.refined().time:.4g}, and another from then on (p = {p:.1g}, with a noise of its own for each). "
+        "What is given for it here lies between the two; `trueplant track` says what has changed and since when"
+    )
+    experiment = study.project.experiments[moved.fit.row.pieces[0].experiment].name
+    return Reason(Code.CAUSE_MOVED_MEANWHILE, message, f"{study.project.output_names[i]}, {experiment}")
