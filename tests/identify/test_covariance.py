@@ -77,8 +77,8 @@ def test_noise_that_is_white_or_long_known_widens_nothing():
 def test_intervals_of_gains_cover_under_slow_noise():
     """400 records of 600 samples under AR(1) noise with the pole 0.97.
 
-    356 or more covered (89 %) passes with 0.998 at a coverage of 92 %, which is what the first order leaves where the
-    record holds so few time constants of its noise, and with 0.01 at the 85 % of the curvature alone.
+    356 or more covered (89 %) passes with 0.99 at a coverage of 92 %, which is what the first order leaves where the
+    record holds so few time constants of its noise, and with 0.01 at 85 %.
     """
     z = norm.ppf(0.975)
     fits = [fitted(100 + seed, 0.97, 1) for seed in range(400)]
