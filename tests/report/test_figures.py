@@ -13,6 +13,7 @@ from trueplant.report.decimate import compact, merged, min_max
 from trueplant.report.numbers import number, percentage, probability, to_precision
 from trueplant.report.tables import comparison, parameter_row, percent_scale
 from trueplant.result import Curves, MethodElement, MethodParameter, Methods, Parameter
+from trueplant.result.codec import build, plain
 
 
 @pytest.fixture(scope="module")
@@ -247,3 +248,13 @@ def test_what_could_hide_a_large_change_is_not_called_unchanged():
     assert parameter_row(wide, 30.0).answer == "no change told"
     narrow = Parameter("gain1", "%", 4.0, 3.9, 0.1, (3.7, 4.1), -2.5, 0.3, 1.0, False)
     assert parameter_row(narrow, 30.0).answer == "unchanged"
+
+
+def test_a_saved_result_without_a_response_is_drawn_again(curves):
+    """JSON keeps no shape of an array that is empty."""
+    nothing = dataclasses.replace(
+        curves, np_w=np.zeros(0), np_value=np.zeros((0, 1, 1), dtype=complex), np_std=np.zeros((0, 1, 1))
+    )
+    again = build(Curves, plain(nothing))
+    assert again.np_value.shape == (0,)
+    assert len(figures.bode(again, 0, 0, 1.96).data) == len(figures.bode(nothing, 0, 0, 1.96).data)

@@ -23,14 +23,22 @@ def inflation(fit: RowFit, confidence: float) -> Array:
     parameter, operating point and initial state, so that the noise looks smaller than it is; the restricted likelihood
     (Patterson and Thompson 1971) takes that back, here to first order. What is still not known of a gives the degrees
     of freedom of Student's quantile (Satterthwaite's rule, as in Kenward and Roger 1997).
+
+    Slow noise is no autoregression for certain. Under AR(1) noise with the pole 1 - A a level is known from the record
+    as well as from N A^2 white errors, and the variance of rho'a is 2/(N A): by that A each parameter has errors of its
+    own, of which the fit takes one for each unknown. At least half are taken to be left: of noise that wanders without
+    end the level tells nothing, and the parameters are then known from faster changes.
     """
     told = Told.of(fit)
     spread = fit.variance * inverse(fit.information)[fit.theta.size :, fit.theta.size :]
     smaller = 2 * told.rho @ spread @ told.taken
-    variance = 4 * np.einsum("ik,kl,il->i", told.rho, spread, told.rho) + 2 / fit.left
+    uncertain = np.einsum("ik,kl,il->i", told.rho, spread, told.rho)
+    known = fit.count * np.minimum((2 / fit.count / np.maximum(uncertain, 1 / fit.count)) ** 2, 1.0)
+    left = np.maximum(known - int(fit.free.sum()) - fit.row.nuisance_count, known / 2)
     tail = 0.5 + confidence / 2
-    quantile = t.ppf(tail, np.maximum(2 / variance, levels.FEWEST_FREEDOM)) / norm.ppf(tail)
-    return np.asarray(np.exp(np.clip(smaller, 0.0, levels.LARGEST_EXPONENT)) * quantile**2)
+    freedom = np.maximum(2 / (4 * uncertain + 2 / fit.left), levels.FEWEST_FREEDOM)
+    quantile = t.ppf(tail, freedom) / norm.ppf(tail)
+    return np.asarray(np.exp(np.clip(smaller, 0.0, levels.LARGEST_EXPONENT)) * quantile**2 * known / left)
 
 
 def scaled(covariance: Array, factors: Array) -> Array:

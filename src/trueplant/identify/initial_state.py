@@ -73,12 +73,9 @@ class Past(NamedTuple):
     """What is not known of a piece's past, and how far it can have moved PV."""
 
     starts: IntArray
-    """Samples from which on the inputs are known: the first one unless the piece begins at rest, ends of gaps; and
-    those from which on a load moves PV."""
-    loads: int
-    """How many of the starts, the last ones, are loads."""
+    """Samples from which on the inputs are known: the first one unless the piece begins at rest, ends of gaps."""
     jumps: IntArray
-    """Samples from which on a disturbance, or a load, holds the output at another level."""
+    """Samples from which on a disturbance holds the output at another level."""
     size: int
     """Samples of the piece, of which each `every`-th is seen."""
     every: int
@@ -123,9 +120,8 @@ def _unknown(theta: Array, modes: Modes, past: Past, span: float) -> tuple[Array
             _pair(theta[place], theta[place + 1], t, responses, slopes)
             row, derivative = row + 2, derivative + 4
         for _ in modes.integrating:
-            # At the start OP's operating point is not known, and so a drift, as under a load; after a gap the level.
-            drifts = past.starts[k] == 0 or k >= starts - past.loads
-            rows[row, seen:] = t / span if drifts else np.ones(t.size)
+            # At the start OP's operating point is not known; after a gap the level.
+            rows[row, seen:] = np.ones(t.size) if past.starts[k] > 0 else t / span
             row += 1
         largest[1 + k * count : row] = np.maximum(_largest(theta, modes, past, span), past.spread)
     for k in range(jumps):

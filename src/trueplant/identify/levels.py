@@ -74,8 +74,8 @@ SECOND_LAGS = (0.2, 0.7, 5.0)
 PAIR_DAMPINGS = (0.3, 0.7)
 """Damping ratios from which searches of complex pairs begin."""
 RICHER_LAGS = (0.3, 3.0, 10.0, 30.0)
-"""Time constants, relative to the lag of an element, of what a structure that is too simple may lack where valves and
-load steps are looked for."""
+"""Time constants, relative to the lag of an element, of what a structure that is too simple may lack where a valve is
+looked for."""
 POLISHED_STEPS = 60
 """Of the fit that goes on."""
 STRUCTURE_SHARE = 0.2
@@ -163,16 +163,6 @@ NOISE_SHIFT_ERRORS, NOISE_SHIFT_SHARE = 3.0, 3.0
 """A parameter depends on the noise model if another order moves it by more than three standard errors and by more than
 a third of its size."""
 
-LOAD_STEP = 0.01
-"""Chance that a load step is read into the record of an output that has none."""
-MOST_LOADS = 10
-"""Load steps in one output's record, at most: more of them are noise."""
-LARGEST_ERROR = 3.0
-"""Of prediction errors, in standard deviations of normal ones, that counts when load steps are looked for."""
-LOAD_ROUNDS = 3
-"""In which loads and noise model are found in turn, at most."""
-ORDERS_BESIDE_LOADS = (0, 2)
-"""Of the noise models beside which load steps are looked for: larger ones have taken them on."""
 LARGEST_ORDER = 30
 """Of the autoregressive noise model."""
 

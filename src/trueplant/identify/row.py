@@ -67,8 +67,6 @@ class Piece:
     """Time of the first sample."""
     jumps: tuple[int, ...] = ()
     """Samples from which on a disturbance holds the output at another level."""
-    loads: tuple[int, ...] = ()
-    """Samples from which on a load that has stepped moves the output, through dynamics like those of the elements."""
 
     @property
     def span(self) -> float:
@@ -93,10 +91,8 @@ class Piece:
         inputs = np.ascontiguousarray(inputs - inputs[:, :1])
         last = self.y.size if end is None else end
         y, valid, start = self.y[part], self.valid[part], self.start + first * self.h
-        restarts, jumps, loads = (
-            tuple(k - first for k in of if first < k < last) for of in (self.restarts, self.jumps, self.loads)
-        )
-        return replace(self, y=y, valid=valid, inputs=inputs, restarts=restarts, start=start, jumps=jumps, loads=loads)
+        restarts, jumps = (tuple(k - first for k in of if first < k < last) for of in (self.restarts, self.jumps))
+        return replace(self, y=y, valid=valid, inputs=inputs, restarts=restarts, start=start, jumps=jumps)
 
     @cached_property
     def starts_at_rest(self) -> bool:
@@ -329,11 +325,6 @@ class Row:
         """Columns (n, n_z) of `unknown`."""
         return self.unknown(theta, k).columns
 
-    @property
-    def free_responses(self) -> int:
-        """Of all modes of its elements."""
-        return self._modes.free_responses
-
     @cached_property
     def nuisance_count(self) -> int:
         """Offsets, free responses and jumps over all pieces, which are estimated along."""
@@ -356,9 +347,8 @@ class Row:
         columns = [spec.column for spec in self.specs]
         return tuple(
             Past(
-                np.array([*([] if self.rests(k) else [0]), *piece.restarts, *piece.loads], dtype=np.int64),
-                len(piece.loads),
-                np.array([*piece.jumps, *piece.loads], dtype=np.int64),
+                np.array([*([] if self.rests(k) else [0]), *piece.restarts], dtype=np.int64),
+                np.array(piece.jumps, dtype=np.int64),
                 piece.y.size,
                 self.stride,
                 piece.h,

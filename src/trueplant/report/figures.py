@@ -101,7 +101,7 @@ def phases(curves: Curves, i: int, j: int) -> tuple[Array, Array, Array]:
     both = np.isfinite(model) & np.isfinite(plant)
     if both.any():
         model = model - 360 * np.round((model - plant)[both][0] / 360)
-    points = np.degrees(np.angle(curves.np_value[:, i, j]))
+    points = np.degrees(np.angle(curves.points(i, j)[0]))
     guide = plant if np.isfinite(plant).any() else model
     known = np.isfinite(guide)
     if known.any() and points.size:
@@ -125,7 +125,8 @@ def bode(curves: Curves, i: int, j: int, z: float) -> go.Figure:
         outline(w, plant * np.exp(-spread), plant * np.exp(spread)),
         outline(w, phase_plant - wide, phase_plant + wide),
     ]
-    value, error = np.abs(curves.np_value[:, i, j]), curves.np_std[:, i, j]
+    estimate, error = curves.points(i, j)
+    value = np.abs(estimate)
     known = np.isfinite(value) & (value > 0)
     w_points, value, error, phase_points = curves.np_w[known], value[known], error[known], phase_points[known]
     angle_error = np.degrees(np.minimum(error / value, np.pi))

@@ -159,6 +159,12 @@ class Curves:
     retuning: tuple[RetuningCurves, ...] = ()
     coherence: CoherenceCurves | None = None
 
+    def points(self, i: int, j: int) -> tuple[ComplexArray, Array]:
+        """(n_w2,) non-parametric estimate of one element, its standard error; JSON keeps no shape of what is empty."""
+        if not self.np_w.size:
+            return np.zeros(0, dtype=complex), np.zeros(0)
+        return self.np_value[:, i, j], self.np_std[:, i, j]
+
     def decimated(self, most: int) -> Curves:
         """With at most about so many samples of each trend and of each output's prediction errors."""
         trends = tuple(trend.decimated(most) for trend in self.trends)
