@@ -1,6 +1,7 @@
 """Parametric estimates of the plant, and how far they can be trusted."""
 
 from trueplant.identify.budget import Budget
+from trueplant.identify.differences import estimate_of_differences
 from trueplant.identify.equation_error import equation_error, paper_route
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit, fit_row
@@ -37,6 +38,7 @@ __all__ = [
     "behind_valves",
     "choose_stride",
     "equation_error",
+    "estimate_of_differences",
     "estimate_row",
     "find_holds",
     "fit_percent",

@@ -183,3 +183,14 @@ def best_dead_times(fit: RowFit, reach: int = levels.DEAD_TIME_REACH, rounds: in
 def _with_noise(fit: RowFit, order: int | None, limit: int, iterations: int) -> RowFit:
     ar = fit_noise(fit, order, limit)
     return fit_row(fit.row, fit.theta, ar, weights=fit.weights, iterations=iterations)
+
+
+def polished(fit: RowFit) -> RowFit:
+    """The fit to the end, with a noise model of its own."""
+    return with_own_noise(with_own_noise(fit, levels.TRIED_STEPS), levels.POLISHED_STEPS)
+
+
+def with_own_noise(fit: RowFit, iterations: int) -> RowFit:
+    """The fit with its noise model chosen anew, under the weights that it has: others would make costs incomparable."""
+    ar = fit_noise(fit, None, largest_order(fit.row, levels.LARGEST_ORDER))
+    return fit_row(fit.row, fit.theta, ar, weights=fit.weights, free=fit.free, reweight=False, iterations=iterations)

@@ -17,10 +17,11 @@ from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.covariance import inflation
-from trueplant.identify.estimate import Options, fit_noise, largest_order
+from trueplant.identify.differences import of_differences
+from trueplant.identify.estimate import polished, with_own_noise
 from trueplant.identify.fit import RowFit, evaluate, fit_row
 from trueplant.identify.output import OutputEstimate, Rejected, unanswered
-from trueplant.identify.row import Row, Spec, differenced
+from trueplant.identify.row import Row, Spec
 from trueplant.identify.search import improved_element
 from trueplant.lti.structure import Structure, translated
 
@@ -69,11 +70,10 @@ class _Evidence:
 
     def __init__(self, fit: RowFit, confidence: float, level: float) -> None:
         part = of_a_part(fit)
-        self._fits = [_polished(part)]
+        self._fits = [polished(part)]
         self._p = [sufficient_p(self._fits[0], confidence)]
         if np.any(self._p[0] < level):
-            begun = fit_row(differenced(part.row), part.theta, np.zeros(0), weights=part.weights, free=part.free)
-            self._fits.append(_polished(begun))
+            self._fits.append(of_differences(part))
             self._p.append(sufficient_p(self._fits[1], confidence))
 
     @property
@@ -121,7 +121,7 @@ def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
         else:
             wanted = replace(structure, lags=1, leads=structure.leads + 1)
             starts.append(_start(structure, p, wanted, np.array([share * lag])))
-    rival = _polished(_best(_fitted(fit, m, wanted, starts)))
+    rival = polished(_best(_fitted(fit, m, wanted, starts)))
     return float(chi2.sf(_rise(fit, rival, confidence), _freedom(fit, rival)))
 
 
@@ -134,7 +134,7 @@ def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Stru
     starts: dict[Structure, list[Array]] = {}
     for structure, start in richer(declared, fit.theta[fit.row.slices[m]]):
         starts.setdefault(structure, []).append(start)
-    found = {structure: _polished(_best(_fitted(fit, m, structure, own))) for structure, own in starts.items()}
+    found = {structure: polished(_best(_fitted(fit, m, structure, own))) for structure, own in starts.items()}
     taken, best = declared, fit
     criterion = dict(zip(found, _criteria([*found.values()]), strict=True))
     # Real lags come before complex pairs: a pair that is damped enough describes two lags as well.
@@ -205,19 +205,8 @@ def _fitted(fit: RowFit, m: int, structure: Structure, starts: Sequence[Array]) 
         begun = max((improved_element(row, theta, ar, m) for theta in whole), key=lambda found: found[1])[0]
         begun = np.clip(begun, *row.bounds())
         rival = fit_row(row, begun, ar, weights=fit.weights, free=free, reweight=False, iterations=short, settled=near)
-        rivals.append(rival if ar.size else _with_noise(rival, short))
+        rivals.append(rival if ar.size else with_own_noise(rival, short))
     return rivals
-
-
-def _polished(fit: RowFit) -> RowFit:
-    """The fit to the end, with a noise model of its own."""
-    return _with_noise(_with_noise(fit, levels.TRIED_STEPS), levels.POLISHED_STEPS)
-
-
-def _with_noise(fit: RowFit, iterations: int) -> RowFit:
-    ar = fit_noise(fit, None, largest_order(fit.row, Options().largest_order))
-    # Costs under other weights of the pieces would not compare.
-    return fit_row(fit.row, fit.theta, ar, weights=fit.weights, free=fit.free, reweight=False, iterations=iterations)
 
 
 def _best(fits: Sequence[RowFit]) -> RowFit:
