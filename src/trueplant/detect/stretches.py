@@ -52,10 +52,7 @@ class TwoFits:
         free = np.flatnonzero(self.one.free & self.other.free)
         if not free.size:
             return 1.0
-        with np.errstate(over="ignore", invalid="ignore"):
-            factors = [inflation(fit, confidence) for fit in self._both]
-        # of what a stretch says nothing, no factor is known: its variance is very large without one
-        factors = [np.where(np.isfinite(factor), factor, 1.0) for factor in factors]
+        factors = [inflation(fit, confidence) for fit in self._both]
         weights = [
             inverse(scaled(plant_covariance(fit), factor)[np.ix_(free, free)])
             for fit, factor in zip(self._both, factors, strict=True)
