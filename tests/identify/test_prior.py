@@ -106,4 +106,4 @@ def test_an_input_that_stands_still_leaves_the_others_as_they_are():
     few = fit_row(one, truth, ar).standard_errors_by_data
     more = fit_row(two, np.tile(truth, 2), ar).standard_errors_by_data
     np.testing.assert_allclose(more[:3], few, rtol=0.15)
-    assert np.all(more[3:] > 1e6)
+    assert np.all(more[[3, 5]] > 1e6)

@@ -24,10 +24,11 @@ def inflation(fit: RowFit, confidence: float) -> Array:
     (Patterson and Thompson 1971) takes that back, here to first order. What is still not known of a gives the degrees
     of freedom of Student's quantile (Satterthwaite's rule, as in Kenward and Roger 1997).
 
-    Slow noise is no autoregression for certain. Under AR(1) noise with the pole 1 - A a level is known from the record
-    as well as from N A^2 white errors, and the variance of rho'a is 2/(N A): by that A each parameter has errors of its
-    own, of which the fit takes one for each unknown. At least half are taken to be left: of noise that wanders without
-    end the level tells nothing, and the parameters are then known from faster changes.
+    Slow noise is no autoregression for certain, and the first order not enough. Under AR(1) noise with the pole 1 - A a
+    level is known from the record as well as from N A^2 white errors, and the variance of rho'a is 2/(N A): by that A
+    each parameter has errors of its own, of which the fit takes one for each unknown. At least half are taken to be
+    left: of noise that wanders without end the level tells nothing, and the parameters are then known from faster
+    changes. The larger of the two counts.
     """
     told = Told.of(fit)
     spread = fit.variance * inverse(fit.information)[fit.theta.size :, fit.theta.size :]
@@ -38,7 +39,8 @@ def inflation(fit: RowFit, confidence: float) -> Array:
     tail = 0.5 + confidence / 2
     freedom = np.maximum(2 / (4 * uncertain + 2 / fit.left), levels.FEWEST_FREEDOM)
     quantile = t.ppf(tail, freedom) / norm.ppf(tail)
-    return np.asarray(np.exp(np.clip(smaller, 0.0, levels.LARGEST_EXPONENT)) * quantile**2 * known / left)
+    taken = np.exp(np.clip(smaller, 0.0, levels.LARGEST_EXPONENT))
+    return np.asarray(np.maximum(taken, known / left) * quantile**2)
 
 
 def scaled(covariance: Array, factors: Array) -> Array:

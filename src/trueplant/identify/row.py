@@ -359,20 +359,20 @@ class Row:
         )
 
 
-def differenced(row: Row) -> Row:
-    """The row with the differences of outputs and inputs from one of its samples to the next.
+def differenced(row: Row, over: int = 1) -> Row:
+    """The row with what outputs and inputs change by over so many of its samples.
 
     The same elements lead from one to the other; a level, and noise that is integrated, is gone.
     """
-    return replace(row, pieces=tuple(_differenced(piece, row.stride) for piece in row.pieces))
+    return replace(row, pieces=tuple(_differenced(piece, over * row.stride) for piece in row.pieces))
 
 
-def _differenced(piece: Piece, stride: int) -> Piece:
+def _differenced(piece: Piece, span: int) -> Piece:
     valid = np.zeros(piece.valid.size, dtype=bool)
-    valid[stride:] = piece.valid[stride:] & piece.valid[:-stride]
+    valid[span:] = piece.valid[span:] & piece.valid[:-span]
     y, inputs = np.zeros_like(piece.y), np.zeros_like(piece.inputs)
-    y[stride:] = np.where(valid[stride:], piece.y[stride:] - piece.y[:-stride], 0.0)
-    inputs[:, stride:] = piece.inputs[:, stride:] - piece.inputs[:, :-stride]
+    y[span:] = np.where(valid[span:], piece.y[span:] - piece.y[:-span], 0.0)
+    inputs[:, span:] = piece.inputs[:, span:] - piece.inputs[:, :-span]
     return replace(piece, y=y, valid=valid, inputs=inputs)
 
 
