@@ -136,9 +136,9 @@ def _by_likelihood(
     p, detectable = _other_p(estimate, found), _detectable(estimate, found, elements, level)
     if p is None or p >= level or estimate.rise is not None or estimate.jointly:
         return p, detectable
-    doubted = _other_p(sceptic(), found)
-    if doubted is None or doubted < level:
-        return p if doubted is None else max(p, doubted), detectable
+    doubted = max(p, _other_p(sceptic(), found) or 0.0)
+    if doubted < level:
+        return doubted, detectable
     part = estimate.row.slices[_place(estimate, found)]
     index = part.start + found.spec.structure.sorted(sceptic().theta[part])
     less = replace(found, theta=sceptic().theta[index], joint=sceptic().covariance[np.ix_(index, index)])

@@ -180,9 +180,9 @@ def best_dead_times(fit: RowFit, reach: int = levels.DEAD_TIME_REACH, rounds: in
     return fit
 
 
-def _with_noise(fit: RowFit, order: int | None, limit: int, iterations: int) -> RowFit:
+def _with_noise(fit: RowFit, order: int | None, limit: int, iterations: int, reweight: bool = True) -> RowFit:
     ar = fit_noise(fit, order, limit)
-    return fit_row(fit.row, fit.theta, ar, weights=fit.weights, iterations=iterations)
+    return fit_row(fit.row, fit.theta, ar, weights=fit.weights, free=fit.free, reweight=reweight, iterations=iterations)
 
 
 def polished(fit: RowFit) -> RowFit:
@@ -192,5 +192,4 @@ def polished(fit: RowFit) -> RowFit:
 
 def with_own_noise(fit: RowFit, iterations: int) -> RowFit:
     """The fit with its noise model chosen anew, under the weights that it has: others would make costs incomparable."""
-    ar = fit_noise(fit, None, largest_order(fit.row, levels.LARGEST_ORDER))
-    return fit_row(fit.row, fit.theta, ar, weights=fit.weights, free=fit.free, reweight=False, iterations=iterations)
+    return _with_noise(fit, None, largest_order(fit.row, levels.LARGEST_ORDER), iterations, reweight=False)

@@ -278,6 +278,20 @@ def fit_row(
     return RowFit(row, theta, ar, variance, information, point.cost, point.count, point.weights, found.converged, free)
 
 
+def refitted(fit: RowFit, theta: Array, free: BoolArray) -> RowFit:
+    """The fit from other parameters, some of them free, as far as profiles and the search for other minima need it."""
+    return fit_row(
+        fit.row,
+        theta,
+        fit.ar,
+        weights=fit.weights,
+        free=free,
+        reweight=False,
+        iterations=levels.PROFILED_STEPS,
+        settled=levels.TRIED_SETTLED,
+    )
+
+
 def _energy(row: Row) -> float:
     return float(sum(np.sum((y - y.mean()) ** 2) for y, _ in (row.measured(k) for k in range(len(row.pieces)))))
 

@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.fit import RowFit, refitted
 from trueplant.identify.likelihood import rise
 from trueplant.identify.row import Row
 
@@ -122,13 +122,4 @@ def _constrained(fit: RowFit, index: int, value: float) -> RowFit:
     """
     theta, free = fit.theta.copy(), fit.free.copy()
     theta[index], free[index] = value, False
-    return fit_row(
-        fit.row,
-        theta,
-        fit.ar,
-        weights=fit.weights,
-        free=free,
-        reweight=False,
-        iterations=levels.PROFILED_STEPS,
-        settled=levels.TRIED_SETTLED,
-    )
+    return refitted(fit, theta, free)

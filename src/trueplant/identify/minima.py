@@ -19,7 +19,7 @@ from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.covariance import inflation, scaled
-from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.fit import RowFit, refitted
 from trueplant.identify.likelihood import rise
 
 
@@ -106,7 +106,7 @@ def _starts(fit: RowFit) -> list[Array]:
 
 def _ended(fit: RowFit, theta: Array) -> RowFit:
     """Where a fit of the same row that begins elsewhere ends."""
-    return _ordered(_fitted(fit, theta))
+    return _ordered(refitted(fit, theta, fit.free))
 
 
 def _ordered(fit: RowFit) -> RowFit:
@@ -114,20 +114,7 @@ def _ordered(fit: RowFit) -> RowFit:
     theta = fit.theta.copy()
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
         theta[part] = theta[part][spec.structure.sorted(theta[part])]
-    return fit if np.array_equal(theta, fit.theta) else _fitted(fit, np.where(fit.free, theta, fit.theta))
-
-
-def _fitted(fit: RowFit, theta: Array) -> RowFit:
-    return fit_row(
-        fit.row,
-        theta,
-        fit.ar,
-        weights=fit.weights,
-        free=fit.free,
-        reweight=False,
-        iterations=levels.PROFILED_STEPS,
-        settled=levels.TRIED_SETTLED,
-    )
+    return fit if np.array_equal(theta, fit.theta) else refitted(fit, np.where(fit.free, theta, fit.theta), fit.free)
 
 
 def _distinct(fits: Sequence[RowFit]) -> list[RowFit]:

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from trueplant.arrays import Array
@@ -21,8 +22,7 @@ from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit, Whitening, fit_row
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.output import OutputEstimate, averaged
-from trueplant.identify.rivals import element_response, rivals
-from trueplant.identify.row import Row, placed
+from trueplant.identify.row import Piece, Row, placed
 from trueplant.loop.valve import Valve
 from trueplant.record.types import Segment
 from trueplant.result.budget import Source
@@ -164,7 +164,7 @@ class _Test:
         self._parts = [(piece, raw.inputs[column], of_piece) for piece, raw, of_piece in every if of_piece is not None]
         free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
         known = [
-            np.vstack([whitening.jacobian[free], whitening(rivals(fit, self._m, piece))])
+            np.vstack([whitening.jacobian[free], whitening(_rivals(fit, self._m, piece))])
             for piece, _, whitening in self._parts
         ]
         self._basis = orthonormal(np.hstack(known).T)
@@ -179,11 +179,40 @@ class _Test:
         changes = []
         for piece, op, whitening in self._parts:
             moved = valve.positions(op) - piece.inputs[self._column]
-            changed = element_response(self._fit, self._m, piece, moved)
+            changed = _element_response(self._fit, self._m, piece, moved)
             changes.append(whitening(changed[None])[0])
         other = self._errors - self._unexplained(np.concatenate(changes))
         before, after = float(self._errors @ self._errors), float(other @ other)
         return float(self._fit.left * np.log(max(before, 1e-300) / max(after, 1e-300)))
+
+
+def _element_response(fit: RowFit, m: int, piece: Piece, u: Array) -> Array:
+    """Response (n,) of element m to u (N,) at the strided samples."""
+    row = fit.row
+    spec, part = row.specs[m], row.slices[m]
+    return spec.structure.response(fit.theta[part], u, piece.h, piece.hold[spec.column], row.stride)
+
+
+def _rivals(fit: RowFit, m: int, piece: Piece) -> Array:
+    """(n_rivals, n) what else could explain the errors: a gain that varies with OP, another structure."""
+    op = piece.inputs[fit.row.specs[m].column]
+    squared = _element_response(fit, m, piece, (op - op.mean()) ** 2)
+    return np.vstack([squared, _beyond(fit, m, piece)])
+
+
+def _beyond(fit: RowFit, m: int, piece: Piece) -> Array:
+    """(n_directions, n) what a structure richer than that of element m adds to its response, to first order."""
+    row, spec = fit.row, fit.row.specs[m]
+    answer = _element_response(fit, m, piece, piece.inputs[spec.column])
+    step = row.stride * piece.h
+    faster = np.gradient(answer, step)
+    directions = [faster, np.gradient(faster, step)]
+    own = spec.structure.lag(fit.theta[row.slices[m]])
+    longest = max(of.span for of in row.pieces) / levels.SLOW_SPANS
+    for times in levels.RICHER_LAGS:
+        pole = float(np.exp(-step / np.clip(times * own, step, max(longest, step))))
+        directions.append(np.asarray(lfilter([1 - pole], [1.0, -pole], answer)))
+    return np.array(directions)
 
 
 def behind_valves(segments: Sequence[Segment], valves: Mapping[int, FoundValve]) -> tuple[Segment, ...]:

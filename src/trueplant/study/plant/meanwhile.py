@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -30,10 +31,12 @@ def changed_meanwhile(study: Study, estimates: Mapping[int, OutputEstimate], lev
     """Disturbances and plants that were not the same throughout; each kind at `level` over the whole study."""
     # without a noise model a record is free of noise, and what is left of it is rounding
     estimates = {i: estimate for i, estimate in estimates.items() if estimate.fit.ar.size}
-    pairs = [pair for i, estimate in estimates.items() for pair in _pairs(study, i, estimate)]
-    runs = [(i, fit) for i, estimate in estimates.items() for _, fit in _experiments(estimate.fit)]
-    causes = [_disturbance(study, pair, level / len(pairs)) for pair in pairs]
-    causes += [_moved(study, i, likeliest_change(fit), level / len(runs)) for i, fit in runs]
+    experiments = {i: _experiments(estimate.fit) for i, estimate in estimates.items()}
+    pairs = [pair for i, estimate in estimates.items() for pair in _pairs(study, i, estimate, experiments[i])]
+    runs = [(i, fit) for i, own in experiments.items() for _, fit in own]
+    likeliest = cache(likeliest_change)  # of one experiment both questions ask for the same
+    causes = [_disturbance(study, pair, likeliest(pair.fit), level / len(pairs)) for pair in pairs]
+    causes += [_moved(study, i, likeliest(fit), level / len(runs)) for i, fit in runs]
     return [cause for cause in causes if cause is not None]
 
 
@@ -49,9 +52,11 @@ def _part(fit: RowFit, experiments: list[int]) -> RowFit:
     return replace(fit, row=row, weights=fit.weights[kept])
 
 
-def _pairs(study: Study, i: int, estimate: OutputEstimate) -> Iterator[_Pair]:
+def _pairs(
+    study: Study, i: int, estimate: OutputEstimate, experiments: Sequence[tuple[int, RowFit]]
+) -> Iterator[_Pair]:
     """Each later experiment beside the first; of one experiment its halves."""
-    (first, own), *later = _experiments(estimate.fit)
+    (first, own), *later = experiments
     if not later:
         yield _Pair(i, "second half", own, middle(own.row))
     border = sum(piece.y.size for piece in own.row.pieces)
@@ -60,13 +65,12 @@ def _pairs(study: Study, i: int, estimate: OutputEstimate) -> Iterator[_Pair]:
         yield _Pair(i, study.project.experiments[k].name, both, border)
 
 
-def _disturbance(study: Study, pair: _Pair, level: float) -> Reason | None:
+def _disturbance(study: Study, pair: _Pair, moved: Moved | None, level: float) -> Reason | None:
     """The noise of the later stretch is another one, whatever the plant did meanwhile.
 
     The rival explanation is a plant that moved, at the instant that suits it best: each stretch is compared with what
     lies on one side of that instant.
     """
-    moved = likeliest_change(pair.fit)
     if moved is None:
         return None
     found = _compared(pair, moved)
