@@ -1,4 +1,4 @@
-"""The unknown initial state of a record: free responses of the modes of a row, with their derivatives."""
+"""What is linear and not known of a record: free responses of the modes of a row and its loads, with derivatives."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RUN = 64
 
 @dataclass(frozen=True, eq=False)
 class Unknown:
-    """The linear unknowns of a piece: an offset, free responses, jumps."""
+    """The linear unknowns of a piece: an offset, free responses, jumps, loads."""
 
     rows: Array
     """(n_z, n)"""
@@ -25,7 +25,7 @@ class Unknown:
     """(n_z,) amplitude that each may have. Elements may work against each other: what one of them does can be many
     times what PV shows."""
     derivatives: Array
-    """(n_d, n) of free responses by the parameters that shape them."""
+    """(n_d, n) of free responses and loads by the parameters that shape them."""
     of: IntArray
     """(n_d,) the unknown that each is a derivative of."""
     by: IntArray
@@ -39,7 +39,7 @@ class Unknown:
         return self.rows.T
 
     def gradient(self, weights: Array) -> Array:
-        """Derivative (n, size) of `columns @ weights` by theta: only lags and pairs move the columns."""
+        """Derivative (n, size) of `columns @ weights` by theta."""
         out = np.zeros((self.size, self.rows.shape[1]))
         self.add_gradient(weights, out)
         return out.T
@@ -47,6 +47,40 @@ class Unknown:
     def add_gradient(self, weights: Array, to: Array) -> None:
         """Add what `gradient` says, transposed, to an array (size, n)."""
         _add_weighted(self.derivatives, weights[self.of], self.by, to)
+
+    def including(self, answer: Array, slopes: Array, by: IntArray, largest: float) -> Unknown:
+        """With one more: its response (n,), and the derivatives (n_b, n) of that by some parameters."""
+        of = np.full(by.size, len(self.rows))
+        return Unknown(
+            np.vstack([self.rows, answer]),
+            np.append(self.largest, largest),
+            np.vstack([self.derivatives, slopes]),
+            np.append(self.of, of),
+            np.append(self.by, by),
+            self.size,
+        )
+
+
+class Load(NamedTuple):
+    """Something nobody recorded that acts like an input, at a constant level from one sample on."""
+
+    column: int
+    """Of the input that it acts like."""
+    sample: int
+    end: int | None = None
+    """The sample from which on it is gone; None: it lasts."""
+
+    def within(self, first: int, end: int) -> Load | None:
+        """What of it begins between two samples, counted from the first of them."""
+        if not first < self.sample < end:
+            return None
+        return self._replace(sample=self.sample - first, end=None if self.end is None else self.end - first)
+
+    def course(self, size: int) -> Array:
+        """(size,) itself, of size 1."""
+        out = np.zeros(size)
+        out[self.sample : self.end] = 1.0
+        return out
 
 
 class Modes(NamedTuple):

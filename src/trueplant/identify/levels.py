@@ -284,3 +284,12 @@ ARX_MOST_SAMPLES = 6000
 """Samples of that model: longer records are decimated, as an initial guess need not be efficient."""
 ARX_HORIZON = 4
 """Its step responses are followed for that many times its lags."""
+LOAD_STEP = 0.05
+"""Chance over a whole record that a load is taken along that is none, were the noise model known."""
+LOAD_ROUNDS = 4
+"""Loads and noise model in turn, at most."""
+SAMPLES_PER_LOAD = 100
+"""Prediction errors for each load, at least."""
+LOAD_TOLD = 0.05
+"""Share of what the likeliest load moves that plant and operating points leave to be told by a load: below it is
+mostly rounding, or looks like them."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
-from trueplant.identify.initial_state import Modes, Past, Unknown, unknown_of
+from trueplant.identify.initial_state import Load, Modes, Past, Unknown, unknown_of
 from trueplant.identify.prior import Prior
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.structure import Structure
@@ -67,6 +67,8 @@ class Piece:
     """Time of the first sample."""
     jumps: tuple[int, ...] = ()
     """Samples from which on a disturbance holds the output at another level."""
+    loads: tuple[Load, ...] = ()
+    """Loads that were found (`loads`)."""
 
     @property
     def span(self) -> float:
@@ -92,7 +94,10 @@ class Piece:
         last = self.y.size if end is None else end
         y, valid, start = self.y[part], self.valid[part], self.start + first * self.h
         restarts, jumps = (tuple(k - first for k in of if first < k < last) for of in (self.restarts, self.jumps))
-        return replace(self, y=y, valid=valid, inputs=inputs, restarts=restarts, start=start, jumps=jumps)
+        loads = tuple(load for own in self.loads if (load := own.within(first, last)) is not None)
+        return replace(
+            self, y=y, valid=valid, inputs=inputs, restarts=restarts, start=start, jumps=jumps, loads=loads
+        )
 
     @cached_property
     def starts_at_rest(self) -> bool:
@@ -318,8 +323,15 @@ class Row:
         return total, gradient.T
 
     def unknown(self, theta: Array, k: int) -> Unknown:
-        """What is linear and not known of piece k: offset, free responses of all modes of an unknown past, jumps."""
-        return unknown_of(theta, self._modes, self._pasts[k])
+        """What is linear and not known of piece k: offset, free responses of all modes of an unknown past, jumps, loads."""
+        piece, found = self.pieces[k], unknown_of(theta, self._modes, self._pasts[k])
+        for load in piece.loads:
+            spec, part = next((s, p) for s, p in zip(self.specs, self.slices, strict=True) if s.column == load.column)
+            course, hold = load.course(piece.y.size), piece.hold[load.column]
+            rows = spec.structure.response_and_gradient(theta[part], course, piece.h, hold, self.stride)
+            largest = levels.LARGEST_FREE_RESPONSE * float(piece.input_spread[load.column])
+            found = found.including(rows[0], rows[1:], np.arange(part.start, part.stop), largest)
+        return found
 
     def nuisance(self, theta: Array, k: int) -> Array:
         """Columns (n, n_z) of `unknown`."""
@@ -327,8 +339,9 @@ class Row:
 
     @cached_property
     def nuisance_count(self) -> int:
-        """Offsets, free responses and jumps over all pieces, which are estimated along."""
-        return sum(1 + past.starts.size * self._modes.free_responses + past.jumps.size for past in self._pasts)
+        """Offsets, free responses, jumps and loads over all pieces, which are estimated along."""
+        loads = sum(len(piece.loads) for piece in self.pieces)
+        return loads + sum(1 + past.starts.size * self._modes.free_responses + past.jumps.size for past in self._pasts)
 
     @cached_property
     def _modes(self) -> Modes:
@@ -373,7 +386,8 @@ def _differenced(piece: Piece, span: int) -> Piece:
     y, inputs = np.zeros_like(piece.y), np.zeros_like(piece.inputs)
     y[span:] = np.where(valid[span:], piece.y[span:] - piece.y[:-span], 0.0)
     inputs[:, span:] = piece.inputs[:, span:] - piece.inputs[:, :-span]
-    return replace(piece, y=y, valid=valid, inputs=inputs)
+    loads = tuple(load._replace(end=load.sample + span) for load in piece.loads)
+    return replace(piece, y=y, valid=valid, inputs=inputs, loads=loads)
 
 
 def placed(values: Array, of: Row, row: Row) -> Array:
