@@ -291,5 +291,5 @@ LOAD_ROUNDS = 4
 SAMPLES_PER_LOAD = 100
 """Prediction errors for each load, at least."""
 LOAD_TOLD = 0.05
-"""Share of what the likeliest load moves that plant and operating points leave to be told by a load: below it is
-mostly rounding, or looks like them."""
+"""Share of what a load moves that has to look unlike plant and operating point: where less is left, much of that is
+rounding."""

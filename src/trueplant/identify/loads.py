@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 from scipy.stats import chi2
 
 from trueplant.arrays import Array
@@ -24,7 +25,7 @@ from trueplant.identify.initial_state import Load
 from trueplant.identify.likelihood import rise
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.noise import whiten
-from trueplant.identify.row import Piece, Row
+from trueplant.identify.row import Row
 
 
 def with_loads(fit: RowFit) -> RowFit:
@@ -140,7 +141,7 @@ def _criteria(fits: list[RowFit]) -> list[float]:
 
 
 def _likeliest(fit: RowFit) -> tuple[int, Load] | None:
-    """Piece and load that explain most of the prediction errors; None where none does beyond chance."""
+    """Piece and load that gain most; None where none gains beyond chance."""
     best = _cost(fit)
     found: tuple[int, Load] | None = None
     for k, gains in load_gains(fit).items():
@@ -153,43 +154,84 @@ def _likeliest(fit: RowFit) -> tuple[int, Load] | None:
 def load_gains(fit: RowFit) -> dict[int, Array]:
     """By piece: (n_specs, n) what a load like each input, from each sample on, gains in -2 log likelihood.
 
-    To first order, plant and noise model renewed.
+    To first order, plant and noise model renewed. A load shows in many errors: single samples that explain more than
+    any load, misread or hit by an error of their own, are taken out first.
     """
-    pieces = enumerate(zip(fit.row.pieces, Whitening.of(fit), strict=True))
-    every = [(k, piece, whitening) for k, (piece, whitening) in pieces if whitening is not None]
-    if not every:
-        return {}
-    free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
-    basis = orthonormal(np.hstack([whitening.jacobian[free] for _, _, whitening in every]).T)
-    e = np.concatenate([whitening.errors for _, _, whitening in every])
-    e, found, first = e - basis @ (basis.T @ e), {}, 0
-    variance = float(e @ e) / fit.left
-    for k, piece, whitening in every:
-        part = slice(first, first + whitening.errors.size)
-        first = part.stop
-        explained = np.vstack([basis[part].T, whitening.basis.T])
-        found[k] = _gains(fit, piece, whitening, e[part], explained) / max(variance, np.finfo(float).tiny)
+    scans, e = _scans(fit)
+    for _ in range(levels.LOAD_ROUNDS):
+        unit = max(float(e @ e) / fit.left, np.finfo(float).tiny)
+        found = {scan.number: scan.gains(e) / unit for scan in scans}
+        most = max((float(gains.max()) for gains in found.values()), default=0.0)
+        single = [scan.single(e, max(most, _cost(fit)) * unit) for scan in scans]
+        if not any(np.any(errors) for errors in single):
+            break
+        e = e - np.concatenate(single)
     return found
 
 
-def _gains(fit: RowFit, piece: Piece, whitening: Whitening, e: Array, explained: Array) -> Array:
-    """(n_specs, n) squares of the errors e (n_used,) that loads explain beside orthonormal rows (m, n_used)."""
-    row, order = fit.row, fit.ar.size
-    n = len(range(0, piece.y.size, row.stride))
-    seen = np.zeros((2 + len(explained), n))
-    rest = seen[:, order:]
-    rest[0, whitening.use], rest[1, whitening.use], rest[2:, whitening.use] = 1.0, e, explained
-    gains = np.zeros((len(row.specs), n))
-    spectra, size = np.fft.rfft(seen, 2 * n), piece.y.size
-    for m, (spec, own) in enumerate(zip(row.specs, row.slices, strict=True)):
-        if not piece.input_spread[spec.column] > 0:
-            continue
-        answer = spec.structure.response(fit.theta[own], np.ones(size), piece.h, piece.hold[spec.column], row.stride)
-        # before the first sample there is nothing: the errors of a load begin with it
-        shape = whitening.weight * whiten(fit.ar, np.concatenate([np.zeros(order), answer])[:, None])[:, 0]
-        products = np.fft.irfft(spectra[1:] * np.conj(np.fft.rfft(shape, 2 * n)), 2 * n)[:, :n]
-        squares = np.fft.irfft(spectra[0] * np.conj(np.fft.rfft(shape**2, 2 * n)), 2 * n)[:n]
-        left = squares - np.sum(products[1:] ** 2, axis=0)
-        told = left > levels.LOAD_TOLD * squares.max()
-        gains[m] = np.divide(products[0] ** 2, left, out=np.zeros(n), where=told)
-    return gains
+def _scans(fit: RowFit) -> tuple[list[_Scan], Array]:
+    """The pieces that have prediction errors, and these without what plant and noise model explain to first order."""
+    pieces = enumerate(zip(fit.row.pieces, Whitening.of(fit), strict=True))
+    every = [(k, piece, whitening) for k, (piece, whitening) in pieces if whitening is not None]
+    if not every:
+        return [], np.zeros(0)
+    free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
+    basis = orthonormal(np.hstack([whitening.jacobian[free] for _, _, whitening in every]).T)
+    e = np.concatenate([whitening.errors for _, _, whitening in every])
+    scans, first = [], 0
+    for k, piece, whitening in every:
+        part = slice(first, first + whitening.errors.size)
+        scans.append(_Scan(fit, k, whitening, part, np.vstack([basis[part].T, whitening.basis.T])))
+        first = part.stop
+    return scans, e - basis @ (basis.T @ e)
+
+
+class _Scan:
+    """One piece, ready for what loads would explain of its prediction errors."""
+
+    def __init__(self, fit: RowFit, number: int, whitening: Whitening, part: slice, explained: Array) -> None:
+        """`part` of all errors are its own, and orthonormal rows `explained` (m, n_used) explained otherwise."""
+        self.number, self._part, self._use = number, part, whitening.use
+        row, piece = fit.row, fit.row.pieces[number]
+        self._taps = np.concatenate([[1.0], fit.ar])
+        n = self._count = len(range(0, piece.y.size, row.stride))
+        others = np.fft.rfft(self._laid(np.vstack([np.ones(explained.shape[1]), explained])), 2 * n)
+        self._shapes, self._left = np.zeros((len(row.specs), n + 1), dtype=complex), np.zeros((len(row.specs), n))
+        for m, (spec, own) in enumerate(zip(row.specs, row.slices, strict=True)):
+            if not piece.input_spread[spec.column] > 0:
+                continue
+            step, hold = np.ones(piece.y.size), piece.hold[spec.column]
+            answer = spec.structure.response(fit.theta[own], step, piece.h, hold, row.stride)
+            # before the load there is nothing: its errors begin with it
+            shape = whitening.weight * whiten(fit.ar, np.concatenate([np.zeros(fit.ar.size), answer]))
+            self._shapes[m] = np.conj(np.fft.rfft(shape, 2 * n))
+            squares = np.fft.irfft(others[0] * np.conj(np.fft.rfft(shape**2, 2 * n)), 2 * n)[:n]
+            shared = np.fft.irfft(others[1:] * self._shapes[m], 2 * n)[:, :n]
+            left = squares - np.sum(shared**2, axis=0)
+            p = fit.theta[own]
+            seen = n - int((spec.structure.lag(p) + spec.structure.longest_dead_time(p)) / (piece.h * row.stride))
+            told = (left > levels.LOAD_TOLD * squares) & (np.arange(n) < seen)
+            self._left[m] = np.where(told, left, 0.0)
+
+    def _laid(self, rows: Array) -> Array:
+        """Rows (m, n_used) of prediction errors where they belong among all samples (m, n)."""
+        out = np.zeros((len(rows), self._count))
+        out[:, self._taps.size - 1 :][:, self._use] = rows
+        return out
+
+    def gains(self, e: Array) -> Array:
+        """(n_specs, n) squares of the errors of all pieces that loads explain."""
+        n, seen = self._count, np.fft.rfft(self._laid(e[None, self._part]), 2 * self._count)
+        products = np.fft.irfft(seen * self._shapes, 2 * n)[:, :n]
+        return np.divide(products**2, self._left, out=np.zeros_like(products), where=self._left > 0)
+
+    def single(self, e: Array, least: float) -> Array:
+        """(n_used,) what single samples, misread or hit by an error of their own, explain; more than `least` each."""
+        whole, out = self._laid(e[None, self._part])[0], np.zeros(self._count)
+        for taps in (np.ones(1), self._taps):
+            size = float(taps @ taps)
+            sizes = np.correlate(whole - out, taps, "full")[taps.size - 1 :] / size
+            squares = sizes**2 * size
+            peak = (squares > least) & (squares == maximum_filter1d(squares, 2 * taps.size - 1))
+            out += np.convolve(np.where(peak, sizes, 0.0), taps)[: self._count]
+        return np.asarray(out[self._taps.size - 1 :][self._use])

@@ -17,7 +17,6 @@ from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.covariance import inflation
-from trueplant.identify.differences import of_differences
 from trueplant.identify.estimate import polished, with_own_noise
 from trueplant.identify.fit import RowFit, evaluate, fit_row
 from trueplant.identify.output import OutputEstimate, Rejected, unanswered
@@ -42,48 +41,25 @@ def with_structures(
     """
     level = levels.STRUCTURE_SHARE * (1 - confidence) / tested
     left = {m for m, spec in enumerate(estimate.row.specs) if spec.column not in pinned}
-    evidence = _Evidence(estimate.fit, confidence, level)
+    fit = polished(of_a_part(estimate.fit))
+    p = sufficient_p(fit, confidence)
     while left:
-        m = min(left, key=lambda one: float(evidence.p[one]))
+        m = min(left, key=lambda one: float(p[one]))
         left.remove(m)
-        found = simplest(evidence.sceptical(m), m, confidence, level) if evidence.p[m] < level else None
+        found = simplest(fit, m, confidence, level) if p[m] < level else None
         if found is None:
             continue
         old = estimate.row.specs[m]
         wider = again([_wider(old, *found) if spec is old else spec for spec in estimate.row.specs])
         if wider is not None and _tells_gain(wider, m):
-            rejected = Rejected(old.structure, min(float(evidence.p[m]) * tested, 1.0))
+            rejected = Rejected(old.structure, min(float(p[m]) * tested, 1.0))
             estimate = replace(wider, rejected={**estimate.rejected, old.column: rejected})
             # What this element lacked, the others of its row may have taken on.
-            evidence = _Evidence(estimate.fit, confidence, level)
+            fit = polished(of_a_part(estimate.fit))
+            p = sufficient_p(fit, confidence)
     whole = np.ones(estimate.row.pieces[0].inputs.shape[0])
-    whole[[spec.column for spec in estimate.row.specs]] = evidence.p
+    whole[[spec.column for spec in estimate.row.specs]] = p
     return replace(estimate, structure_p=whole)
-
-
-class _Evidence:
-    """p-values that the structures of a row suffice, whether its noise is taken to have a level or to be integrated.
-
-    A finite autoregression takes slow noise to end somewhere. What 1/f noise or a drift does beyond that, a slow lag
-    would explain. Of differences it is no part, and what a structure lacks is still in them.
-    """
-
-    def __init__(self, fit: RowFit, confidence: float, level: float) -> None:
-        part = of_a_part(fit)
-        self._fits = [polished(part)]
-        self._p = [sufficient_p(self._fits[0], confidence)]
-        if np.any(self._p[0] < level):
-            self._fits.append(of_differences(part))
-            self._p.append(sufficient_p(self._fits[1], confidence))
-
-    @property
-    def p(self) -> Array:
-        """(n_specs,) the larger ones."""
-        return np.asarray(np.max(self._p, axis=0))
-
-    def sceptical(self, m: int) -> RowFit:
-        """The fit by which the structure of element m is doubted less."""
-        return self._fits[int(np.argmax([p[m] for p in self._p]))]
 
 
 def _wider(spec: Spec, structure: Structure, guess: Array) -> Spec:
