@@ -11,7 +11,7 @@ from scipy.linalg import lstsq, orth
 from trueplant.identify import Row, Spec
 from trueplant.identify.fit import evaluate, linearised
 from trueplant.identify.linear_algebra import eliminated, remove
-from trueplant.identify.row import Piece
+from trueplant.identify.pieces import Piece
 from trueplant.lti import sampled_response
 from trueplant.lti.structure import Structure
 

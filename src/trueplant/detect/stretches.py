@@ -25,7 +25,8 @@ from trueplant.identify.fit import linearised, residuals
 from trueplant.identify.levels import SAMPLES_PER_PARAMETER, UNDERMODELLED
 from trueplant.identify.likelihood import held_at, rise
 from trueplant.identify.linear_algebra import inverse
-from trueplant.identify.row import Piece, Row
+from trueplant.identify.pieces import Piece
+from trueplant.identify.row import Row
 from trueplant.identify.sandwich import noise_covariance, plant_covariance
 from trueplant.identify.validate import residual_tests
 

@@ -10,8 +10,9 @@ from trueplant.identify.holds import FoundHold, find_holds, widened_for_holds, w
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
 from trueplant.identify.matrix import identify_matrix, identify_with_holds, specs_of
 from trueplant.identify.output import OutputEstimate, Rejected, identify_output, unanswered
+from trueplant.identify.pieces import Held, pieces_of
 from trueplant.identify.residual_tests import RESIDUAL_TESTS
-from trueplant.identify.row import Held, Row, Spec, pieces_of
+from trueplant.identify.row import Row, Spec
 from trueplant.identify.strides import Sampling, choose_stride, samples_per_update
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import Validation, fit_percent, prediction_errors, simulate_piece

@@ -10,7 +10,8 @@ import numpy as np
 
 from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, fit_row
-from trueplant.identify.row import Piece, Row
+from trueplant.identify.pieces import Piece
+from trueplant.identify.row import Row
 
 
 def block_length(longest: float, h: float) -> int:

@@ -25,7 +25,8 @@ from trueplant.identify.between_experiments import sizes_of
 from trueplant.identify.estimate import fit_noise
 from trueplant.identify.fit import RowFit, fit_row, linearised, residuals
 from trueplant.identify.output import OutputEstimate
-from trueplant.identify.row import Piece, Row, Spec
+from trueplant.identify.pieces import Piece
+from trueplant.identify.row import Row, Spec
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix
 

@@ -29,7 +29,8 @@ from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import best_dead_times
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.output import OutputEstimate, averaged
-from trueplant.identify.row import Piece, Row, placed
+from trueplant.identify.pieces import Piece
+from trueplant.identify.row import Row, placed
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.record.types import Segment

@@ -61,28 +61,6 @@ class Unknown:
         )
 
 
-class Load(NamedTuple):
-    """Something nobody recorded that acts like an input, at a constant level from one sample on."""
-
-    column: int
-    """Of the input that it acts like."""
-    sample: int
-    end: int | None = None
-    """The sample from which on it is gone; None: it lasts."""
-
-    def within(self, first: int, end: int) -> Load | None:
-        """What of it begins between two samples, counted from the first of them."""
-        if not first < self.sample < end:
-            return None
-        return self._replace(sample=self.sample - first, end=None if self.end is None else self.end - first)
-
-    def course(self, size: int) -> Array:
-        """(size,) itself, of size 1."""
-        out = np.zeros(size)
-        out[self.sample : self.end] = 1.0
-        return out
-
-
 class Modes(NamedTuple):
     """The modes of a row: its lags, two for each complex pair, and a drift for each element that integrates."""
 

@@ -10,9 +10,11 @@ import numpy as np
 
 from trueplant.identify.estimate import Options
 from trueplant.identify.holds import FoundHold, find_holds, held_fits, with_holds
+from trueplant.identify.loads import find_loads, with_loads
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
-from trueplant.identify.row import Held, Spec
+from trueplant.identify.pieces import Held
+from trueplant.identify.row import Spec
 from trueplant.identify.shared_disturbance import predicted_outputs, together, widened_for_shared_disturbance
 from trueplant.identify.strides import Sampling, choose_block, choose_stride, samples_per_update, typical_lag
 from trueplant.identify.structures import with_structures
@@ -99,6 +101,10 @@ def identify_with_holds(
         found = estimate(own)
         if found is not None:
             estimates[i] = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
+    loaded = find_loads({i: estimate.fit for i, estimate in estimates.items()})
+    segments = with_loads(segments, loaded) if loaded else segments
+    for i, fit in loaded.items():
+        estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
     holds = find_holds(estimates, model, undeclared)
     segments = with_holds(segments, holds)
     for i, fit in held_fits(holds).items():

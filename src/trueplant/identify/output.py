@@ -21,10 +21,10 @@ from trueplant.identify.intervals import as_wide_as, mixed, normal_intervals, pr
 from trueplant.identify.levels import SEARCHED_FREEDOM, UNDERMODELLED
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p, ratio_p
 from trueplant.identify.linear_algebra import inverse
-from trueplant.identify.loads import with_loads
 from trueplant.identify.minima import OpenMinima, open_minima
 from trueplant.identify.noise_order import order_dependence
-from trueplant.identify.row import Held, Row, Spec, pieces_of
+from trueplant.identify.pieces import Held, pieces_of
+from trueplant.identify.row import Row, Spec
 from trueplant.identify.sandwich import needs_sandwich, sandwich_covariance
 from trueplant.identify.strides import Sampling
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
@@ -142,7 +142,7 @@ def identify_output(
     if sampling.block is not None:
         pieces = in_blocks(pieces, sampling.block, sampling.stride)
     row = Row(tuple(specs), pieces, sampling.stride)
-    begun = with_loads(estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options))
+    begun = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
     full, minima = _fitted(begun, confidence)
     fit = minima.best
     tests, factor = residual_tests(fit, confidence), inflation(fit, confidence)

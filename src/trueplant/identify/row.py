@@ -7,22 +7,19 @@ free response of every lag.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
-from trueplant.identify.initial_state import Load, Modes, Past, Unknown, unknown_of
+from trueplant.identify.initial_state import Modes, Past, Unknown, unknown_of
+from trueplant.identify.pieces import Piece, differenced_piece
 from trueplant.identify.prior import Prior
-from trueplant.lti.sampled import sampled_response
 from trueplant.lti.structure import Structure
-from trueplant.lti.transfer import TransferFunction
-from trueplant.record.types import Segment
+from trueplant.record.types import Load
 
 
 @dataclass(frozen=True)
@@ -39,164 +36,6 @@ class Spec:
     """Places of parameters in `initial` which the model does not have: the search starts there, and no more."""
     guess: tuple[float, ...] | None = None
     """Initial guess of the parameters; None for the model's."""
-
-
-@dataclass(frozen=True)
-class Held:
-    """An element kept at its declared value."""
-
-    column: int
-    system: TransferFunction
-
-
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """One segment as one output sees it. Inputs are deviations from their first sample."""
-
-    experiment: int
-    h: float
-    y: Array
-    """(N,) minus the response of the fixed elements; 0 where not valid."""
-    valid: BoolArray
-    inputs: Array
-    """(n_columns, N)."""
-    hold: tuple[str, ...]
-    restarts: tuple[int, ...] = ()
-    """Samples at which a gap in the inputs ends: what they did in it, and so the state, is not known."""
-    start: float = 0.0
-    """Time of the first sample."""
-    jumps: tuple[int, ...] = ()
-    """Samples from which on a disturbance holds the output at another level."""
-    loads: tuple[Load, ...] = ()
-    """Loads that were found (`loads`)."""
-
-    @property
-    def span(self) -> float:
-        return self.h * (self.y.size - 1)
-
-    @cached_property
-    def spread(self) -> float:
-        """Standard deviation of y where it was measured."""
-        return float(np.std(self.y[self.valid])) if self.valid.any() else 0.0
-
-    @cached_property
-    def input_spread(self) -> Array:
-        """(n_columns,) standard deviation of each input."""
-        return np.asarray(np.std(self.inputs, axis=1))
-
-    def from_sample(self, first: int, end: int | None = None) -> Piece:
-        """The piece from one sample on (to another)."""
-        if first == 0 and end is None:
-            return self
-        part = slice(first, end)
-        inputs = self.inputs[:, part]
-        inputs = np.ascontiguousarray(inputs - inputs[:, :1])
-        last = self.y.size if end is None else end
-        y, valid, start = self.y[part], self.valid[part], self.start + first * self.h
-        restarts, jumps = (tuple(k - first for k in of if first < k < last) for of in (self.restarts, self.jumps))
-        loads = tuple(load for own in self.loads if (load := own.within(first, last)) is not None)
-        return replace(
-            self, y=y, valid=valid, inputs=inputs, restarts=restarts, start=start, jumps=jumps, loads=loads
-        )
-
-    @cached_property
-    def starts_at_rest(self) -> bool:
-        """True if no input moves during the first samples and the output does not drift meanwhile."""
-        moved = np.flatnonzero(np.any(self.inputs != 0, axis=0))
-        lead = int(moved[0]) if moved.size else self.y.size
-        y = self.y[:lead][self.valid[:lead]]
-        if lead < levels.QUIET_SAMPLES or y.size < levels.QUIET_SAMPLES:
-            return False
-        early, late = np.array_split(y, 2)
-        spread = np.median(np.abs(np.diff(y))) + np.std(late)
-        return bool(abs(np.median(late) - np.median(early)) <= spread + 1e-9 * np.ptp(self.y))
-
-
-def pieces_of(
-    segments: Sequence[Segment], output: int, held: Sequence[Held] = (), update: int = 1
-) -> tuple[Piece, ...]:
-    """The segments in which this output was measured at all.
-
-    Segments of one experiment on one grid become one piece, so that they share an operating point. `update` is the
-    number of samples for which a historian or instrument holds each PV; pieces then begin with a fresh one, so that
-    every `update`-th sample is fresh.
-    """
-    measured = [segment for segment in segments if np.isfinite(segment.y[:, output]).sum() >= 2]
-    pieces = []
-    for group in _groups(measured):
-        whole, restarts = _joined(group)
-        valid = np.isfinite(whole.y[:, output])
-        inputs = np.column_stack([whole.u, whole.d])
-        inputs = np.ascontiguousarray((inputs - inputs[0]).T)
-        hold = whole.holds
-        y = np.where(valid, whole.y[:, output], 0.0)
-        for element in held:
-            y = y - sampled_response(element.system, inputs[element.column], whole.h, hold[element.column])
-        jumps = whole.jumps[output] if whole.jumps else ()
-        y = np.where(valid, y, 0.0)
-        piece = Piece(whole.experiment, whole.h, y, valid, inputs, hold, restarts, whole.t[0], jumps)
-        pieces.append(piece.from_sample(_first_update(whole.y[:, output], update)))
-    return tuple(pieces)
-
-
-def _groups(segments: Sequence[Segment]) -> list[list[Segment]]:
-    """Segments that can be joined: same experiment, gaps of whole samples and no longer than what they separate."""
-    groups: list[list[Segment]] = []
-    for segment in segments:
-        before = groups[-1][-1] if groups else None
-        if before is not None and before.experiment == segment.experiment and len(groups[-1]) < levels.MOST_JOINED:
-            missing = (segment.t[0] - before.t[-1]) / before.h
-            if 0.5 < missing < max(len(segment), len(before)) and abs(missing - round(missing)) < 0.05:
-                groups[-1].append(segment)
-                continue
-        groups.append([segment])
-    return groups
-
-
-def _joined(group: Sequence[Segment]) -> tuple[Segment, tuple[int, ...]]:
-    """One segment, inputs held and outputs missing in its gaps, and the samples at which the gaps end."""
-    first = group[0]
-    if len(group) == 1:
-        return first, ()
-    starts = [round((segment.t[0] - first.t[0]) / first.h) for segment in group]
-    size = starts[-1] + len(group[-1])
-    index = np.full(size, -1)
-    for k, (start, segment) in enumerate(zip(starts, group, strict=True)):
-        index[start : start + len(segment)] = np.arange(len(segment)) + sum(len(s) for s in group[:k])
-    last = np.maximum.accumulate(index)
-    there = index >= 0
-
-    def laid(name: str, missing: bool = False) -> NDArray[Any]:
-        values = np.concatenate([getattr(segment, name) for segment in group])[last]
-        return np.where(there[:, None], values, np.nan) if missing else values
-
-    whole = replace(
-        first,
-        t=first.t[0] + first.h * np.arange(size),
-        r=laid("r"),
-        u=laid("u"),
-        y=laid("y", missing=True),
-        d=laid("d"),
-        free=laid("free"),
-        jumps=tuple(
-            tuple(
-                k + start
-                for start, segment in zip(starts, group, strict=True)
-                if segment.jumps
-                for k in segment.jumps[i]
-            )
-            for i in range(first.y.shape[1])
-        ),
-    )
-    return whole, tuple(starts[1:])
-
-
-def _first_update(y: Array, update: int) -> int:
-    """The sample, below `update`, from which on every `update`-th one is fresh: where most changes fall."""
-    if update <= 1:
-        return 0
-    changed = np.flatnonzero(np.abs(np.diff(y)) > 0) + 1
-    return int(np.argmax(np.bincount(changed % update, minlength=update)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,15 +162,19 @@ class Row:
         return total, gradient.T
 
     def unknown(self, theta: Array, k: int) -> Unknown:
-        """What is linear and not known of piece k: offset, free responses of all modes of an unknown past, jumps, loads."""
+        """What is linear and not known of piece k: offset, free responses of an unknown past, jumps, loads."""
         piece, found = self.pieces[k], unknown_of(theta, self._modes, self._pasts[k])
-        for load in piece.loads:
-            spec, part = next((s, p) for s, p in zip(self.specs, self.slices, strict=True) if s.column == load.column)
-            course, hold = load.course(piece.y.size), piece.hold[load.column]
-            rows = spec.structure.response_and_gradient(theta[part], course, piece.h, hold, self.stride)
+        for load, m in self.loads(k):
+            course, hold, part = load.course(piece.times), piece.hold[load.column], self.slices[m]
+            rows = self.specs[m].structure.response_and_gradient(theta[part], course, piece.h, hold, self.stride)
             largest = levels.LARGEST_FREE_RESPONSE * float(piece.input_spread[load.column])
             found = found.including(rows[0], rows[1:], np.arange(part.start, part.stop), largest)
         return found
+
+    def loads(self, k: int) -> list[tuple[Load, int]]:
+        """The loads that step within piece k and reach its output, each with the element that they reach it through."""
+        places = {spec.column: m for m, spec in enumerate(self.specs)}
+        return [(load, places[load.column]) for load in self.pieces[k].stepping if load.column in places]
 
     def nuisance(self, theta: Array, k: int) -> Array:
         """Columns (n, n_z) of `unknown`."""
@@ -340,7 +183,7 @@ class Row:
     @cached_property
     def nuisance_count(self) -> int:
         """Offsets, free responses, jumps and loads over all pieces, which are estimated along."""
-        loads = sum(len(piece.loads) for piece in self.pieces)
+        loads = sum(len(self.loads(k)) for k in range(len(self.pieces)))
         return loads + sum(1 + past.starts.size * self._modes.free_responses + past.jumps.size for past in self._pasts)
 
     @cached_property
@@ -377,17 +220,7 @@ def differenced(row: Row, over: int = 1) -> Row:
 
     The same elements lead from one to the other; a level, and noise that is integrated, is gone.
     """
-    return replace(row, pieces=tuple(_differenced(piece, over * row.stride) for piece in row.pieces))
-
-
-def _differenced(piece: Piece, span: int) -> Piece:
-    valid = np.zeros(piece.valid.size, dtype=bool)
-    valid[span:] = piece.valid[span:] & piece.valid[:-span]
-    y, inputs = np.zeros_like(piece.y), np.zeros_like(piece.inputs)
-    y[span:] = np.where(valid[span:], piece.y[span:] - piece.y[:-span], 0.0)
-    inputs[:, span:] = piece.inputs[:, span:] - piece.inputs[:, :-span]
-    loads = tuple(load._replace(end=load.sample + span) for load in piece.loads)
-    return replace(piece, y=y, valid=valid, inputs=inputs, loads=loads)
+    return replace(row, pieces=tuple(differenced_piece(piece, over * row.stride) for piece in row.pieces))
 
 
 def placed(values: Array, of: Row, row: Row) -> Array:

@@ -12,7 +12,8 @@ from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
-from trueplant.identify.row import Piece, Row
+from trueplant.identify.pieces import Piece
+from trueplant.identify.row import Row
 from trueplant.lti.sampled import rows_response
 from trueplant.lti.structure import Structure
 

@@ -14,8 +14,9 @@ from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.linear_algebra import eliminated
 from trueplant.identify.noise import fit_ar, whiten
+from trueplant.identify.pieces import Piece
 from trueplant.identify.portmanteau import correlogram
-from trueplant.identify.row import Piece, Row
+from trueplant.identify.row import Row
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction
 

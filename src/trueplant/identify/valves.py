@@ -22,7 +22,8 @@ from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit, Whitening, fit_row
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.output import OutputEstimate, averaged
-from trueplant.identify.row import Piece, Row, placed
+from trueplant.identify.pieces import Piece
+from trueplant.identify.row import Row, placed
 from trueplant.loop.valve import Valve
 from trueplant.record.types import Segment
 from trueplant.result.budget import Source

@@ -8,7 +8,7 @@ from trueplant.record.readers import FORMATS, Format, read_table
 from trueplant.record.screening import screen
 from trueplant.record.source import Source
 from trueplant.record.table import Table
-from trueplant.record.types import Finding, Kind, Record, Refusal, Screened, Segment, Unusable
+from trueplant.record.types import Finding, Kind, Load, Record, Refusal, Screened, Segment, Unusable
 
 __all__ = [
     "FORMATS",
@@ -18,6 +18,7 @@ __all__ = [
     "Format",
     "Kind",
     "Layout",
+    "Load",
     "Record",
     "Refusal",
     "Screened",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -124,6 +125,22 @@ class Finding:
     """The measured size where there is one: quantum, hold interval, share of samples, ..."""
 
 
+class Load(NamedTuple):
+    """Something nobody recorded that acts like an input, at a constant level from one time on."""
+
+    column: int
+    """Of the input that it acts like."""
+    time: float
+    """In the record's clock."""
+    end: float = np.inf
+    """When it is gone."""
+
+    def course(self, t: Array) -> Array:
+        """Itself, of size 1, at equidistant times t (n,)."""
+        nearly = 1e-6 * (t[1] - t[0]) if t.size > 1 else 0.0
+        return np.asarray((t >= self.time - nearly) & (t < self.end - nearly), dtype=float)
+
+
 @dataclass(frozen=True, eq=False)
 class Segment:
     """A stretch of one record on a uniform grid, ready for estimation.
@@ -146,6 +163,8 @@ class Segment:
     """For each output the samples from which on a disturbance holds it at another level; empty where none is known."""
     d_hold: tuple[str, ...] = ()
     """How each measured disturbance runs between samples, as `hold`; empty: all in straight lines."""
+    loads: tuple[Load, ...] = ()
+    """Steps that nobody recorded, as far as they were found."""
 
     @property
     def holds(self) -> tuple[str, ...]:

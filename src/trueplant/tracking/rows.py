@@ -25,7 +25,7 @@ from trueplant.identify import (
     unanswered,
     with_holds,
 )
-from trueplant.identify.row import Piece
+from trueplant.identify.pieces import Piece
 from trueplant.identify.shared_disturbance import widened_for_shared_disturbance
 from trueplant.record import Segment
 from trueplant.study.data.excitation import excited

@@ -17,7 +17,7 @@ from trueplant.identify.instrumental.refine import Instruments, Refined, refine
 from trueplant.identify.instrumental.result import PolynomialFit, finished
 from trueplant.identify.instrumental.samples import Samples, common_sample_time, samples_of
 from trueplant.identify.levels import INSTRUMENT_SETTLED
-from trueplant.identify.row import Held
+from trueplant.identify.pieces import Held
 from trueplant.loop.controller import Controller
 from trueplant.loop.simulate import simulate
 from trueplant.lti.transfer import TransferFunction, TransferMatrix

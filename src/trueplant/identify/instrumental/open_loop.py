@@ -29,7 +29,7 @@ from trueplant.identify.instrumental.order import Order, slices
 from trueplant.identify.instrumental.refine import Point, Refined, bounded, evaluate, refine
 from trueplant.identify.instrumental.result import PolynomialFit, finished, instrument_covariance
 from trueplant.identify.instrumental.samples import Samples, common_sample_time, samples_of
-from trueplant.identify.row import Held
+from trueplant.identify.pieces import Held
 from trueplant.record.types import Segment
 
 

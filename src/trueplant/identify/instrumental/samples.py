@@ -10,7 +10,7 @@ from numba import njit
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import Refused, UsageError
-from trueplant.identify.row import Held, Piece, pieces_of
+from trueplant.identify.pieces import Held, Piece, pieces_of
 from trueplant.lti.sampled import expm, realise, rows_response
 from trueplant.record.types import Segment
 

@@ -12,7 +12,7 @@ from trueplant.arrays import Array
 from trueplant.identify import OutputEstimate, RowFit
 from trueplant.identify.levels import SHARED_FACTOR
 from trueplant.identify.noise import whiten, whitened_valid
-from trueplant.identify.row import Piece
+from trueplant.identify.pieces import Piece
 from trueplant.loop import Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.study import levels

@@ -12,7 +12,7 @@ from trueplant.arrays import Array
 from trueplant.detect import CommonFactor, Found, common_factors, level_variance
 from trueplant.identify import FoundValve, OutputEstimate
 from trueplant.identify.fit import residuals
-from trueplant.identify.row import Piece
+from trueplant.identify.pieces import Piece
 from trueplant.record import Segment
 from trueplant.result import Code, Element, ElementVerdict, Reason
 from trueplant.study import levels

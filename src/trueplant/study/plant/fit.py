@@ -6,7 +6,7 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify import RESIDUAL_TESTS, OutputEstimate, fit_percent, pieces_of, simulate_piece
-from trueplant.identify.row import Piece
+from trueplant.identify.pieces import Piece
 from trueplant.lti import TransferMatrix
 from trueplant.result import FitRow, ResidualTest, ValidationFit
 from trueplant.study.plant.identified import Identified
