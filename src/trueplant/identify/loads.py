@@ -15,11 +15,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import fit_noise, largest_order, polished
-from trueplant.identify.fit import RowFit, evaluate, fit_row
+from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.load_gains import likeliest_load
 from trueplant.identify.row import Row
 from trueplant.record.types import Load, Segment
@@ -38,14 +37,14 @@ def find_loads(fits: Fits) -> Fits:
     own = {i: fit for i, fit in fits.items() if fit.ar.size}
     if not own or any(most_moved(fit.row) is not fit.row for fit in own.values()):
         return {}
-    found: list[Fits] = [own]
+    found: list[Fits] = [_with_long_noise(own)]
     for start in (own, {i: _model(fit) for i, fit in own.items()}):
         loaded = _settled(start)
         if _places(loaded):
             freed = {i: _refitted(replace(fit, free=own[i].free), fit.row) for i, fit in loaded.items()}
-            found.append({i: polished(fit) for i, fit in _settled(freed).items()})
-    best = found[int(np.argmin(_criteria(found)))]
-    return {} if best is own else best
+            found.append(_needed(_with_long_noise(_settled(freed))))
+    best = min(found, key=_criterion)
+    return {i: polished(fit) for i, fit in best.items()} if _places(best) else {}
 
 
 def with_loads(segments: Sequence[Segment], fits: Fits) -> tuple[Segment, ...]:
@@ -114,9 +113,10 @@ def _refitted(fit: RowFit, row: Row) -> RowFit:
     )
 
 
-def _renewed(fit: RowFit) -> RowFit:
-    """The fit with a noise model chosen anew."""
-    ar = fit_noise(fit, None, largest_order(fit.row, levels.LARGEST_ORDER))
+def _renewed(fit: RowFit, order: int | None = None) -> RowFit:
+    """The fit with a noise model made anew, of at most that order (None: chosen)."""
+    limit = largest_order(fit.row, levels.LARGEST_ORDER)
+    ar = fit_noise(fit, None if order is None else min(order, limit), limit)
     return _refitted(replace(fit, ar=ar), fit.row)
 
 
@@ -174,14 +174,20 @@ def _chance(fits: Fits, sizes: int) -> float:
     return float(chi2.isf(levels.LOAD_STEP / max(tried, 1), sizes))
 
 
-def _criteria(found: list[Fits]) -> Array:
-    """-2 log likelihood over the samples that all can predict, and what noise models and loads cost."""
-    out = np.array([sum(_cost(fits, place) for place in _places(fits)) for fits in found])
-    for i in found[0]:
-        longest = max(fits[i].ar.size for fits in found)
-        for k, fits in enumerate(found):
-            fit = fits[i]
-            point = evaluate(fit.row, fit.theta, np.append(fit.ar, np.zeros(longest - fit.ar.size)), fit.weights)
-            count = max(point.count, 1)
-            out[k] += fit.left * np.log(max(point.cost, 1e-300) / count) + np.log(count) * fit.ar.size
-    return out
+def _with_long_noise(fits: Fits) -> Fits:
+    """The fits beside the largest noise models that the record bears: what slow noise does, these explain."""
+    return {i: _renewed(fit, levels.LARGEST_ORDER) for i, fit in fits.items()}
+
+
+def _needed(fits: Fits) -> Fits:
+    """The fits without the loads that gain no more than chance."""
+    for place in _places(fits):
+        without = _without(fits, place)
+        fits = without if _rise(fits, without) < _cost(fits, place) else fits
+    return fits
+
+
+def _criterion(fits: Fits) -> float:
+    """-2 log likelihood, and what loads cost."""
+    deviance = sum(fit.left * float(np.log(max(fit.cost, 1e-300) / max(fit.count, 1))) for fit in fits.values())
+    return deviance + sum(_cost(fits, place) for place in _places(fits))
