@@ -8,7 +8,8 @@ from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.gate import Worse, worse_than_model
 from trueplant.identify.holds import FoundHold, find_holds, widened_for_holds, with_holds
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
-from trueplant.identify.matrix import identify_matrix, identify_with_holds, specs_of
+from trueplant.identify.loads import FoundLoad, found_loads, with_loads
+from trueplant.identify.matrix import Open, identify_matrix, identify_with_holds, specs_of
 from trueplant.identify.output import OutputEstimate, Rejected, identify_output, unanswered
 from trueplant.identify.pieces import Held, pieces_of
 from trueplant.identify.residual_tests import RESIDUAL_TESTS
@@ -22,8 +23,10 @@ __all__ = [
     "RESIDUAL_TESTS",
     "Budget",
     "FoundHold",
+    "FoundLoad",
     "FoundValve",
     "Held",
+    "Open",
     "Options",
     "OutputEstimate",
     "Rejected",
@@ -44,6 +47,7 @@ __all__ = [
     "find_holds",
     "fit_percent",
     "fit_row",
+    "found_loads",
     "identify_matrix",
     "identify_output",
     "identify_with_holds",
@@ -60,5 +64,6 @@ __all__ = [
     "widened_for_holds",
     "widened_for_valves",
     "with_holds",
+    "with_loads",
     "worse_than_model",
 ]

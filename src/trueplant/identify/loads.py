@@ -10,16 +10,19 @@ loads as well they are not found: the search begins at the model too, and the li
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
+from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import fit_noise, largest_order, polished
-from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.fit import RowFit, fit_row, linearised
+from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.load_gains import likeliest_load
+from trueplant.identify.noise import whiten
 from trueplant.identify.row import Row
 from trueplant.record.types import Load, Segment
 
@@ -54,6 +57,45 @@ def with_loads(segments: Sequence[Segment], fits: Fits) -> tuple[Segment, ...]:
         replace(segment, loads=tuple(load for experiment, load in places if experiment == segment.experiment))
         for segment in segments
     )
+
+
+@dataclass(frozen=True)
+class FoundLoad:
+    """A step that nobody recorded."""
+
+    experiment: int
+    load: Load
+    size: float
+    """In the unit of the input that it acts like."""
+    error: float
+    """Standard error of the size, the plant's in it."""
+
+
+def found_loads(fits: Fits) -> list[FoundLoad]:
+    """The loads of some fits with their sizes, over all outputs that they reach, in order of time."""
+    told: dict[Place, list[tuple[float, float]]] = {}
+    for fit in fits.values():
+        for part in linearised(fit.row, fit.theta, fit.ar, fit.weights):
+            k, loads = part.number, fit.row.loads(part.number)
+            if not loads:
+                continue
+            unknown = fit.row.unknown(fit.theta, k).columns
+            y, valid = fit.row.measured(k)
+            output = np.where(valid, y - fit.row.response(fit.theta, k), 0.0)
+            columns = fit.weights[k] * np.column_stack([whiten(fit.ar, unknown)[part.use], -part.jacobian.T])
+            weights = np.linalg.lstsq(columns, fit.weights[k] * whiten(fit.ar, output)[part.use], rcond=1e-10)[0]
+            variances = fit.variance * np.diag(inverse(columns.T @ columns))
+            first = unknown.shape[1] - len(loads)
+            for n, (load, _) in enumerate(loads, start=first):
+                experiment = fit.row.pieces[k].experiment
+                told.setdefault((experiment, load), []).append((float(weights[n]), float(variances[n])))
+    return [_weighed(place, np.array(told[place])) for place in sorted(told)]
+
+
+def _weighed(place: Place, sizes: Array) -> FoundLoad:
+    """One load from sizes and their variances (n, 2)."""
+    shares = 1 / sizes[:, 1]
+    return FoundLoad(*place, float(shares @ sizes[:, 0] / shares.sum()), float(shares.sum() ** -0.5))
 
 
 def _model(fit: RowFit) -> RowFit:

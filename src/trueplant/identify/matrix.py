@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -21,6 +21,18 @@ from trueplant.identify.structures import with_structures
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix
 from trueplant.record.types import Segment
+
+
+@dataclass(frozen=True)
+class Open:
+    """What the estimates are to find out besides the parameters."""
+
+    holds: Sequence[int] = ()
+    """Columns of measured disturbances of which nobody said how they run between samples."""
+    pinned: Collection[tuple[int, int]] = ()
+    """Elements that keep their structure, whatever the record says."""
+    loads: bool = True
+    """Steps that nobody recorded; not where a disturbance is declared that would do what they do."""
 
 
 def specs_of(model: TransferMatrix) -> dict[tuple[int, int], Spec]:
@@ -52,26 +64,24 @@ def identify_matrix(
     PV, `timing` the standard error of the instants (`Sampling`). `tell` is told the number of each output
     before it is estimated. With `structures`, those that the record rejects are replaced by richer ones.
     """
-    instants = (update_interval, timing)
-    pinned = () if structures else [*np.ndindex(*model.shape)]
-    return identify_with_holds(segments, model, specs, (), confidence, instants, tell=tell, pinned=pinned)[0]
+    asked = Open(pinned=() if structures else [*np.ndindex(*model.shape)])
+    return identify_with_holds(segments, model, specs, asked, confidence, (update_interval, timing), tell=tell)[0]
 
 
 def identify_with_holds(
     segments: Sequence[Segment],
     model: TransferMatrix,
     specs: Mapping[tuple[int, int], Spec],
-    undeclared: Sequence[int],
+    asked: Open,
     confidence: float,
     instants: tuple[float, float],
     tell: Callable[[int], None] | None = None,
-    pinned: Collection[tuple[int, int]] = (),
 ) -> tuple[dict[int, OutputEstimate], dict[int, FoundHold]]:
-    """`identify_matrix`, and how the measured disturbances in the `undeclared` columns run between their samples.
+    """`identify_matrix`, and how measured disturbances run between their samples.
 
-    That is found before structures are tested: what a wrong hold leaves in the prediction errors would pass for
+    Loads and holds are found before structures are tested: what they leave in the prediction errors would pass for
     dynamics that the structure lacks. `instants` are the update interval and the timing error. Structures that the
-    record rejects are replaced by richer ones but for the `pinned` elements.
+    record rejects are replaced by richer ones.
     """
     update_interval, timing = instants
     everywhere = list(specs.values())
@@ -101,11 +111,11 @@ def identify_with_holds(
         found = estimate(own)
         if found is not None:
             estimates[i] = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
-    loaded = find_loads({i: estimate.fit for i, estimate in estimates.items()})
+    loaded = find_loads({i: estimate.fit for i, estimate in estimates.items()}) if asked.loads else {}
     segments = with_loads(segments, loaded) if loaded else segments
     for i, fit in loaded.items():
         estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
-    holds = find_holds(estimates, model, undeclared)
+    holds = find_holds(estimates, model, asked.holds)
     segments = with_holds(segments, holds)
     for i, fit in held_fits(holds).items():
         estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
@@ -116,7 +126,7 @@ def identify_with_holds(
             partial(_estimated, again[i], segments),
             len(everywhere),
             confidence,
-            [j for k, j in pinned if k == i],
+            [j for k, j in asked.pinned if k == i],
         )
     if any(segment.closed for segment in segments):
         estimates = _with_shared_disturbances(estimates, confidence)

@@ -31,7 +31,7 @@ def fit_percent(y: Array, simulated: Array) -> float:
 
 
 def simulate_piece(piece: Piece, systems: Sequence[tuple[int, TransferFunction]], lags: Sequence[float]) -> Array:
-    """Simulated output (N,) of a piece, with offset and free response of the given lags fitted to its data."""
+    """Simulated output (N,) of a piece, with offset, free response of the given lags and loads fitted to its data."""
     total = np.zeros(piece.y.size)
     for column, system in systems:
         total += sampled_response(system, piece.inputs[column], piece.h, piece.hold[column])
@@ -41,6 +41,12 @@ def simulate_piece(piece: Piece, systems: Sequence[tuple[int, TransferFunction]]
         since = t - piece.h * start
         columns += [np.where(since >= 0, np.exp(-np.maximum(since, 0) / lag), 0.0) for lag in lags if lag > 0]
     columns += [(np.arange(t.size) >= jump).astype(float) for jump in piece.jumps]
+    known = dict(systems)
+    columns += [
+        sampled_response(known[load.column], load.course(piece.times), piece.h, piece.hold[load.column])
+        for load in piece.stepping
+        if load.column in known
+    ]
     z = np.column_stack(columns)
     out: Array = total + z @ eliminated(z[piece.valid], (piece.y - total)[piece.valid])[0]
     return out

@@ -28,6 +28,7 @@ class Code(StrEnum):
     PILOT = "pilot", "the first estimate of a long record answers nothing"
     UNSTABLE_MODEL = "unstable-model", "the declared loop is unstable on the model"
     MISSING_ELEMENT = "missing-element", "an element that the model lacks was found"
+    LOAD = "load-step", "something that nobody recorded stepped like an input"
     SETPOINT_COMPUTED = "setpoint-computed", "a set-point follows PV and moves nothing from outside"
     SETPOINT_STILL = "setpoint-still", "a set-point never moves"
     SETPOINT_RANK = "setpoint-rank", "the set-points move in the same proportion"

@@ -106,6 +106,11 @@ class Study:
         """Names of the model's columns."""
         return (*self.project.input_names, *self.project.disturbance_names)
 
+    def input_unit(self, j: int) -> str:
+        """The unit of a column of the model."""
+        inputs = self.project.inputs
+        return inputs[j].unit if j < len(inputs) else self.project.disturbances[j - len(inputs)].unit
+
     @property
     def inputs_model(self) -> TransferMatrix:
         """(n_y, n_u) the model from the inputs alone."""

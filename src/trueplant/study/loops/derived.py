@@ -21,7 +21,7 @@ from trueplant.lti.delay import phase, total_delay
 from trueplant.lti.structure import gain_unit, structure_of
 from trueplant.result import Derived
 from trueplant.study.loops.targets import crossover
-from trueplant.study.plant.elements import Judged, input_unit
+from trueplant.study.plant.elements import Judged
 from trueplant.study.study import Study
 
 
@@ -65,7 +65,7 @@ def _derived(
     at, w = _frequency(study, plant, found, place[1])
     if not np.isfinite(w):
         return
-    unit = gain_unit(study.project.outputs[place[0]].unit, input_unit(study, place[1]))
+    unit = gain_unit(study.project.outputs[place[0]].unit, study.input_unit(place[1]))
     for quantity in _response(found, model, w, unit, time_unit):
         yield _told(found, quantity, at, w, confidence)
 

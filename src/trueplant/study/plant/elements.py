@@ -130,7 +130,7 @@ def _element(
     j: int,
     importance: tuple[Array, str],
 ) -> Element:
-    units = found.spec.structure.units(study.project.outputs[i].unit, input_unit(study, j), study.project.time_unit)
+    units = found.spec.structure.units(study.project.outputs[i].unit, study.input_unit(j), study.project.time_unit)
     parameters = parameters_of(found, verdict, units)
     answered = [p.plant is not None for p in parameters]
     peak, basis = importance
@@ -153,12 +153,6 @@ def _element(
         rejected_structure=None if found.rejected is None else str(found.rejected.structure),
         budget=budgets_of(found),
     )
-
-
-def input_unit(study: Study, j: int) -> str:
-    """The unit of a column of the model."""
-    inputs = study.project.inputs
-    return inputs[j].unit if j < len(inputs) else study.project.disturbances[j - len(inputs)].unit
 
 
 def _power_reason(verdict: detect.Verdict) -> str:

@@ -9,15 +9,19 @@ from trueplant.disturbance import DisturbedFit
 from trueplant.identify import (
     FoundHold,
     FoundValve,
+    Open,
     OutputEstimate,
+    RowFit,
     Spec,
     behind_valves,
+    found_loads,
     identify_with_holds,
     sticking,
     try_valves,
     widened_for_holds,
     widened_for_valves,
     with_holds,
+    with_loads,
 )
 from trueplant.record import Segment
 from trueplant.result import Code, Reason
@@ -38,7 +42,7 @@ class Identified:
     specs: Mapping[Place, Spec]
     """The elements asked for, and those that the model lacks and the record shows."""
     segments: tuple[Segment, ...]
-    """Those of the study, with the samples at which a declared disturbance was found to jump."""
+    """Those of the study, with the loads that were found, or the samples at which a declared disturbance jumps."""
     disturbed: Mapping[int, DisturbedFit]
     """The outputs with a declared unmeasured disturbance, estimated along with it."""
     notes: tuple[Reason, ...] = ()
@@ -55,7 +59,7 @@ class Identified:
 def identify(study: Study, say: Progress = quiet) -> Identified:
     """Estimate all elements of all outputs, with the unmeasured disturbances that the project declares."""
     estimates, holds = estimate_and_holds(study, study.segments, study.holds_to_find, say)
-    segments = with_holds(study.segments, holds)
+    segments = with_loads(with_holds(study.segments, holds), _fits(estimates))
     say("looking for valves that do not follow OP")
     columns = [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"]
     tried = try_valves(estimates, columns)
@@ -76,7 +80,8 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     confidence = study.project.analysis.confidence
     estimates = widened_for_valves(widened_for_holds(estimates, holds, confidence), tried, confidence)
     taken = {(i, spec.column): spec for i, found in estimates.items() for spec in found.row.specs}
-    return Identified(estimates, {**study.specs, **taken}, segments, fits, _missing(study, taken), valves, holds)
+    notes = (*_missing(study, taken), *_loads(study, estimates))
+    return Identified(estimates, {**study.specs, **taken}, segments, fits, notes, valves, holds)
 
 
 def estimate(study: Study, segments: tuple[Segment, ...], say: Progress = quiet) -> dict[int, OutputEstimate]:
@@ -92,11 +97,14 @@ def estimate_and_holds(
         segments,
         study.model,
         study.specs,
-        undeclared,
+        Open(
+            undeclared,
+            [place for place in study.specs if study.project.structure(*place) is not None],
+            loads=not study.project.unmeasured,
+        ),
         study.project.analysis.confidence,
         (update_interval(study), timing_error(study)),
         tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
-        pinned=[place for place in study.specs if study.project.structure(*place) is not None],
     )
     unmoved = unmoved_outputs(study)
     return {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items() if i not in unmoved}, holds
@@ -120,3 +128,24 @@ def _missing(study: Study, taken: Mapping[Place, Spec]) -> tuple[Reason, ...]:
         )
         for i, j in sorted(taken.keys() - study.specs.keys())
     )
+
+
+def _loads(study: Study, estimates: Mapping[int, OutputEstimate]) -> tuple[Reason, ...]:
+    """What is said of steps that nobody recorded."""
+    notes, project = [], study.project
+    for found in found_loads(_fits(estimates)):
+        name, at = study.columns[found.load.column], f"{found.load.time:.6g} {project.time_unit}"
+        unit = study.input_unit(found.load.column)
+        notes.append(
+            Reason(
+                Code.LOAD,
+                f"at {at} something that was not recorded moved the outputs as a step of {name} by {found.size:.3g}"
+                f"{unit and ' '}{unit} (95 % +- {1.96 * found.error:.2g}) would have: taken along in the estimate",
+                project.experiments[found.experiment].name,
+            )
+        )
+    return tuple(notes)
+
+
+def _fits(estimates: Mapping[int, OutputEstimate]) -> dict[int, RowFit]:
+    return {i: estimate.fit for i, estimate in estimates.items()}
