@@ -42,15 +42,14 @@ def as_wide_as(covariance: Array, index: int, value: float, ends: tuple[float, f
     """The covariance with the standard error of one parameter raised to what its interval says.
 
     A dead time has a minimum of its own in every sample interval, and the curvature in one of them says
-    little about how far away the others are. The longer side counts: the other may end at a bound.
+    little about how far away the others are. The longer side counts: the other may end at a bound. The others follow
+    along the ridge, as they do in the profile: what is known of them together with this one stays known.
     """
     longest = max(value - ends[0], ends[1] - value)
     sigma = np.sqrt(covariance[index, index])
     factor = longest / norm.ppf(0.5 + confidence / 2) / sigma if sigma > 0 and np.isfinite(longest) else 1.0
-    scale = np.ones(len(covariance))
-    scale[index] = max(factor, 1.0)
-    widened: Array = covariance * np.outer(scale, scale)
-    return widened
+    ridge = covariance[:, index] / max(sigma, np.finfo(float).tiny)
+    return np.asarray(covariance + max(factor**2 - 1, 0.0) * np.outer(ridge, ridge))
 
 
 def widened(ends: Sequence[float] | Array, value: float, variance: float, confidence: float) -> tuple[float, float]:

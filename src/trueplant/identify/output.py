@@ -168,14 +168,17 @@ def identify_output(
     ):
         budget = budget.including(source, variances)
     unprofiled = covariance
-    intervals = normal_intervals(row, theta, covariance, confidence)
+    profiles = {}
     for index in _profiled(fit):
         # A dead time that is fixed at 0 may still be as large as the data allow.
         profiled = fit if fit.free[index] else full
         ends = np.add(profile_interval(profiled, index, confidence, float(factor[index])), shift[index])
         low, high = widened(ends, float(theta[index]), added[index] + more[index, index], confidence)
         covariance = as_wide_as(covariance, index, float(theta[index]), (low, high), confidence)
-        intervals[index] = low, high
+        profiles[index] = low, high
+    intervals = normal_intervals(row, theta, covariance, confidence)
+    for index, both in profiles.items():
+        intervals[index] = both
     return OutputEstimate(
         output=output,
         fit=fit,

@@ -15,6 +15,7 @@ import numpy as np
 from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.budget import Budget
+from trueplant.identify.covariance import scaled
 from trueplant.identify.intervals import normal_intervals, widened
 from trueplant.identify.joint import fit_until_white
 from trueplant.identify.output import OutputEstimate
@@ -58,8 +59,8 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
         budget = Budget.of(covariance - own).including(Source.NOISE_MODEL, own)
         before = found.covariance if found.unprofiled is None else found.unprofiled
         unprofiled = covariance + before - found.fit.covariance
-        wider = np.sqrt(np.diag(found.covariance) / np.maximum(np.diag(before), levels.SMALLEST))
-        covariance = unprofiled * np.outer(wider, wider)
+        smaller = np.diag(unprofiled) / np.maximum(np.diag(before), levels.SMALLEST)
+        covariance = unprofiled + scaled(found.covariance - before, smaller)
         intervals = normal_intervals(found.row, theta, covariance, confidence)
         budget = budget.joined(found.budget.without(Source.NOISE, Source.PROFILE))
         better[i] = replace(

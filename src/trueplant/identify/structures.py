@@ -98,7 +98,7 @@ def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
             wanted = replace(structure, lags=1, leads=structure.leads + 1)
             starts.append(_start(structure, p, wanted, np.array([share * lag])))
     rival = polished(_best(_fitted(fit, m, wanted, starts)))
-    return float(chi2.sf(_rise(fit, rival, confidence), _freedom(fit, rival)))
+    return float(chi2.sf(_rise(fit, rival, m, confidence), _freedom(fit, rival)))
 
 
 def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Structure, Array] | None:
@@ -116,7 +116,7 @@ def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Stru
     # Real lags come before complex pairs: a pair that is damped enough describes two lags as well.
     for structure in sorted(found, key=lambda one: (len(one.names), one.pairs, criterion[one])):
         freedom = _freedom(best, found[structure])
-        if len(found) * chi2.sf(_rise(best, found[structure], confidence), freedom) < level:
+        if len(found) * chi2.sf(_rise(best, found[structure], m, confidence), freedom) < level:
             taken, best = structure, found[structure]
     return None if taken is declared else (taken, best.theta[best.row.slices[m]])
 
@@ -189,10 +189,10 @@ def _best(fits: Sequence[RowFit]) -> RowFit:
     return fits[int(np.argmin(_criteria(fits)))]
 
 
-def _rise(fit: RowFit, rival: RowFit, confidence: float) -> float:
-    """By how much -2 log likelihood rises from the rival to the fit."""
+def _rise(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
+    """By how much -2 log likelihood rises from the rival, which has another structure for element m, to the fit."""
     one, other = _criteria([fit, rival])
-    return max(fit.left * (one - other) / float(inflation(rival, confidence)[rival.free].mean()), 0.0)
+    return max(fit.left * (one - other) / float(inflation(rival, confidence)[rival.row.slices[m]].mean()), 0.0)
 
 
 def _freedom(fit: RowFit, rival: RowFit) -> int:
