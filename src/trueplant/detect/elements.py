@@ -19,7 +19,7 @@ from trueplant.identify import (
     Spec,
     Unanswered,
     WhyUnanswered,
-    estimate_of_differences,
+    estimate_beside_longest_noise,
     identify_matrix,
     specs_of,
     unanswered,
@@ -103,11 +103,11 @@ def judge_elements(
     evidence = []
 
     @cache
-    def of_differences(i: int) -> OutputEstimate:
-        return estimate_of_differences(estimates[i], confidence)
+    def longest(i: int) -> OutputEstimate:
+        return estimate_beside_longest_noise(estimates[i], confidence)
 
     for p in places:
-        sceptic = partial(of_differences, p[0])
+        sceptic = partial(longest, p[0])
         other, detectable = _by_likelihood(found[p], estimates[p[0]], sceptic, len(places), 1 - confidence)
         evidence.append(
             Evidence(
@@ -130,8 +130,9 @@ def _by_likelihood(
 ) -> tuple[float | None, float]:
     """p-value of the element by the likelihood, and the change that would have been found.
 
-    A change has to show in the differences as well, unless a disturbance is declared or a joint noise model says what
-    is slow: what loads and drifts do would pass for the plant. Where it does not, they say what would have been found.
+    A change has to show beside the largest noise model as well, unless a disturbance is declared or a joint noise model
+    says what is slow: what slow noise does would pass for the plant. Where it does not, that estimate says what would
+    have been found.
     """
     p, detectable = _other_p(estimate, found), _detectable(estimate, found, elements, level)
     if p is None or p >= level or estimate.rise is not None or estimate.jointly:

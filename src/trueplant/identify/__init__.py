@@ -1,7 +1,6 @@
 """Parametric estimates of the plant, and how far they can be trusted."""
 
 from trueplant.identify.budget import Budget
-from trueplant.identify.differences import estimate_of_differences
 from trueplant.identify.equation_error import equation_error, paper_route
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit, fit_row
@@ -9,6 +8,7 @@ from trueplant.identify.gate import Worse, worse_than_model
 from trueplant.identify.holds import FoundHold, find_holds, widened_for_holds, with_holds
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
 from trueplant.identify.loads import FoundLoad, found_loads, with_loads
+from trueplant.identify.longest_noise import estimate_beside_longest_noise
 from trueplant.identify.matrix import Open, identify_matrix, identify_with_holds, specs_of
 from trueplant.identify.output import OutputEstimate, Rejected, identify_output, unanswered
 from trueplant.identify.pieces import Held, pieces_of
@@ -42,7 +42,7 @@ __all__ = [
     "behind_valves",
     "choose_stride",
     "equation_error",
-    "estimate_of_differences",
+    "estimate_beside_longest_noise",
     "estimate_row",
     "find_holds",
     "fit_percent",

@@ -190,6 +190,11 @@ def polished(fit: RowFit) -> RowFit:
     return with_own_noise(with_own_noise(fit, levels.TRIED_STEPS), levels.POLISHED_STEPS)
 
 
+def with_noise_of_order(fit: RowFit, order: int, iterations: int) -> RowFit:
+    """The fit with a noise model of that order, under the weights that it has."""
+    return _with_noise(fit, order, order, iterations, reweight=False)
+
+
 def with_own_noise(fit: RowFit, iterations: int) -> RowFit:
     """The fit with its noise model chosen anew, under the weights that it has: others would make costs incomparable."""
     return _with_noise(fit, None, largest_order(fit.row, levels.LARGEST_ORDER), iterations, reweight=False)

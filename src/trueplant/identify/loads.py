@@ -22,6 +22,7 @@ from trueplant.identify.estimate import fit_noise, largest_order, polished
 from trueplant.identify.fit import RowFit, fit_row, linearised
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.load_gains import likeliest_load
+from trueplant.identify.longest_noise import beside_longest_noise
 from trueplant.identify.noise import whiten
 from trueplant.identify.row import Row
 from trueplant.record.types import Load, Segment
@@ -40,12 +41,12 @@ def find_loads(fits: Fits) -> Fits:
     own = {i: fit for i, fit in fits.items() if fit.ar.size}
     if not own or any(most_moved(fit.row) is not fit.row for fit in own.values()):
         return {}
-    found: list[Fits] = [_with_long_noise(own)]
+    found: list[Fits] = [{i: beside_longest_noise(fit) for i, fit in own.items()}]
     for start in (own, {i: _model(fit) for i, fit in own.items()}):
         loaded = _settled(start)
         if _places(loaded):
             freed = {i: _refitted(replace(fit, free=own[i].free), fit.row) for i, fit in loaded.items()}
-            found.append(_needed(_with_long_noise(_settled(freed))))
+            found.append(_needed({i: beside_longest_noise(fit) for i, fit in _settled(freed).items()}))
     best = min(found, key=_criterion)
     return {i: polished(fit) for i, fit in best.items()} if _places(best) else {}
 
@@ -155,10 +156,9 @@ def _refitted(fit: RowFit, row: Row) -> RowFit:
     )
 
 
-def _renewed(fit: RowFit, order: int | None = None) -> RowFit:
-    """The fit with a noise model made anew, of at most that order (None: chosen)."""
-    limit = largest_order(fit.row, levels.LARGEST_ORDER)
-    ar = fit_noise(fit, None if order is None else min(order, limit), limit)
+def _renewed(fit: RowFit) -> RowFit:
+    """The fit with a noise model chosen anew."""
+    ar = fit_noise(fit, None, largest_order(fit.row, levels.LARGEST_ORDER))
     return _refitted(replace(fit, ar=ar), fit.row)
 
 
@@ -214,11 +214,6 @@ def _chance(fits: Fits, sizes: int) -> float:
     columns = {spec.column for fit in fits.values() for spec in fit.row.specs}
     tried = max(fit.count for fit in fits.values()) * len(columns)
     return float(chi2.isf(levels.LOAD_STEP / max(tried, 1), sizes))
-
-
-def _with_long_noise(fits: Fits) -> Fits:
-    """The fits beside the largest noise models that the record bears: what slow noise does, these explain."""
-    return {i: _renewed(fit, levels.LARGEST_ORDER) for i, fit in fits.items()}
 
 
 def _needed(fits: Fits) -> Fits:

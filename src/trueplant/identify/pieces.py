@@ -181,14 +181,3 @@ def _first_update(y: Array, update: int) -> int:
         return 0
     changed = np.flatnonzero(np.abs(np.diff(y)) > 0) + 1
     return int(np.argmax(np.bincount(changed % update, minlength=update)))
-
-
-def differenced_piece(piece: Piece, span: int) -> Piece:
-    """What outputs and inputs of a piece change by over so many samples."""
-    valid = np.zeros(piece.valid.size, dtype=bool)
-    valid[span:] = piece.valid[span:] & piece.valid[:-span]
-    y, inputs = np.zeros_like(piece.y), np.zeros_like(piece.inputs)
-    y[span:] = np.where(valid[span:], piece.y[span:] - piece.y[:-span], 0.0)
-    inputs[:, span:] = piece.inputs[:, span:] - piece.inputs[:, :-span]
-    loads = tuple(load._replace(end=load.time + span * piece.h) for load in piece.loads)
-    return replace(piece, y=y, valid=valid, inputs=inputs, loads=loads)

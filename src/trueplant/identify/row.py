@@ -16,7 +16,7 @@ import numpy as np
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.initial_state import Modes, Past, Unknown, unknown_of
-from trueplant.identify.pieces import Piece, differenced_piece
+from trueplant.identify.pieces import Piece
 from trueplant.identify.prior import Prior
 from trueplant.lti.structure import Structure
 from trueplant.record.types import Load
@@ -213,14 +213,6 @@ class Row:
             )
             for k, piece in enumerate(self.pieces)
         )
-
-
-def differenced(row: Row, over: int = 1) -> Row:
-    """The row with what outputs and inputs change by over so many of its samples.
-
-    The same elements lead from one to the other; a level, and noise that is integrated, is gone.
-    """
-    return replace(row, pieces=tuple(differenced_piece(piece, over * row.stride) for piece in row.pieces))
 
 
 def placed(values: Array, of: Row, row: Row) -> Array:

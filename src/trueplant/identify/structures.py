@@ -11,7 +11,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
@@ -19,6 +18,8 @@ from trueplant.identify.blocks import of_a_part
 from trueplant.identify.covariance import inflation
 from trueplant.identify.estimate import polished, with_own_noise
 from trueplant.identify.fit import RowFit, evaluate, fit_row
+from trueplant.identify.likelihood import ratio_p
+from trueplant.identify.longest_noise import beside_longest_noise
 from trueplant.identify.output import OutputEstimate, Rejected, unanswered
 from trueplant.identify.row import Row, Spec
 from trueplant.identify.search import improved_element
@@ -97,8 +98,7 @@ def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
         else:
             wanted = replace(structure, lags=1, leads=structure.leads + 1)
             starts.append(_start(structure, p, wanted, np.array([share * lag])))
-    rival = polished(_best(_fitted(fit, m, wanted, starts)))
-    return float(chi2.sf(_rise(fit, rival, m, confidence), _freedom(fit, rival)))
+    return _suffices_p(fit, polished(_best(_fitted(fit, m, wanted, starts))), m, confidence)
 
 
 def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Structure, Array] | None:
@@ -115,8 +115,7 @@ def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Stru
     criterion = dict(zip(found, _criteria([*found.values()]), strict=True))
     # Real lags come before complex pairs: a pair that is damped enough describes two lags as well.
     for structure in sorted(found, key=lambda one: (len(one.names), one.pairs, criterion[one])):
-        freedom = _freedom(best, found[structure])
-        if len(found) * chi2.sf(_rise(best, found[structure], m, confidence), freedom) < level:
+        if len(found) * _suffices_p(best, found[structure], m, confidence) < level:
             taken, best = structure, found[structure]
     return None if taken is declared else (taken, best.theta[best.row.slices[m]])
 
@@ -189,10 +188,21 @@ def _best(fits: Sequence[RowFit]) -> RowFit:
     return fits[int(np.argmin(_criteria(fits)))]
 
 
-def _rise(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
-    """By how much -2 log likelihood rises from the rival, which has another structure for element m, to the fit."""
+def _suffices_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
+    """p-value that the fit suffices beside a rival with another structure for element m.
+
+    By the likelihood ratio, each with its own noise model; where that looks clear, with the largest as well.
+    """
+    p = _ratio_p(fit, rival, m, confidence)
+    if p > 1 - confidence:
+        return p
+    return max(p, _ratio_p(beside_longest_noise(fit), beside_longest_noise(rival), m, confidence))
+
+
+def _ratio_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
     one, other = _criteria([fit, rival])
-    return max(fit.left * (one - other) / float(inflation(rival, confidence)[rival.row.slices[m]].mean()), 0.0)
+    rise = fit.left * (one - other) / float(inflation(rival, confidence)[rival.row.slices[m]].mean())
+    return ratio_p(rise, _freedom(fit, rival))
 
 
 def _freedom(fit: RowFit, rival: RowFit) -> int:

@@ -132,13 +132,11 @@ class Load(NamedTuple):
     """Of the input that it acts like."""
     time: float
     """In the record's clock."""
-    end: float = np.inf
-    """When it is gone."""
 
     def course(self, t: Array) -> Array:
         """Itself, of size 1, at equidistant times t (n,)."""
         nearly = 1e-6 * (t[1] - t[0]) if t.size > 1 else 0.0
-        return np.asarray((t >= self.time - nearly) & (t < self.end - nearly), dtype=float)
+        return np.asarray(t >= self.time - nearly, dtype=float)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,32 @@
+"""What a record says beside the largest noise model that it bears.
+
+A noise model of few coefficients takes slow noise to end somewhere, and a plant, a richer structure or a load may
+explain what it does beyond: 1/f noise, drifts, what loads leave that nobody recorded. Whatever is claimed has to hold
+beside a noise model that explains as much of that as the record lets it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from trueplant.identify import levels
+from trueplant.identify.covariance import inflation, scaled
+from trueplant.identify.estimate import largest_order, with_noise_of_order
+from trueplant.identify.fit import RowFit
+from trueplant.identify.output import OutputEstimate
+
+
+def beside_longest_noise(fit: RowFit) -> RowFit:
+    """The fit with the largest noise model, to the end."""
+    order = largest_order(fit.row, levels.LARGEST_ORDER)
+    return with_noise_of_order(fit, order, levels.POLISHED_STEPS)
+
+
+def estimate_beside_longest_noise(estimate: OutputEstimate, confidence: float) -> OutputEstimate:
+    """The estimate with parameters, covariance and likelihood beside the largest noise model alone."""
+    fit = beside_longest_noise(estimate.fit)
+    factor = inflation(fit, confidence)
+    covariance = scaled(fit.covariance, factor)
+    return replace(
+        estimate, fit=fit, theta=fit.theta, covariance=covariance, unprofiled=covariance, factor=factor, rise=None
+    )
