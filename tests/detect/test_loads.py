@@ -7,7 +7,7 @@ import pytest
 
 from support.simulated import segment_of
 from trueplant.detect import elements_found, judge_elements, verdicts
-from trueplant.identify import estimate_of_differences, identify_matrix, specs_of
+from trueplant.identify import estimate_beside_longest_noise, identify_matrix, specs_of
 from trueplant.loop import PID, Controller, Step, simulate
 from trueplant.lti import TransferMatrix
 
@@ -43,17 +43,22 @@ def test_a_change_of_gain_is_seen_with_and_without_loads():
     assert all(changed(record(seed, plant, loads)) for seed in range(3) for loads in (False, True))
 
 
-def test_what_differences_do_not_show_is_not_called_unchanged_for_what_levels_would():
-    """Where the likelihood of levels alone sees a change, what would have been found is what differences tell."""
+@pytest.mark.slow
+def test_what_the_largest_noise_model_explains_is_not_called_unchanged_for_what_a_small_one_would():
+    """1/f noise, 30 records: where only the smaller noise model sees a change, the other says what would be found."""
+    kernel = np.cumprod(np.concatenate([[1.0], (np.arange(1, 1000) - 0.5) / np.arange(1, 1000)]))
     doubted = 0
-    for seed in range(12):
-        segment = record(seed)
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        noise = 0.03 * np.convolve(rng.standard_normal(2500), kernel)[1000:2500, None]
+        r = np.zeros((1500, 1))
+        r[300:750], r[750:] = 1.0, 0.3
+        segment = segment_of(simulate(MODEL, LAW, r, 1.0, v=noise))
         estimates = identify_matrix([segment], MODEL, specs_of(MODEL))
-        found = elements_found(MODEL, estimates)
         alone = estimates[0].likelihood_ratio_p(np.arange(3), np.array([2.0, 10.0, 4.6]))
-        verdict = judge_elements(found, estimates)[0, 0]
+        verdict = judge_elements(elements_found(MODEL, estimates), estimates)[0, 0]
         if alone < 0.05 and verdict.verdict != "changed":
             doubted += 1
-            gain_error = np.sqrt(estimate_of_differences(estimates[0], 0.95).covariance[0, 0])
-            assert verdict.detectable >= 2.8 * gain_error / 2.2
+            other = estimate_beside_longest_noise(estimates[0], 0.95)
+            assert verdict.detectable >= 2.8 * np.sqrt(other.covariance[0, 0]) / 2.2
     assert doubted >= 1

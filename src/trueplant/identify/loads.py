@@ -34,21 +34,23 @@ Place = tuple[int, Load]
 
 
 def find_loads(fits: Fits) -> Fits:
-    """Likelier fits that take load steps along; none where no load was found.
+    """Likelier fits that take load steps along; none where no load was found besides those they have.
 
     Long records, of which only a part is searched, and outputs without noise are left as they are.
     """
     own = {i: fit for i, fit in fits.items() if fit.ar.size}
     if not own or any(most_moved(fit.row) is not fit.row for fit in own.values()):
         return {}
-    found: list[Fits] = [{i: beside_longest_noise(fit) for i, fit in own.items()}]
+    found = []
     for start in (own, {i: _model(fit) for i, fit in own.items()}):
         loaded = _settled(start)
-        if _places(loaded):
+        if _places(loaded) != _places(own):
             freed = {i: _refitted(replace(fit, free=own[i].free), fit.row) for i, fit in loaded.items()}
-            found.append(_needed({i: beside_longest_noise(fit) for i, fit in _settled(freed).items()}))
-    best = min(found, key=_criterion)
-    return {i: polished(fit) for i, fit in best.items()} if _places(best) else {}
+            found.append(_needed(_beside_longest_noise(_settled(freed))))
+    if not found:
+        return {}
+    best = min([_beside_longest_noise(own), *found], key=_criterion)
+    return {i: polished(fit) for i, fit in best.items()} if _places(best) != _places(own) else {}
 
 
 def with_loads(segments: Sequence[Segment], fits: Fits) -> tuple[Segment, ...]:
@@ -214,6 +216,10 @@ def _chance(fits: Fits, sizes: int) -> float:
     columns = {spec.column for fit in fits.values() for spec in fit.row.specs}
     tried = max(fit.count for fit in fits.values()) * len(columns)
     return float(chi2.isf(levels.LOAD_STEP / max(tried, 1), sizes))
+
+
+def _beside_longest_noise(fits: Fits) -> Fits:
+    return {i: beside_longest_noise(fit) for i, fit in fits.items()}
 
 
 def _needed(fits: Fits) -> Fits:
