@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segme
 from support.two_loops import CONTROLLERS, changed, project, scaled, written
 from trueplant import Project, run
 from trueplant.detect import verdicts
-from trueplant.loop import PID, Controller, simulate
+from trueplant.loop import PID, Controller, Step, simulate
 from trueplant.lti import TransferMatrix, sampled_response
 
 FEED = TransferMatrix.of([["3.8 exp(-8.1 s)/(14.9 s + 1)"], ["4.9 exp(-3.4 s)/(13.2 s + 1)"]])
@@ -115,6 +117,23 @@ def test_open_and_closed_experiments_together(tmp_path):
     assert "joint" in {**together.to_dict()["methods"], **together.to_dict()["methods"]["not_applied"]}
     for both, one in zip(together.elements, alone.elements, strict=True):
         assert both.parameters[0].std_error < one.parameters[0].std_error
+
+
+def test_a_load_that_nobody_recorded_is_dated_and_sized_and_is_no_mismatch(tmp_path):
+    rng = np.random.default_rng(21)
+    v = coloured(rng, 1500, 2, [1, -0.8], [1], 0.2)
+    step = Step(700.0, (0.0, 0.1))
+    record = simulate(WOOD_BERRY, BLT, random_switching(rng, 1500, 2, 60.0), 1.0, v=v, input_disturbance=[step])
+    written(tmp_path, "record.csv", record)
+    result = run(project(tmp_path))
+    assert not changed(result)
+    (note,) = (note for note in result.notes if note.code == "load-step")
+    at, size, half = map(float, re.search(r"at ([\d.]+) min .* steam by (\S+) .*\+- (\S+?)\)", note.message).groups())
+    assert abs(at - 700) <= 5 and abs(size - 0.1) < 2 * half < 0.05
+    declared = run(
+        project(tmp_path, unmeasured=[{"output": "top", "kind": "step"}, {"output": "bottom", "kind": "step"}])
+    )
+    assert not [note for note in declared.notes if note.code == "load-step"]
 
 
 def test_an_element_that_the_model_lacks_is_found_when_asked_for(tmp_path):
