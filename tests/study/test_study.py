@@ -130,9 +130,8 @@ def test_a_load_that_nobody_recorded_is_dated_and_sized_and_is_no_mismatch(tmp_p
     (note,) = (note for note in result.notes if note.code == "load-step")
     at, size, half = map(float, re.search(r"at ([\d.]+) min .* steam by (\S+) .*\+- (\S+?)\)", note.message).groups())
     assert abs(at - 700) <= 5 and abs(size - 0.1) < 2 * half < 0.05
-    declared = run(
-        project(tmp_path, unmeasured=[{"output": "top", "kind": "step"}, {"output": "bottom", "kind": "step"}])
-    )
+    steps = [{"output": name, "kind": "step", "std": 0.1} for name in ("top", "bottom")]
+    declared = run(project(tmp_path, unmeasured=steps))
     assert not [note for note in declared.notes if note.code == "load-step"]
 
 
