@@ -115,7 +115,7 @@ def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Stru
     criterion = dict(zip(found, _criteria([*found.values()]), strict=True))
     # Real lags come before complex pairs: a pair that is damped enough describes two lags as well.
     for structure in sorted(found, key=lambda one: (len(one.names), one.pairs, criterion[one])):
-        if len(found) * _suffices_p(best, found[structure], m, confidence) < level:
+        if len(found) * _ratio_p(best, found[structure], m, confidence) < level:
             taken, best = structure, found[structure]
     return None if taken is declared else (taken, best.theta[best.row.slices[m]])
 
