@@ -48,15 +48,17 @@ class Unknown:
         """Add what `gradient` says, transposed, to an array (size, n)."""
         _add_weighted(self.derivatives, weights[self.of], self.by, to)
 
-    def including(self, answer: Array, slopes: Array, by: IntArray, largest: float) -> Unknown:
-        """With one more: its response (n,), and the derivatives (n_b, n) of that by some parameters."""
-        of = np.full(by.size, len(self.rows))
+    def including(self, answers: list[Array], places: list[slice], largest: list[float]) -> Unknown:
+        """With more of them: of each its response and the derivatives (1 + n_b, n) of that by theta[place]."""
+        if not answers:
+            return self
+        first = len(self.rows)
         return Unknown(
-            np.vstack([self.rows, answer]),
+            np.vstack([self.rows, *(answer[:1] for answer in answers)]),
             np.append(self.largest, largest),
-            np.vstack([self.derivatives, slopes]),
-            np.append(self.of, of),
-            np.append(self.by, by),
+            np.vstack([self.derivatives, *(answer[1:] for answer in answers)]),
+            np.concatenate([self.of, *(np.full(len(a) - 1, first + k) for k, a in enumerate(answers))]),
+            np.concatenate([self.by, *(np.arange(place.start, place.stop) for place in places)]),
             self.size,
         )
 

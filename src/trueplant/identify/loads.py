@@ -153,8 +153,9 @@ def _likeliest(fits: Fits) -> Place | None:
 
 
 def _refitted(fit: RowFit, row: Row) -> RowFit:
+    short, near = levels.TRIED_STEPS, levels.TRIED_SETTLED
     return fit_row(
-        row, fit.theta, fit.ar, weights=fit.weights, free=fit.free, reweight=False, iterations=levels.TRIED_STEPS
+        row, fit.theta, fit.ar, weights=fit.weights, free=fit.free, reweight=False, iterations=short, settled=near
     )
 
 

@@ -164,12 +164,14 @@ class Row:
     def unknown(self, theta: Array, k: int) -> Unknown:
         """What is linear and not known of piece k: offset, free responses of an unknown past, jumps, loads."""
         piece, found = self.pieces[k], unknown_of(theta, self._modes, self._pasts[k])
+        answers, places, largest = [], [], []
         for load, m in self.loads(k):
             course, hold, part = load.course(piece.times), piece.hold[load.column], self.slices[m]
-            rows = self.specs[m].structure.response_and_gradient(theta[part], course, piece.h, hold, self.stride)
-            largest = levels.LARGEST_FREE_RESPONSE * float(piece.input_spread[load.column])
-            found = found.including(rows[0], rows[1:], np.arange(part.start, part.stop), largest)
-        return found
+            structure = self.specs[m].structure
+            answers.append(structure.response_and_gradient(theta[part], course, piece.h, hold, self.stride))
+            places.append(part)
+            largest.append(levels.LARGEST_FREE_RESPONSE * float(piece.input_spread[load.column]))
+        return found.including(answers, places, largest)
 
     def loads(self, k: int) -> list[tuple[Load, int]]:
         """The loads that step within piece k and reach its output, each with the element that they reach it through."""
