@@ -98,7 +98,7 @@ def test_noise_that_comes_and_goes_has_a_part_of_its_own():
     v = coloured(rng, 2000, 2, [1, -0.8], [1], 0.3) * (1 + 3 * (np.arange(2000) // 250 % 2))[:, None]
     record = segment_of(simulate(WOOD_BERRY, BLT, random_switching(rng, 2000, 2, 20.0), 1.0, v=v))
     for estimate in rows([record]).values():
-        assert estimate.robust_covariance
+        assert estimate.uneven
         more = np.diag(sandwich_covariance(estimate.fit) - estimate.fit.covariance)
         np.testing.assert_allclose(
             parts_of(estimate)[Source.COLOUR], more, atol=1e-9 * np.diag(estimate.covariance).max()

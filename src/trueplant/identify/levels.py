@@ -169,8 +169,8 @@ LARGEST_ORDER = 30
 # Tests
 RESIDUAL_LAGS = 25
 """Lags of the tests on prediction errors, at the stride of the estimate."""
-ROBUST_COVARIANCE = 0.01
-"""Significance of heteroscedastic or coloured prediction errors from which the sandwich covariance is taken."""
+UNEVEN = 0.01
+"""Significance of heteroscedastic or coloured prediction errors from which that is said."""
 SEARCHED_FREEDOM = 5
 """Degrees of freedom that the search for lag and dead time adds to those of the parameters.
 

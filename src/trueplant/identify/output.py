@@ -25,7 +25,7 @@ from trueplant.identify.minima import OpenMinima, open_minima
 from trueplant.identify.noise_order import order_dependence
 from trueplant.identify.pieces import Held, pieces_of
 from trueplant.identify.row import Row, Spec
-from trueplant.identify.sandwich import needs_sandwich, sandwich_covariance
+from trueplant.identify.sandwich import sandwich_covariance, uneven
 from trueplant.identify.strides import Sampling
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
@@ -70,8 +70,6 @@ class OutputEstimate:
     factor: Array = field(default_factory=lambda: np.ones(1))
     """(size,) of the variances, for what the record does not say of the noise (`inflation`): intervals, likelihood
     ratios and verdicts all count it."""
-    robust_covariance: bool = False
-    """Are the prediction errors heteroscedastic or coloured, so that the covariance is that of `sandwich`?"""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
     rise: Callable[[Array, Array], float] | None = None
@@ -94,6 +92,11 @@ class OutputEstimate:
     @property
     def row(self) -> Row:
         return self.fit.row
+
+    @property
+    def uneven(self) -> bool:
+        """Do the prediction errors change their size, or is colour left in them?"""
+        return uneven(self.tests)
 
     def likelihood_ratio_p(self, index: Array, values: Array) -> float:
         """p-value that the parameters theta[index] have these values, by the likelihood that belongs to theta."""
@@ -146,8 +149,8 @@ def identify_output(
     full, minima = _fitted(begun, confidence)
     fit = minima.best
     tests, factor = residual_tests(fit, confidence), inflation(fit, confidence)
-    runs, robust = compare_runs(fit, factor), needs_sandwich(tests)
-    more, budget = _beyond_likelihood(fit, factor, any(segment.closed for segment in segments), robust, runs)
+    runs = compare_runs(fit, factor)
+    more, budget = _beyond_likelihood(fit, factor, any(segment.closed for segment in segments), runs)
     shift = np.zeros(row.size) if runs is None else runs.shift
     theta, covariance = np.clip(fit.theta + shift, *row.bounds()), scaled(fit.covariance, factor) + more
     moved, shifts = order_dependence(fit, covariance, tests)
@@ -192,21 +195,17 @@ def identify_output(
         validation=validate(fit),
         unprofiled=unprofiled,
         factor=factor,
-        robust_covariance=robust,
     )
 
 
-def _beyond_likelihood(
-    fit: RowFit, factor: Array, closed: bool, robust: bool, runs: Runs | None
-) -> tuple[Array, Budget]:
+def _beyond_likelihood(fit: RowFit, factor: Array, closed: bool, runs: Runs | None) -> tuple[Array, Budget]:
     """What neither the curvature of the likelihood nor its profiles count (size, size), and the budget with it."""
     plain = fit.covariance
     more = plain * (initial_state_share(fit) if closed else 0.0)
     budget = Budget.of(plain).including(Source.SLOW_NOISE, scaled(plain, factor) - plain)
     budget = budget.including(Source.START, more)
-    if robust:
-        before, more = more, more + sandwich_covariance(fit) - plain
-        budget = budget.including(Source.COLOUR, more - before)
+    colour = sandwich_covariance(fit) - plain
+    more, budget = more + colour, budget.including(Source.COLOUR, colour)
     if runs is not None:
         more = more + runs.added
         budget = budget.including(Source.EXPERIMENTS, runs.added)

@@ -37,9 +37,9 @@ def squares_p(e: Array, lags: int = RESIDUAL_LAGS) -> float:
     return correlogram([squares], lags).p_value()
 
 
-def needs_sandwich(tests: ResidualTests) -> bool:
+def uneven(tests: ResidualTests) -> bool:
     """Do the prediction errors change their size, or is colour left in them?"""
-    return min(squares_p(tests.e), tests.whiteness_p) < levels.ROBUST_COVARIANCE
+    return min(squares_p(tests.e), tests.whiteness_p) < levels.UNEVEN
 
 
 def sandwich_covariance(fit: RowFit) -> Array:

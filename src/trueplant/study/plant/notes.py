@@ -91,7 +91,7 @@ def _shared_disturbance_note(study: Study, estimate: OutputEstimate, name: str) 
 
 def _noise_notes(estimate: OutputEstimate, name: str) -> list[Reason]:
     notes = []
-    if estimate.robust_covariance:
+    if estimate.uneven:
         notes.append(
             Reason(
                 Code.UNEVEN_NOISE,
