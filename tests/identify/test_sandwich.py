@@ -47,11 +47,15 @@ def test_standard_errors_are_those_of_monte_carlo():
     assert np.all(plain[1:] < 0.8 * spread[1:])
 
 
-def test_the_estimate_chooses_it_by_its_residuals():
-    loud, even = (identify_output([step_test(7, loud)], 0, [SPEC]) for loud in (4.0, 1.0))
+def test_loud_noise_after_moves_widens_what_moves_tell_and_even_noise_hardly_anything():
+    loud = identify_output([step_test(7)], 0, [SPEC])
+    assert loud.uneven and squares_p(loud.tests.e) < 1e-6
     assert np.all(np.diag(loud.covariance)[1:] > 1.3 * np.diag(loud.fit.covariance)[1:])
-    assert squares_p(loud.tests.e) < 1e-6 < 0.01 < squares_p(even.tests.e)
-    assert np.allclose(np.diag(even.covariance)[:2], np.diag(even.fit.covariance)[:2], rtol=0.1)
+    ratios = []
+    for seed in range(8):
+        even = identify_output([step_test(seed, 1.0)], 0, [SPEC])
+        ratios.append(np.diag(even.covariance)[:2] / np.diag(even.fit.covariance)[:2])
+    assert np.all(np.mean(ratios, axis=0) < 1.2) and np.min(ratios) >= 1
 
 
 def test_no_standard_error_is_below_that_of_the_likelihood():
