@@ -131,20 +131,22 @@ def _missing(study: Study, taken: Mapping[Place, Spec]) -> tuple[Reason, ...]:
 
 
 def _loads(study: Study, estimates: Mapping[int, OutputEstimate]) -> tuple[Reason, ...]:
-    """What is said of steps that nobody recorded."""
-    notes, project = [], study.project
+    """What is said of steps that nobody recorded: a note for each experiment."""
+    told: dict[int, list[str]] = {}
     for found in found_loads(_fits(estimates)):
-        name, at = study.columns[found.load.column], f"{found.load.time:.6g} {project.time_unit}"
-        unit = study.input_unit(found.load.column)
-        notes.append(
-            Reason(
-                Code.LOAD,
-                f"at {at} something that was not recorded moved the outputs as a step of {name} by {found.size:.3g}"
-                f"{unit and ' '}{unit} (95 % +- {1.96 * found.error:.2g}) would have: taken along in the estimate",
-                project.experiments[found.experiment].name,
-            )
+        column = found.load.column
+        size = f"{found.size:.3g} (95 % +- {1.96 * found.error:.2g}) {study.input_unit(column)}".rstrip()
+        step = f"at {found.load.time:.6g} {study.project.time_unit} like {study.columns[column]} by {size}"
+        told.setdefault(found.experiment, []).append(step)
+    return tuple(
+        Reason(
+            Code.LOAD,
+            f"something that was not recorded stepped as an input would have, {'; '.join(steps)}: taken along in the "
+            "estimate",
+            study.project.experiments[k].name,
         )
-    return tuple(notes)
+        for k, steps in told.items()
+    )
 
 
 def _fits(estimates: Mapping[int, OutputEstimate]) -> dict[int, RowFit]:
