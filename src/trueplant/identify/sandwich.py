@@ -43,10 +43,19 @@ def uneven(tests: ResidualTests) -> bool:
 
 
 def sandwich_covariance(fit: RowFit) -> Array:
-    """Covariance (size, size) of theta, no standard error below that of the likelihood."""
-    covariance = plant_covariance(fit)
-    # Never less than the likelihood's: with few errors that are large the meat is itself poorly known.
-    return np.asarray(covariance + np.diag(np.maximum(np.diag(fit.covariance) - np.diag(covariance), 0.0)))
+    """Covariance (size, size) of theta, in no direction below that of the likelihood.
+
+    With few errors that are large the meat is itself poorly known. Directions are those in which the one differs from
+    the other: what two parameters tell together may be known though neither is.
+    """
+    plain, covariance = fit.covariance, plant_covariance(fit)
+    scale = np.sqrt(np.maximum(np.diag(plain), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(plain / np.outer(scale, scale))
+    root = vectors * np.sqrt(np.maximum(values, levels.LOST * values[-1]))
+    whitened = np.linalg.solve(root, np.linalg.solve(root, covariance / np.outer(scale, scale)).T)
+    ratios, directions = np.linalg.eigh((whitened + whitened.T) / 2)
+    wider = root @ (directions * np.sqrt(np.maximum(ratios, 1.0)))
+    return np.asarray(wider @ wider.T * np.outer(scale, scale))
 
 
 def plant_covariance(fit: RowFit) -> Array:
