@@ -180,9 +180,20 @@ def best_dead_times(fit: RowFit, reach: int = levels.DEAD_TIME_REACH, rounds: in
     return fit
 
 
-def _with_noise(fit: RowFit, order: int | None, limit: int, iterations: int, reweight: bool = True) -> RowFit:
+def _with_noise(
+    fit: RowFit, order: int | None, limit: int, iterations: int, reweight: bool = True, settled: float = levels.SETTLED
+) -> RowFit:
     ar = fit_noise(fit, order, limit)
-    return fit_row(fit.row, fit.theta, ar, weights=fit.weights, free=fit.free, reweight=reweight, iterations=iterations)
+    return fit_row(
+        fit.row,
+        fit.theta,
+        ar,
+        weights=fit.weights,
+        free=fit.free,
+        reweight=reweight,
+        iterations=iterations,
+        settled=settled,
+    )
 
 
 def polished(fit: RowFit) -> RowFit:
@@ -195,6 +206,7 @@ def with_noise_of_order(fit: RowFit, order: int, iterations: int) -> RowFit:
     return _with_noise(fit, order, order, iterations, reweight=False)
 
 
-def with_own_noise(fit: RowFit, iterations: int) -> RowFit:
+def with_own_noise(fit: RowFit, iterations: int, settled: float = levels.SETTLED) -> RowFit:
     """The fit with its noise model chosen anew, under the weights that it has: others would make costs incomparable."""
-    return _with_noise(fit, None, largest_order(fit.row, levels.LARGEST_ORDER), iterations, reweight=False)
+    limit = largest_order(fit.row, levels.LARGEST_ORDER)
+    return _with_noise(fit, None, limit, iterations, reweight=False, settled=settled)

@@ -36,7 +36,7 @@ def likeliest_load(fits: Mapping[int, RowFit], cost: float) -> Gain | None:
     for _ in range(levels.LOAD_ROUNDS):
         best = _best(scans)
         least = cost if best is None else max(best.gain, cost)
-        if not [scan for scan in scans if scan.without_single(least)]:
+        if not sum(scan.without_single(least) for scan in scans):  # of every scan, so not any()
             break
     return best if best is not None and best.gain > cost else None
 
@@ -84,8 +84,8 @@ class _Scan:
         found = enumerate(Whitening.of(fit))
         every = [(k, whitening) for k, whitening in found if whitening is not None]
         free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
-        known = [np.zeros((0, 0)), *(whitening.jacobian[free] for _, whitening in every)]
-        basis = orthonormal(np.hstack(known[1:]).T) if every else np.zeros((0, 0))
+        known = [whitening.jacobian[free] for _, whitening in every]
+        basis = orthonormal(np.hstack(known).T) if known else np.zeros((0, 0))
         e = np.concatenate([np.zeros(0), *(whitening.errors for _, whitening in every)])
         self._errors = e - basis @ (basis.T @ e)
         self._pieces, first = [], 0

@@ -18,7 +18,7 @@ from scipy.stats import chi2
 from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import most_moved
-from trueplant.identify.estimate import fit_noise, largest_order, polished
+from trueplant.identify.estimate import polished, with_own_noise
 from trueplant.identify.fit import RowFit, fit_row, linearised
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.load_gains import likeliest_load
@@ -160,9 +160,7 @@ def _refitted(fit: RowFit, row: Row) -> RowFit:
 
 
 def _renewed(fit: RowFit) -> RowFit:
-    """The fit with a noise model chosen anew."""
-    ar = fit_noise(fit, None, largest_order(fit.row, levels.LARGEST_ORDER))
-    return _refitted(replace(fit, ar=ar), fit.row)
+    return with_own_noise(fit, levels.TRIED_STEPS, levels.TRIED_SETTLED)
 
 
 def _places(fits: Fits) -> list[Place]:
