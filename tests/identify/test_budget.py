@@ -43,8 +43,8 @@ def test_noise_starts_and_rounding_are_what_their_steps_say(plain):
         np.testing.assert_allclose(parts[Source.SLOW_NOISE], own * (inflation(fit, 0.95) - 1), rtol=1e-9)
         np.testing.assert_allclose(parts[Source.START], own * initial_state_share(fit))
         least = least_variance(estimate.row, estimate.theta, 0.05)
-        np.testing.assert_allclose(parts[Source.ROUNDING], least)
-        assert np.all(least[estimate.row.is_dead_time] >= 0.05**2)
+        np.testing.assert_allclose(parts[Source.ROUNDING], np.diag(least))
+        assert np.all(np.diag(least)[estimate.row.is_dead_time] >= 0.05**2)
         # profiles widen the standard errors of dead times; what moves with these follows
         shares = parts[Source.PROFILE] / np.diag(estimate.covariance)
         assert shares[estimate.row.is_dead_time].max() > 5 * shares[~estimate.row.is_dead_time].max() > 0

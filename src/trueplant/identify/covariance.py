@@ -96,5 +96,13 @@ def initial_state_share(fit: RowFit) -> float:
 
 
 def least_variance(row: Row, theta: Array, timing: float) -> Array:
-    """(size,) variance that every parameter has at least: recorded numbers and instants (`timing`) are rounded."""
-    return np.asarray((levels.RECORDED_DIGITS * np.abs(theta)) ** 2 + np.where(row.is_dead_time, timing**2, 0.0))
+    """(size, size) covariance that the parameters have at least: recorded numbers and instants (`timing`) are rounded.
+
+    An instant that is read wrongly moves all the dead times of an element alike.
+    """
+    least = np.diag((levels.RECORDED_DIGITS * np.abs(theta)) ** 2)
+    for part in row.slices:
+        late = np.zeros(row.size)
+        late[part] = timing * row.is_dead_time[part]
+        least += np.outer(late, late)
+    return least

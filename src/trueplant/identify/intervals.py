@@ -38,18 +38,24 @@ def profile_interval(
     )
 
 
-def as_wide_as(covariance: Array, index: int, value: float, ends: tuple[float, float], confidence: float) -> Array:
-    """The covariance with the standard error of one parameter raised to what its interval says.
+def as_wide_as(covariance: Array, index: int, variance: float) -> Array:
+    """The covariance with the variance of one parameter raised to at least this.
 
-    A dead time has a minimum of its own in every sample interval, and the curvature in one of them says
-    little about how far away the others are. The longer side counts: the other may end at a bound. The others follow
-    along the ridge, as they do in the profile: what is known of them together with this one stays known.
+    The others follow along the ridge of the likelihood: what is known of them together with this one stays known.
+    """
+    own = max(float(covariance[index, index]), np.finfo(float).tiny)
+    ridge = covariance[:, index] / np.sqrt(own)
+    return np.asarray(covariance + max(variance / own - 1, 0.0) * np.outer(ridge, ridge))
+
+
+def variance_of(ends: tuple[float, float], value: float, confidence: float) -> float:
+    """The variance that an interval says, by its longer side, as the other may end at a bound; 0 without an end.
+
+    A dead time has a minimum of its own in every sample interval, and the curvature in one of them says little about
+    how far away the others are.
     """
     longest = max(value - ends[0], ends[1] - value)
-    sigma = np.sqrt(covariance[index, index])
-    factor = longest / norm.ppf(0.5 + confidence / 2) / sigma if sigma > 0 and np.isfinite(longest) else 1.0
-    ridge = covariance[:, index] / max(sigma, np.finfo(float).tiny)
-    return np.asarray(covariance + max(factor**2 - 1, 0.0) * np.outer(ridge, ridge))
+    return float(longest / norm.ppf(0.5 + confidence / 2)) ** 2 if np.isfinite(longest) else 0.0
 
 
 def widened(ends: Sequence[float] | Array, value: float, variance: float, confidence: float) -> tuple[float, float]:

@@ -18,8 +18,9 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
-from trueplant.identify.covariance import inflation, scaled
+from trueplant.identify.covariance import inflation
 from trueplant.identify.fit import RowFit, refitted
+from trueplant.identify.intervals import as_wide_as
 from trueplant.identify.likelihood import rise
 
 
@@ -54,10 +55,22 @@ class OpenMinima:
 
     @property
     def added(self) -> Array:
-        """(n, n) what the other minima add to the covariance about the deepest: where they are, and how wide."""
+        """(n,) what the other minima add to the variances about the deepest: where they are, and how wide."""
         shifts = np.array([one.theta for one in self.fits]) - self.best.theta
-        widths = np.array([one.covariance for one in self.fits]) - self.best.covariance
-        return np.asarray((shifts.T * self.shares) @ shifts + scaled(np.tensordot(self.shares, widths, 1), self.factor))
+        widths = np.array([np.diag(one.covariance) for one in self.fits]) - np.diag(self.best.covariance)
+        return np.asarray(self.shares @ (shifts**2 + self.factor * widths))
+
+    def widened(self, covariance: Array) -> Array:
+        """The covariance (n, n) with variances that count all minima.
+
+        The way from one to the next is curved: what is the same at all of them would not be known any more if their
+        places were joined by straight lines. So parameters follow along the ridge at the deepest, the one that has
+        moved furthest first.
+        """
+        wanted = np.diag(covariance) + self.added
+        for index in np.argsort(-self.added / np.maximum(np.diag(covariance), np.finfo(float).tiny)):
+            covariance = as_wide_as(covariance, int(index), float(wanted[index]))
+        return covariance
 
     def hull(self, intervals: Array, shift: Array) -> Array:
         """(n, 2) intervals that hold those of the other minima too, shifted by as much as the estimate is (n,).

@@ -10,6 +10,7 @@ from trueplant.identify.between_experiments import refit_noise
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
 from trueplant.identify.levels import UNDERMODELLED
+from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import ResidualTests
 
@@ -18,7 +19,7 @@ def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tu
     """Estimates with noise models of other orders, compared with the one given.
 
     Returns the parameters that move by more than chance and by more than a third, with the reason,
-    and (n,) how far each parameter moves where the prediction errors still follow the inputs: then the
+    and (n,) the furthest that they move, together, where the prediction errors still follow the inputs: then the
     structure is too simple, every noise model weighs its error differently, and no one of them is right.
     """
     fit = of_a_part(fit)
@@ -30,19 +31,21 @@ def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tu
     scale = np.maximum(np.abs(fit.theta), fit.row.lag_of_dead_times(fit.theta))
     moved: dict[int, Unanswered] = {}
     why = WhyUnanswered.DEPENDS_ON_NOISE_MODEL
-    shifts = np.zeros(fit.theta.size)
+    shifts, furthest = np.zeros(fit.theta.size), 0.0
+    precision = inverse(covariance)
     for order in sorted(orders - {used}):
         if order > limit or (order == 0 and not undermodelled):
             continue
         other = refit_noise(fit, order)
-        shift = np.abs(other.theta - fit.theta)
-        beyond = (shift > levels.NOISE_SHIFT_ERRORS * np.minimum(sigma, np.sqrt(np.diag(other.covariance)))) & (
-            shift > scale / levels.NOISE_SHIFT_SHARE
+        shift = other.theta - fit.theta
+        beyond = (np.abs(shift) > levels.NOISE_SHIFT_ERRORS * np.minimum(sigma, np.sqrt(np.diag(other.covariance)))) & (
+            np.abs(shift) > scale / levels.NOISE_SHIFT_SHARE
         )
         beyond &= other.variance < levels.RIVAL_NOISE * fit.variance
         for index in np.flatnonzero(beyond):
             here, there = f"{fit.theta[index]:.3g} with order {used}", f"{other.theta[index]:.3g} with order {order}"
             moved.setdefault(int(index), Unanswered(why, f"{why.value}: {here}, {there}"))
-        if undermodelled:
-            shifts = np.maximum(shifts, shift)
+        distance = float(shift @ precision @ shift)
+        if undermodelled and distance > furthest:
+            shifts, furthest = shift, distance
     return moved, shifts

@@ -17,7 +17,7 @@ from trueplant.identify.covariance import inflation, initial_state_share, least_
 from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit
-from trueplant.identify.intervals import as_wide_as, mixed, normal_intervals, profile_interval, widened
+from trueplant.identify.intervals import as_wide_as, mixed, normal_intervals, profile_interval, variance_of, widened
 from trueplant.identify.levels import SEARCHED_FREEDOM, UNDERMODELLED
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p, ratio_p
 from trueplant.identify.linear_algebra import inverse
@@ -155,29 +155,26 @@ def identify_output(
     theta, covariance = np.clip(fit.theta + shift, *row.bounds()), scaled(fit.covariance, factor) + more
     moved, shifts = order_dependence(fit, covariance, tests)
     least = least_variance(row, theta, sampling.timing)
-    # How far another noise model moves a parameter counts as its error, unless the runs have shown their spread. A dead
-    # time that was left out may be there, too small to be seen: then the other parameters are as the fit with it has
-    # them.
+    # How far another noise model moves a parameter counts as its error. A dead time that was left out may be there, too
+    # small to be seen: then the other parameters are as the fit with it has them.
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
-    shown = runs is not None and not runs.agree
-    shifts = np.zeros(row.size) if shown else shifts
-    added = shifts**2 + left_out**2 + least
-    covariance = covariance + np.diag(added) + minima.added
+    added = np.zeros_like(covariance)
     for source, variances in (
-        (Source.NOISE_MODEL, np.diag(shifts**2)),
-        (Source.LEFT_OUT, np.diag(left_out**2)),
-        (Source.ROUNDING, np.diag(least)),
-        (Source.MINIMA, minima.added),
+        (Source.NOISE_MODEL, np.outer(shifts, shifts)),
+        (Source.LEFT_OUT, np.outer(left_out, left_out)),
+        (Source.ROUNDING, least),
     ):
-        budget = budget.including(source, variances)
-    unprofiled = covariance
+        added, budget = added + variances, budget.including(source, variances)
+    covariance = covariance + added
+    unprofiled = minima.widened(covariance)
+    covariance, budget = unprofiled, budget.including(Source.MINIMA, unprofiled - covariance)
     profiles = {}
     for index in _profiled(fit):
         # A dead time that is fixed at 0 may still be as large as the data allow.
         profiled = fit if fit.free[index] else full
         ends = np.add(profile_interval(profiled, index, confidence, float(factor[index])), shift[index])
-        low, high = widened(ends, float(theta[index]), added[index] + more[index, index], confidence)
-        covariance = as_wide_as(covariance, index, float(theta[index]), (low, high), confidence)
+        low, high = widened(ends, float(theta[index]), added[index, index] + more[index, index], confidence)
+        covariance = as_wide_as(covariance, index, variance_of((low, high), float(theta[index]), confidence))
         profiles[index] = low, high
     intervals = normal_intervals(row, theta, covariance, confidence)
     for index, both in profiles.items():

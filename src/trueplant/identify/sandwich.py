@@ -51,7 +51,7 @@ def sandwich_covariance(fit: RowFit) -> Array:
     plain, covariance = fit.covariance, plant_covariance(fit)
     scale = np.sqrt(np.maximum(np.diag(plain), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(plain / np.outer(scale, scale))
-    root = vectors * np.sqrt(np.maximum(values, levels.LOST * values[-1]))
+    root = vectors * np.sqrt(np.maximum(values, levels.LOST**2 * values[-1]))
     whitened = np.linalg.solve(root, np.linalg.solve(root, covariance / np.outer(scale, scale)).T)
     ratios, directions = np.linalg.eigh((whitened + whitened.T) / 2)
     wider = root @ (directions * np.sqrt(np.maximum(ratios, 1.0)))

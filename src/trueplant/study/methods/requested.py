@@ -125,7 +125,7 @@ def _as_late(study: Study, task: Task, answer: Answer) -> Answer:
     """The answer, its dead times as uncertain as the instants at which OP acts and PV is read."""
     timing = timing_error(study)
     found = {
-        place: (p, covariance + np.diag(timing**2 * task.structures[place].is_dead_time))
+        place: (p, covariance + timing**2 * np.outer(*2 * [task.structures[place].is_dead_time]))
         for place, (p, covariance) in answer.found.items()
     }
     return replace(answer, found=found)

@@ -134,7 +134,7 @@ def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float
         return estimate
     if not _same_elements(fit, estimate):
         return estimate
-    least = np.diag(least_variance(fit.row, fit.theta, timing))
+    least = least_variance(fit.row, fit.theta, timing)
     covariance = fit.covariance + least
     budget = Budget.of(fit.by_background).including(Source.DISTURBANCE, fit.covariance - fit.by_background)
     intervals = normal_intervals(fit.row, fit.theta, covariance, confidence)
