@@ -71,6 +71,9 @@ TRIED_STEPS = 15
 """Of a fit that is one of many starts, before the best of them goes on."""
 SECOND_LAGS = (0.2, 0.7, 5.0)
 """Further lags from which searches begin, relative to the lag of their element."""
+CANCELLED_LAGS = (0.2, 0.7, 5.0, 25.0)
+"""Lags, relative to that of their element, beside leads of the same size, from which the search begins for what a
+structure may lack."""
 PAIR_DAMPINGS = (0.3, 0.7)
 """Damping ratios from which searches of complex pairs begin."""
 RICHER_LAGS = (0.3, 3.0, 10.0, 30.0)

@@ -280,5 +280,15 @@ def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
             elif not gain and no_gain:
                 found[index] = Unanswered.because(WhyUnanswered.GAIN_NOT_TOLD_FROM_ZERO)
             elif s[k] > levels.TOO_UNCERTAIN * size and (not gain or model > 0 or s[k] > levels.NO_INFORMATION):
-                found[index] = Unanswered.because(WhyUnanswered.TOO_UNCERTAIN)
+                found[index] = _too_uncertain(estimate, index, levels.TOO_UNCERTAIN * size)
     return found
+
+
+def _too_uncertain(estimate: OutputEstimate, index: int, most: float) -> Unanswered:
+    """Why a parameter is known to no better than `most`."""
+    by_noise_model = estimate.budget.parts.get(Source.NOISE_MODEL, np.zeros(index + 1))[index]
+    if by_noise_model <= most**2:
+        return Unanswered.because(WhyUnanswered.TOO_UNCERTAIN)
+    why = WhyUnanswered.DEPENDS_ON_NOISE_MODEL
+    here, moves = f"{estimate.theta[index]:.3g}", f"{np.sqrt(by_noise_model):.2g}"
+    return Unanswered(why, f"{why.value}: {here}, which another one moves by {moves}, as the structure is too simple")

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.covariance import inflation
@@ -20,7 +20,7 @@ from trueplant.identify.estimate import polished, with_own_noise
 from trueplant.identify.fit import RowFit, evaluate, fit_row
 from trueplant.identify.likelihood import ratio_p
 from trueplant.identify.longest_noise import beside_longest_noise
-from trueplant.identify.output import OutputEstimate, Rejected, unanswered
+from trueplant.identify.output import OutputEstimate, Rejected
 from trueplant.identify.row import Row, Spec
 from trueplant.identify.search import improved_element
 from trueplant.lti.structure import Structure, translated
@@ -46,15 +46,17 @@ def with_structures(
     p = sufficient_p(fit, confidence)
     while left:
         m = min(left, key=lambda one: float(p[one]))
-        left.remove(m)
         found = simplest(fit, m, confidence, level) if p[m] < level else None
         if found is None:
+            left.remove(m)
             continue
         old = estimate.row.specs[m]
         wider = again([_wider(old, *found) if spec is old else spec for spec in estimate.row.specs])
-        if wider is not None and _tells_gain(wider, m):
+        if wider is None:
+            left.remove(m)
+        else:
             rejected = Rejected(old.structure, min(float(p[m]) * tested, 1.0))
-            estimate = replace(wider, rejected={**estimate.rejected, old.column: rejected})
+            estimate = replace(wider, rejected={old.column: rejected, **estimate.rejected})
             # What this element lacked, the others of its row may have taken on.
             fit = polished(of_a_part(estimate.fit))
             p = sufficient_p(fit, confidence)
@@ -71,12 +73,6 @@ def _wider(spec: Spec, structure: Structure, guess: Array) -> Spec:
     return Spec(spec.column, structure, initial, undeclared, tuple(float(x) for x in guess))
 
 
-def _tells_gain(estimate: OutputEstimate, m: int) -> bool:
-    """A structure in which the record does not tell the gain any more is no answer."""
-    part = estimate.row.slices[m]
-    return not any(estimate.row.is_gain[k] and part.start <= k < part.stop for k in unanswered(estimate))
-
-
 def sufficient_p(fit: RowFit, confidence: float) -> Array:
     """(n_specs,) p-values that the structure of each element suffices.
 
@@ -91,14 +87,18 @@ def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
     if lag <= 0 or not any(np.any(piece.inputs[fit.row.specs[m].column]) for piece in fit.row.pieces):
         return 1.0
     starts = []
-    for share in levels.SECOND_LAGS:
+    for further in lag * np.array(levels.CANCELLED_LAGS):
+        # A lag and a lead that cancel: each search begins at the fit itself, and cannot end above it.
         if structure.lags:
             wanted = replace(structure, lags=structure.lags - 1, pairs=structure.pairs + 1, leads=structure.leads + 1)
-            starts.append(_start(structure, p, wanted, lags[:-1], _pair(lags[-1], share * lag)))
+            start = _start(structure, p, wanted, lags[:-1], _pair(lags[-1], further))
         else:
             wanted = replace(structure, lags=1, leads=structure.leads + 1)
-            starts.append(_start(structure, p, wanted, np.array([share * lag])))
-    return _suffices_p(fit, polished(_best(_fitted(fit, m, wanted, starts))), m, confidence)
+            start = _start(structure, p, wanted, np.array([further]))
+        start[np.flatnonzero(wanted.is_lead)[-1]] = further
+        starts.append(start)
+    rivals = [_briefly(fit, m, wanted, start) for start in starts]
+    return _suffices_p(fit, polished(_best([*rivals, *_fitted(fit, m, wanted, starts)])), m, confidence)
 
 
 def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Structure, Array] | None:
@@ -168,20 +168,42 @@ def _fitted(fit: RowFit, m: int, structure: Structure, starts: Sequence[Array]) 
 
     They begin with the noise model as it is, and with none: what the structure lacked is in the first.
     """
-    part = fit.row.slices[m]
-    specs = (*fit.row.specs[:m], Spec(fit.row.specs[m].column, structure), *fit.row.specs[m + 1 :])
-    row = Row(specs, fit.row.pieces, fit.row.stride)
-    new = np.ones(len(structure.names), dtype=bool)
-    free = np.concatenate([fit.free[: part.start], new, fit.free[part.stop :]])
-    whole = [np.concatenate([fit.theta[: part.start], start, fit.theta[part.stop :]]) for start in starts]
-    short, near = levels.TRIED_STEPS, levels.TRIED_SETTLED
+    row, free = _with_structure(fit, m, structure)
+    whole = [_with_element(fit, m, start) for start in starts]
     rivals = []
     for ar in (fit.ar, np.zeros(0)):
         begun = max((improved_element(row, theta, ar, m) for theta in whole), key=lambda found: found[1])[0]
-        begun = np.clip(begun, *row.bounds())
-        rival = fit_row(row, begun, ar, weights=fit.weights, free=free, reweight=False, iterations=short, settled=near)
-        rivals.append(rival if ar.size else with_own_noise(rival, short))
+        rival = _short_fit(fit, row, free, begun, ar)
+        rivals.append(rival if ar.size else with_own_noise(rival, levels.TRIED_STEPS))
     return rivals
+
+
+def _briefly(fit: RowFit, m: int, structure: Structure, start: Array) -> RowFit:
+    """A short fit of the row with another structure for element m, from this start, with the noise model as it is."""
+    row, free = _with_structure(fit, m, structure)
+    return _short_fit(fit, row, free, _with_element(fit, m, start), fit.ar)
+
+
+def _with_structure(fit: RowFit, m: int, structure: Structure) -> tuple[Row, BoolArray]:
+    """The row with another structure for element m, and which of its parameters are free."""
+    part = fit.row.slices[m]
+    specs = (*fit.row.specs[:m], Spec(fit.row.specs[m].column, structure), *fit.row.specs[m + 1 :])
+    new = np.ones(len(structure.names), dtype=bool)
+    free = np.concatenate([fit.free[: part.start], new, fit.free[part.stop :]])
+    return Row(specs, fit.row.pieces, fit.row.stride), free
+
+
+def _with_element(fit: RowFit, m: int, p: Array) -> Array:
+    """theta with other parameters for element m."""
+    part = fit.row.slices[m]
+    return np.concatenate([fit.theta[: part.start], p, fit.theta[part.stop :]])
+
+
+def _short_fit(fit: RowFit, row: Row, free: BoolArray, theta: Array, ar: Array) -> RowFit:
+    begun, short = np.clip(theta, *row.bounds()), levels.TRIED_STEPS
+    return fit_row(
+        row, begun, ar, weights=fit.weights, free=free, reweight=False, iterations=short, settled=levels.TRIED_SETTLED
+    )
 
 
 def _best(fits: Sequence[RowFit]) -> RowFit:
