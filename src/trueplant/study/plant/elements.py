@@ -56,7 +56,10 @@ def judge(study: Study, identified: Identified, plant: TransferMatrix) -> Judged
 
 
 def _answered(elements: Sequence[Element]) -> bool:
-    return any(p.plant is not None for e in elements for p in e.parameters)
+    """Is anything said: a parameter, or that an element is not what the model has?"""
+    return any(e.verdict == ElementVerdict.CHANGED for e in elements) or any(
+        p.plant is not None for e in elements for p in e.parameters
+    )
 
 
 def _elements(
