@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import tempfile
+import threading
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
 import typer
@@ -118,6 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
     command = typer.main.get_command(app)
+    interrupted = _noticed_interrupts()
     try:
         given = None if arguments is None else list(arguments)
         status = int(command.main(args=given, prog_name="trueplant", standalone_mode=False) or 0)
@@ -136,11 +140,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
+        if interrupted:
+            _say("interrupted; no result was written")
+            return INTERRUPTED
         if hasattr(error, "format_message"):
             _say(f"{error.format_message().rstrip('.')}; see trueplant --help")
             return 2
         _say(f"internal error ({type(error).__name__}); the details were written to {_write_details()}")
         return INTERNAL_ERROR
+
+
+def _noticed_interrupts() -> list[int]:
+    """A list that every Ctrl-C from now on is added to: a library that is being imported makes an ImportError of it."""
+    seen: list[int] = []
+
+    def notice(number: int, frame: FrameType | None) -> None:
+        seen.append(number)
+        signal.default_int_handler(number, frame)
+
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, notice)
+    return seen
 
 
 def _say(message: str) -> None:

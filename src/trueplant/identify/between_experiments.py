@@ -10,6 +10,7 @@ With one parameter this is the random-effects model of meta-analysis (Roever 202
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2
@@ -20,6 +21,7 @@ from trueplant.identify.covariance import scaled
 from trueplant.identify.estimate import noise_signals
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.noise import fit_ar
+from trueplant.identify.validate import residual_tests
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +29,7 @@ class Runs:
     """The estimates of single experiments, and their spread."""
 
     experiments: tuple[int, ...]
-    theta: Array
-    """(n_runs, n)."""
+    fits: tuple[RowFit, ...]
     covariance: Array
     """(n_runs, n, n)."""
     p_value: float
@@ -39,6 +40,19 @@ class Runs:
     """(n,) from the mean of runs without a spread to their mean with it."""
     added: Array
     """(n, n) what the spread adds to the covariance of the mean."""
+
+    @property
+    def theta(self) -> Array:
+        """(n_runs, n)"""
+        return np.array([fit.theta for fit in self.fits])
+
+    @cached_property
+    def cross_p(self) -> Array:
+        """(n_columns,) that the prediction errors of the single runs are unrelated to the past of each input.
+
+        What a structure lacks is in these too; those about the mean also follow inputs because runs differ.
+        """
+        return np.asarray(len(self.fits) * np.min([residual_tests(fit).cross_p for fit in self.fits], axis=0))
 
     @property
     def agree(self) -> bool:
@@ -77,7 +91,8 @@ def compare_runs(pooled: RowFit, factor: Array) -> Runs | None:
     shift, added = np.zeros(theta.shape[1]), np.zeros((theta.shape[1],) * 2)
     shift[free], added[np.ix_(free, free)] = mixed.shift, mixed.added
     experiments = tuple(experiment for experiment, _ in fits)
-    return Runs(experiments, theta, covariance, mixed.p_value, mixed.spread, shift, added)
+    single = tuple(fit for _, fit in fits)
+    return Runs(experiments, single, covariance, mixed.p_value, mixed.spread, shift, added)
 
 
 def sizes_of(pooled: RowFit) -> Array:

@@ -51,13 +51,19 @@ def noise_signals(fit: RowFit) -> tuple[list[Array], list[BoolArray]]:
     return signals, [np.isfinite(v) for v, _, _ in errors]
 
 
-def fit_noise(fit: RowFit, order: int | None, limit: int) -> Array:
-    """AR coefficients of the output error of a fit; the order is chosen where none is given."""
-    signals, valid = noise_signals(fit)
+def free_of_noise(fit: RowFit) -> bool:
+    """Is what is left of the output rounding?"""
+    signals, _ = noise_signals(fit)
     measured = [y[ok] for y, ok in map(fit.row.measured, range(len(signals)))]
     energy = sum(float(np.sum((y - y.mean()) ** 2)) for y in measured if y.size)
-    if sum(float(s @ s) for s in signals) <= levels.NOISE_FREE * energy:
-        return np.zeros(0)  # free of noise: what is left is rounding
+    return sum(float(s @ s) for s in signals) <= levels.NOISE_FREE * energy
+
+
+def fit_noise(fit: RowFit, order: int | None, limit: int) -> Array:
+    """AR coefficients of the output error of a fit; the order is chosen where none is given."""
+    if free_of_noise(fit):
+        return np.zeros(0)
+    signals, valid = noise_signals(fit)
     chosen = min(choose_order(signals, valid, limit) + levels.SPARE_ORDERS, limit) if order is None else order
     return fit_ar(signals, valid, chosen)[0]
 

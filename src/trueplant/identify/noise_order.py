@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from trueplant.arrays import Array
@@ -12,20 +14,25 @@ from trueplant.identify.fit import RowFit
 from trueplant.identify.levels import UNDERMODELLED
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
-from trueplant.identify.validate import ResidualTests
 
 
-def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tuple[dict[int, Unanswered], Array]:
+def order_dependence(
+    fit: RowFit, covariance: Array, cross_p: Array, runs: Sequence[RowFit]
+) -> tuple[dict[int, Unanswered], Array]:
     """Estimates with noise models of other orders, compared with the one given.
+
+    `runs` are the fits of single experiments, or the fit itself: each moves by itself, as another noise model also
+    weighs experiments anew, and what they differ by would pass for what it does. `cross_p` (n_columns,) says whether
+    the prediction errors still follow the inputs.
 
     Returns the parameters that move by more than chance and by more than a third, with the reason,
     and (n,) the furthest that they move, together, where the prediction errors still follow the inputs: then the
     structure is too simple, every noise model weighs its error differently, and no one of them is right.
     """
-    fit = of_a_part(fit)
+    runs = [of_a_part(run) for run in runs]
     used = fit.ar.size
-    undermodelled = bool(np.min(tests.cross_p) < UNDERMODELLED)
-    limit = max(fit.row.measured(k)[0].size for k in range(len(fit.row.pieces))) // 20
+    undermodelled = bool(np.min(cross_p) < UNDERMODELLED)
+    limit = max(run.row.measured(k)[0].size for run in runs for k in range(len(run.row.pieces))) // 20
     orders = {used // 2, min(used, 1), 2 * used + 2} | ({0} if undermodelled else set())
     sigma = np.sqrt(np.diag(covariance))
     scale = np.maximum(np.abs(fit.theta), fit.row.lag_of_dead_times(fit.theta))
@@ -36,15 +43,17 @@ def order_dependence(fit: RowFit, covariance: Array, tests: ResidualTests) -> tu
     for order in sorted(orders - {used}):
         if order > limit or (order == 0 and not undermodelled):
             continue
-        other = refit_noise(fit, order)
-        shift = other.theta - fit.theta
-        beyond = (np.abs(shift) > levels.NOISE_SHIFT_ERRORS * np.minimum(sigma, np.sqrt(np.diag(other.covariance)))) & (
+        others = [refit_noise(run, order) for run in runs]
+        shift = np.mean([other.theta - run.theta for other, run in zip(others, runs, strict=True)], axis=0)
+        other_sigma = np.sqrt(np.sum([np.diag(other.covariance) for other in others], axis=0)) / len(others)
+        beyond = (np.abs(shift) > levels.NOISE_SHIFT_ERRORS * np.minimum(sigma, other_sigma)) & (
             np.abs(shift) > scale / levels.NOISE_SHIFT_SHARE
         )
-        beyond &= other.variance < levels.RIVAL_NOISE * fit.variance
+        beyond &= all(o.variance < levels.RIVAL_NOISE * run.variance for o, run in zip(others, runs, strict=True))
         for index in np.flatnonzero(beyond):
-            here, there = f"{fit.theta[index]:.3g} with order {used}", f"{other.theta[index]:.3g} with order {order}"
-            moved.setdefault(int(index), Unanswered(why, f"{why.value}: {here}, {there}"))
+            there = fit.theta[index] + shift[index]
+            text = f"{why.value}: {fit.theta[index]:.3g} with order {used}, {there:.3g} with order {order}"
+            moved.setdefault(int(index), Unanswered(why, text))
         distance = float(shift @ precision @ shift)
         if undermodelled and distance > furthest:
             shifts, furthest = shift, distance

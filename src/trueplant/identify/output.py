@@ -87,7 +87,12 @@ class OutputEstimate:
     @property
     def undermodelled(self) -> bool:
         """Is the structure simpler than what the prediction errors show of the plant?"""
-        return bool(min(np.min(self.tests.cross_p), np.min(self.structure_p, initial=1.0)) < UNDERMODELLED)
+        return bool(min(np.min(self.cross_p), np.min(self.structure_p, initial=1.0)) < UNDERMODELLED)
+
+    @property
+    def cross_p(self) -> Array:
+        """(n_columns,) that the prediction errors, of single experiments if there are more, follow no input."""
+        return self.tests.cross_p if self.runs is None else self.runs.cross_p
 
     @property
     def row(self) -> Row:
@@ -153,7 +158,8 @@ def identify_output(
     more, budget = _beyond_likelihood(fit, factor, any(segment.closed for segment in segments), runs)
     shift = np.zeros(row.size) if runs is None else runs.shift
     theta, covariance = np.clip(fit.theta + shift, *row.bounds()), scaled(fit.covariance, factor) + more
-    moved, shifts = order_dependence(fit, covariance, tests)
+    alone, follows = ([fit], tests.cross_p) if runs is None else (runs.fits, runs.cross_p)
+    moved, shifts = order_dependence(fit, covariance, follows, alone)
     least = least_variance(row, theta, sampling.timing)
     # How far another noise model moves a parameter counts as its error. A dead time that was left out may be there, too
     # small to be seen: then the other parameters are as the fit with it has them.

@@ -16,7 +16,7 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.covariance import inflation
-from trueplant.identify.estimate import polished, with_own_noise
+from trueplant.identify.estimate import free_of_noise, polished, with_own_noise
 from trueplant.identify.fit import RowFit, evaluate, fit_row
 from trueplant.identify.likelihood import ratio_p
 from trueplant.identify.longest_noise import beside_longest_noise
@@ -78,6 +78,8 @@ def sufficient_p(fit: RowFit, confidence: float) -> Array:
 
     By the likelihood ratio against a structure with one lag and one lead more, which may have a complex pair.
     """
+    if free_of_noise(fit):
+        return np.ones(len(fit.row.specs))
     return np.array([_sufficient_p(fit, m, confidence) for m in range(len(fit.row.specs))])
 
 
@@ -86,19 +88,24 @@ def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
     lag, lags = _scale(structure, p), np.sort(p[structure.is_lag])
     if lag <= 0 or not any(np.any(piece.inputs[fit.row.specs[m].column]) for piece in fit.row.pieces):
         return 1.0
-    starts = []
-    for further in lag * np.array(levels.CANCELLED_LAGS):
-        # A lag and a lead that cancel: each search begins at the fit itself, and cannot end above it.
+    if structure.lags:
+        wanted = replace(structure, lags=structure.lags - 1, pairs=structure.pairs + 1, leads=structure.leads + 1)
+    else:
+        wanted = replace(structure, lags=1, leads=structure.leads + 1)
+
+    def start(further: float) -> Array:
         if structure.lags:
-            wanted = replace(structure, lags=structure.lags - 1, pairs=structure.pairs + 1, leads=structure.leads + 1)
-            start = _start(structure, p, wanted, lags[:-1], _pair(lags[-1], further))
-        else:
-            wanted = replace(structure, lags=1, leads=structure.leads + 1)
-            start = _start(structure, p, wanted, np.array([further]))
-        start[np.flatnonzero(wanted.is_lead)[-1]] = further
-        starts.append(start)
-    rivals = [_briefly(fit, m, wanted, start) for start in starts]
-    return _suffices_p(fit, polished(_best([*rivals, *_fitted(fit, m, wanted, starts)])), m, confidence)
+            return _start(structure, p, wanted, lags[:-1], _pair(lags[-1], further))
+        return _start(structure, p, wanted, np.array([further]))
+
+    near = []
+    for further in lag * np.array(levels.CANCELLED_LAGS):
+        # A lag and a lead that cancel: the search begins at the fit itself, and cannot end above it.
+        begun = start(further)
+        begun[np.flatnonzero(wanted.is_lead)[-1]] = further
+        near.append(_briefly(fit, m, wanted, begun))
+    far = _fitted(fit, m, wanted, [start(share * lag) for share in levels.SECOND_LAGS])
+    return _suffices_p(fit, _best([polished(_best(near)), polished(_best(far))]), m, confidence)
 
 
 def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Structure, Array] | None:

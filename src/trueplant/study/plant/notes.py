@@ -116,7 +116,7 @@ def _noise_notes(estimate: OutputEstimate, name: str) -> list[Reason]:
 
 def _undermodelled_notes(study: Study, found: Identified, i: int, estimate: OutputEstimate, name: str) -> list[Reason]:
     notes = []
-    follows = [study.columns[j] for j, p in enumerate(estimate.tests.cross_p) if p < UNDERMODELLED]
+    follows = [study.columns[j] for j, p in enumerate(estimate.cross_p) if p < UNDERMODELLED]
     if follows:
         absent = [one for j, one in enumerate(study.columns) if one in follows and _absent(study, found, i, j)]
         advice = (
