@@ -15,7 +15,7 @@ from trueplant.identify.blocks import in_blocks
 from trueplant.identify.budget import Budget
 from trueplant.identify.covariance import inflation, initial_state_share, least_variance, scaled
 from trueplant.identify.dead_times import without_unseen_dead_times
-from trueplant.identify.estimate import Options, estimate_row
+from trueplant.identify.estimate import Options, estimate_row, free_of_noise
 from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, mixed, normal_intervals, profile_interval, variance_of, widened
 from trueplant.identify.levels import SEARCHED_FREEDOM, UNDERMODELLED
@@ -223,7 +223,9 @@ def _fitted(found: RowFit, confidence: float) -> tuple[RowFit, OpenMinima]:
 
 
 def _profiled(fit: RowFit) -> list[int]:
-    """Dead times, and parameters that are known poorly but not hopelessly."""
+    """Dead times, and parameters that are known poorly but not hopelessly; none where all that is left is rounding."""
+    if free_of_noise(fit):
+        return []
     chosen = []
     sigma = np.sqrt(np.diag(fit.covariance))
     for index in np.flatnonzero(~fit.row.is_gain):
