@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -132,6 +133,22 @@ def test_interruption_has_a_status_of_its_own(capsys, folder, monkeypatch):
     monkeypatch.setattr("trueplant.cli.data.init", interrupted)
     assert main(["init", "x.csv"]) == 130
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_an_interruption_that_an_import_makes_its_own_error_of_is_still_one(capsys, folder, monkeypatch):
+    def importing(*_):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ImportError("initialization failed") from None
+
+    monkeypatch.setattr("trueplant.cli.data.init", importing)
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        assert main(["init", "x.csv"]) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert capsys.readouterr().err == "trueplant: interrupted; no result was written\n"
 
 
 def test_simulated_record_is_the_loops(folder, capsys):

@@ -59,6 +59,9 @@ def test_every_open_minimum_belongs_to_the_interval():
         mixture, apart = found.widened(own), np.array([one.theta for one in found.fits]) - found.best.theta
         assert np.all(np.linalg.eigvalsh(mixture - own) > -1e-9 * np.trace(mixture)), "no direction is narrower"
         assert np.all(np.diag(mixture) >= found.shares @ apart**2 * (1 - 1e-9)), "no narrower than the minima are apart"
+        net = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+        both, alone = np.sqrt(net @ mixture @ net), np.sqrt(net @ own @ net)
+        assert both < 1.2 * alone + np.abs(apart @ net).max(), "what is the same at all minima stays known"
     assert several >= 1
 
 

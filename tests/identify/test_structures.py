@@ -8,8 +8,11 @@ import pytest
 from support.chance import most
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Spec, identify_matrix
+from trueplant.identify.estimate import estimate_row, polished
 from trueplant.identify.levels import STRUCTURE_SHARE
-from trueplant.identify.structures import richer
+from trueplant.identify.pieces import pieces_of
+from trueplant.identify.row import Row
+from trueplant.identify.structures import richer, sufficient_p, with_real_lags
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
 
@@ -52,6 +55,35 @@ def test_a_slow_tail_is_seen_where_correlation_over_its_first_samples_sees_nothi
     estimates = [found(TAIL, seed, law=FAST, std=0.03) for seed in range(4)]
     assert all(0 in estimate.rejected for estimate in estimates)
     assert all(estimate.intervals[0, 0] <= 2.0 <= estimate.intervals[0, 1] for estimate in estimates)
+
+
+def test_what_a_richer_structure_lacks_is_looked_for_in_its_turn():
+    """A second lag shows first; then that a slow part follows, which the gain at rest hangs on."""
+    slow = "2 (40 s + 1) exp(-2 s)/((120 s + 1)(14 s + 1)(4 s + 1))"
+    for seed in range(3):
+        estimate = found(slow, seed, samples=3000, std=0.02, law=FAST)
+        assert estimate.row.specs[0].structure.lags == 3, "fopdt lacks two lags"
+        assert str(estimate.rejected[0].structure) == "fopdt", "the structure that was declared"
+        low, high = estimate.intervals[0]
+        assert low <= 2.0 <= high
+
+
+def test_pairs_that_do_not_swing_are_lags():
+    pair = Structure.parse("pair+lead")
+    p = pair.parameters(2.0, [], 0.2, 1.25, 5.0, 3.0)
+    structure, q = with_real_lags(pair, p)
+    assert str(structure) == "sopdt+lead"
+    s = 1j * np.geomspace(1e-3, 10, 50)
+    np.testing.assert_allclose(structure.transfer(q)(s), pair.transfer(p)(s), rtol=1e-12)
+    swinging = pair.parameters(2.0, [], 0.2, 0.5, 5.0, 3.0)
+    assert with_real_lags(pair, swinging)[0] == pair
+
+
+def test_rounding_rejects_no_structure():
+    r = random_switching(np.random.default_rng(0), 1500, 1, 40.0)
+    record = segment_of(simulate(TransferMatrix.of([[FIRST]], "min"), SLOW, r, 1.0))
+    row = Row((Spec(0, Structure.parse("fopdt"), (1.8, 9.0, 3.3)),), pieces_of([record], 0))
+    assert np.array_equal(sufficient_p(polished(estimate_row(row, 10.0)), 0.95), [1.0])
 
 
 @pytest.mark.slow

@@ -201,6 +201,36 @@ def test_oven_runs_together_confirm_the_controller_and_claim_no_more_than_they_k
     assert tau.plant is None or tau.ci[1] > 215
 
 
+@pytest.mark.parametrize("name", ["pid_oven_20180114", "pid_oven_20180205"])
+def test_oven_without_a_declared_structure(real_data, name):
+    """A fast part, and a slow one beneath the noise: a second lag alone has a tenth of the gain and looks sure."""
+    project = Project.load(EXAMPLES / f"{name}.toml")
+    free = Project.from_toml(project.to_toml().replace('structure = "fopdt"\n', ""), EXAMPLES)
+    found = run(free).elements[0]
+    assert found.structure == "sopdt+lag+lead" and found.rejected_structure == "fopdt"
+    gain, tau = found.parameters[:2]
+    # Longer runs of this oven give 0.62..0.70 and 215..340 s.
+    assert gain.ci[0] < 0.70 and gain.ci[1] > 0.62
+    assert tau.ci[0] < 340 and tau.ci[1] > 215
+
+
+def test_oven_where_a_first_order_is_asked_for(real_data):
+    """Noise models give 0.1 to 0.8 for its gain: none is the right one, as a first order is not."""
+    gain = analysed("pid_oven_20180114").elements[0].parameters[0]
+    assert gain.plant is None and "depends on the noise model" in gain.reason
+
+
+def test_one_oven_run_says_that_its_plant_is_of_another_structure_and_no_more(real_data):
+    text = (EXAMPLES / "pid_oven_20180205.toml").read_text()
+    table = "[[experiment]]"
+    head, first, *rest = text.split(table)
+    alone = f"{head}{table}{first}{rest[-1][rest[-1].index('[[output]]') :]}"
+    result = run(Project.from_toml(alone.replace('structure = "fopdt"\n', ""), EXAMPLES))
+    assert result.status == "ok" and result.elements[0].verdict == "changed"
+    assert all(p.plant is None for p in result.elements[0].parameters)
+    assert "structure" in result.headline and "0." not in result.headline
+
+
 def test_results_are_reproducible(real_data):
     one, other = analysed("refinery_fic10201"), analysed("refinery_fic10201")
     assert dataclasses.asdict(one.elements[0]) == dataclasses.asdict(other.elements[0])

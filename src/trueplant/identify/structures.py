@@ -124,7 +124,24 @@ def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Stru
     for structure in sorted(found, key=lambda one: (len(one.names), one.pairs, criterion[one])):
         if len(found) * _ratio_p(best, found[structure], m, confidence) < level:
             taken, best = structure, found[structure]
-    return None if taken is declared else (taken, best.theta[best.row.slices[m]])
+    return None if taken is declared else with_real_lags(taken, best.theta[best.row.slices[m]])
+
+
+def with_real_lags(structure: Structure, p: Array) -> tuple[Structure, Array]:
+    """The same element, its complex pairs that do not swing as two lags each."""
+    frequencies, dampings = p[structure.is_frequency], p[structure.is_damping]
+    real = dampings >= 1
+    root = np.sqrt(dampings[real] ** 2 - 1)
+    lags = np.concatenate([(dampings[real] + side * root) / frequencies[real] for side in (1, -1)])
+    same = replace(structure, lags=structure.lags + lags.size, pairs=structure.pairs - int(real.sum()))
+    return same, same.parameters(
+        p[structure.is_gain],
+        np.append(p[structure.is_lag], lags),
+        frequencies[~real],
+        dampings[~real],
+        p[structure.is_lead],
+        p[structure.is_dead_time],
+    )
 
 
 def richer(structure: Structure, p: Array) -> Iterator[tuple[Structure, Array]]:
