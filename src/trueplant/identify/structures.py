@@ -194,12 +194,9 @@ def _fitted(fit: RowFit, m: int, structure: Structure, starts: Sequence[Array]) 
     """
     row, free = _with_structure(fit, m, structure)
     whole = [_with_element(fit, m, start) for start in starts]
-    rivals = []
-    for ar in (fit.ar, np.zeros(0)):
-        begun = max((improved_element(row, theta, ar, m) for theta in whole), key=lambda found: found[1])[0]
-        rival = _short_fit(fit, row, free, begun, ar)
-        rivals.append(rival if ar.size else with_own_noise(rival, levels.TRIED_STEPS))
-    return rivals
+    begun = max((improved_element(row, theta, fit.ar, m) for theta in whole), key=lambda found: found[1])[0]
+    without = with_own_noise(_short_fit(fit, row, free, begun, np.zeros(0)), levels.TRIED_STEPS)
+    return [_short_fit(fit, row, free, begun, fit.ar), without]
 
 
 def _briefly(fit: RowFit, m: int, structure: Structure, start: Array) -> RowFit:
