@@ -143,7 +143,7 @@ def test_an_interruption_that_an_import_makes_its_own_error_of_is_still_one(caps
             raise ImportError("initialization failed") from None
 
     monkeypatch.setattr("trueplant.cli.data.init", importing)
-    before = signal.getsignal(signal.SIGINT)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         assert main(["init", "x.csv"]) == 130
     finally:

@@ -133,16 +133,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(str(error))
         return error.exit_status
     except (typer.Abort, KeyboardInterrupt):
-        _say("interrupted; no result was written")
-        return INTERRUPTED
+        return _interrupted()
     except BrokenPipeError:
         # whoever read our output has seen enough; keep Python from trying to flush it once more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
         if interrupted:
-            _say("interrupted; no result was written")
-            return INTERRUPTED
+            return _interrupted()
         if hasattr(error, "format_message"):
             _say(f"{error.format_message().rstrip('.')}; see trueplant --help")
             return 2
@@ -158,9 +156,18 @@ def _noticed_interrupts() -> list[int]:
         seen.append(number)
         signal.default_int_handler(number, frame)
 
-    if threading.current_thread() is threading.main_thread():
+    # not where somebody else handles it, or where it is ignored, as in the background
+    if (
+        signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        and threading.current_thread() is threading.main_thread()
+    ):
         signal.signal(signal.SIGINT, notice)
     return seen
+
+
+def _interrupted() -> int:
+    _say("interrupted; no result was written")
+    return INTERRUPTED
 
 
 def _say(message: str) -> None:

@@ -95,7 +95,7 @@ def initial_state_share(fit: RowFit) -> float:
     return float((levels.INITIAL_STATE_BIAS * fit.row.nuisance_count) ** 2 / max(fit.count, 1))
 
 
-def least_variance(row: Row, theta: Array, timing: float) -> Array:
+def least_covariance(row: Row, theta: Array, timing: float) -> Array:
     """(size, size) covariance that the parameters have at least: recorded numbers and instants (`timing`) are rounded.
 
     An instant that is read wrongly moves all the dead times of an element alike.

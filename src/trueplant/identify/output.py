@@ -13,7 +13,7 @@ from trueplant.identify import levels
 from trueplant.identify.between_experiments import Runs, compare_runs
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.budget import Budget
-from trueplant.identify.covariance import inflation, initial_state_share, least_variance, scaled
+from trueplant.identify.covariance import inflation, initial_state_share, least_covariance, scaled
 from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row, free_of_noise
 from trueplant.identify.fit import RowFit
@@ -160,7 +160,7 @@ def identify_output(
     theta, covariance = np.clip(fit.theta + shift, *row.bounds()), scaled(fit.covariance, factor) + more
     alone, follows = ([fit], tests.cross_p) if runs is None else (runs.fits, runs.cross_p)
     moved, shifts = order_dependence(fit, covariance, follows, alone)
-    least = least_variance(row, theta, sampling.timing)
+    least = least_covariance(row, theta, sampling.timing)
     # How far another noise model moves a parameter counts as its error. A dead time that was left out may be there, too
     # small to be seen: then the other parameters are as the fit with it has them.
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
@@ -294,9 +294,9 @@ def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
 
 def _too_uncertain(estimate: OutputEstimate, index: int, most: float) -> Unanswered:
     """Why a parameter is known to no better than `most`."""
-    by_noise_model = estimate.budget.parts.get(Source.NOISE_MODEL, np.zeros(index + 1))[index]
-    if by_noise_model <= most**2:
+    by_noise_model = estimate.budget.parts.get(Source.NOISE_MODEL)
+    if by_noise_model is None or by_noise_model[index] <= most**2:
         return Unanswered.because(WhyUnanswered.TOO_UNCERTAIN)
     why = WhyUnanswered.DEPENDS_ON_NOISE_MODEL
-    here, moves = f"{estimate.theta[index]:.3g}", f"{np.sqrt(by_noise_model):.2g}"
+    here, moves = f"{estimate.theta[index]:.3g}", f"{np.sqrt(by_noise_model[index]):.2g}"
     return Unanswered(why, f"{why.value}: {here}, which another one moves by {moves}, as the structure is too simple")

@@ -47,19 +47,16 @@ def with_structures(
     while left:
         m = min(left, key=lambda one: float(p[one]))
         found = simplest(fit, m, confidence, level) if p[m] < level else None
-        if found is None:
+        old = estimate.row.specs[m]
+        wider = found and again([_wider(old, *found) if spec is old else spec for spec in estimate.row.specs])
+        if not wider:
             left.remove(m)
             continue
-        old = estimate.row.specs[m]
-        wider = again([_wider(old, *found) if spec is old else spec for spec in estimate.row.specs])
-        if wider is None:
-            left.remove(m)
-        else:
-            rejected = Rejected(old.structure, min(float(p[m]) * tested, 1.0))
-            estimate = replace(wider, rejected={old.column: rejected, **estimate.rejected})
-            # What this element lacked, the others of its row may have taken on.
-            fit = polished(of_a_part(estimate.fit))
-            p = sufficient_p(fit, confidence)
+        rejected = Rejected(old.structure, min(float(p[m]) * tested, 1.0))
+        estimate = replace(wider, rejected={old.column: rejected, **estimate.rejected})
+        # What this element lacked, the others of its row may have taken on.
+        fit = polished(of_a_part(estimate.fit))
+        p = sufficient_p(fit, confidence)
     whole = np.ones(estimate.row.pieces[0].inputs.shape[0])
     whole[[spec.column for spec in estimate.row.specs]] = p
     return replace(estimate, structure_p=whole)

@@ -123,10 +123,9 @@ def _law(study: Study, segments: Sequence[Segment]) -> Controller | None:
 
 def _as_late(study: Study, task: Task, answer: Answer) -> Answer:
     """The answer, its dead times as uncertain as the instants at which OP acts and PV is read."""
-    timing = timing_error(study)
+    late = {place: timing_error(study) * task.structures[place].is_dead_time for place in answer.found}
     found = {
-        place: (p, covariance + timing**2 * np.outer(*2 * [task.structures[place].is_dead_time]))
-        for place, (p, covariance) in answer.found.items()
+        place: (p, covariance + np.outer(late[place], late[place])) for place, (p, covariance) in answer.found.items()
     }
     return replace(answer, found=found)
 

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.disturbance import DisturbedFit, Part, Recovered, fit_with_disturbance, likelihood_p, recover
 from trueplant.identify import Budget, OutputEstimate
-from trueplant.identify.covariance import least_variance
+from trueplant.identify.covariance import least_covariance
 from trueplant.identify.intervals import normal_intervals
 from trueplant.loop import Controller
 from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
@@ -134,7 +134,7 @@ def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float
         return estimate
     if not _same_elements(fit, estimate):
         return estimate
-    least = least_variance(fit.row, fit.theta, timing)
+    least = least_covariance(fit.row, fit.theta, timing)
     covariance = fit.covariance + least
     budget = Budget.of(fit.by_background).including(Source.DISTURBANCE, fit.covariance - fit.by_background)
     intervals = normal_intervals(fit.row, fit.theta, covariance, confidence)
