@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from trueplant.identify import levels
+from support.simulated import coloured, random_switching, segment_of
+from trueplant.identify import identify_matrix, levels, specs_of
 from trueplant.identify.between_experiments import _mixture
+from trueplant.loop import PID, Controller, simulate
+from trueplant.lti import TransferMatrix
 
 
 def test_one_parameter_is_the_posterior_of_the_random_effects_model():
@@ -25,7 +28,9 @@ def test_one_parameter_is_the_posterior_of_the_random_effects_model():
     variance = float(np.sum(weight * (plant - mean) ** 2))
     pooled = float(np.sum(values / errors**2) / np.sum(errors**-2.0))
     least = float(1 / np.sum(errors**-2.0))
-    found = _mixture(values[:, None], (errors**2)[:, None, None], np.array([size]), np.array([True]))
+    found = _mixture(
+        values[:, None], (errors**2)[:, None, None], np.array([pooled]), np.array([size]), np.array([True])
+    )
     assert found.shift[0] == pytest.approx(mean - pooled, abs=0.05 * np.sqrt(variance))
     assert found.added[0, 0] == pytest.approx(variance - least, rel=0.05)
     assert found.spread[0] == pytest.approx(float(np.sum(weight * spread)), rel=0.05)
@@ -44,8 +49,8 @@ def test_intervals_cover_the_mean_plant_over_the_prior_of_the_spread(runs):
         spreads = np.abs(rng.normal(0, levels.BETWEEN_RUNS, 2))
         relative = np.where(gain, *spreads) * rng.standard_normal((runs, 3)) + rng.standard_normal((runs, 3)) @ root.T
         theta = truth * (1 + relative)
-        found = _mixture(theta, covariance, truth, gain)
         pooled = theta.mean(axis=0)
+        found = _mixture(theta, covariance, pooled, truth, gain)
         sigma = np.sqrt(np.diag(covariance[0] / runs + found.added))
         covered.append(np.abs(pooled + found.shift - truth) < norm.ppf(0.975) * sigma)
     assert np.all(np.abs(np.mean(covered, axis=0) - 0.95) < 0.025)
@@ -55,8 +60,36 @@ def test_the_spread_grows_smoothly_with_the_difference():
     """Runs that differ by three standard errors and runs that differ by none are treated by one formula."""
     covariance = np.broadcast_to(np.eye(1) * 1e-4, (2, 1, 1))
     added = [
-        float(_mixture(np.array([[1.0], [1.0 + d]]), covariance, np.ones(1), np.array([True])).added[0, 0])
+        float(_mixture(np.array([[1.0], [1.0 + d]]), covariance, np.ones(1), np.ones(1), np.array([True])).added[0, 0])
         for d in np.linspace(0, 0.2, 41)
     ]
     steps = np.diff(added)
     assert np.all(steps > -1e-6) and np.max(steps) < 0.1 * added[-1]
+
+
+@pytest.mark.parametrize(("apart", "error", "share"), [(0.0, 0.5, 1.0), (0.5, 0.02, 0.0)])
+def test_the_pooled_estimate_counts_where_runs_agree_and_not_where_they_are_far_apart(apart, error, share):
+    """A fit of one plant to runs of several may end anywhere: here a standard error of the runs' mean above it."""
+    theta = np.array([[1.0 - apart], [1.0 + apart], [1.0]])
+    covariance = np.full((3, 1, 1), error**2)
+    pooled = 1.0 + error / np.sqrt(3)
+    found = _mixture(theta, covariance, np.array([pooled]), np.ones(1), np.array([True]))
+    taken = (pooled + found.shift[0] - 1.0) / (pooled - 1.0)
+    assert taken == pytest.approx(share, abs=0.05)
+
+
+def test_runs_whose_dead_times_are_far_apart_are_found_each():
+    """From the dead time between them, the search of neither run comes to its own."""
+    own = (0.6, 7.5)
+    records = []
+    for k, dead in enumerate(own):
+        rng = np.random.default_rng(k)
+        plant = TransferMatrix.of([[f"2 exp(-{dead} s)/(8 s + 1)"]], "min")
+        law = Controller.diagonal([PID(Kc=0.4, Ti=8.0, sample_time=1.0)])
+        v = coloured(rng, 800, 1, [1, -0.8], [1], 0.2)
+        records.append(segment_of(simulate(plant, law, random_switching(rng, 800, 1, 40.0), 1.0, v=v), experiment=k))
+    model = TransferMatrix.of([["2 exp(-4 s)/(8 s + 1)"]], "min")
+    runs = identify_matrix(records, model, specs_of(model))[0].runs
+    assert runs is not None and not runs.agree
+    for theta, covariance, dead in zip(runs.theta, runs.covariance, own, strict=True):
+        assert np.all(np.abs(theta - [2.0, 8.0, dead]) < 4 * np.sqrt(np.diag(covariance)))

@@ -21,6 +21,7 @@ from trueplant.identify.covariance import scaled
 from trueplant.identify.estimate import noise_signals
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.noise import fit_ar
+from trueplant.identify.search import improved_element
 from trueplant.identify.validate import residual_tests
 
 
@@ -37,7 +38,7 @@ class Runs:
     spread: tuple[float, float]
     """Relative standard deviation between runs of gains, and of lags and dead times."""
     shift: Array
-    """(n,) from the mean of runs without a spread to their mean with it."""
+    """(n,) from the pooled estimate to the mean of the runs."""
     added: Array
     """(n, n) what the spread adds to the covariance of the mean."""
 
@@ -60,7 +61,7 @@ class Runs:
 
 
 def single_runs(pooled: RowFit) -> list[tuple[int, RowFit]]:
-    """The fit of each experiment alone, started from the pooled one."""
+    """The fit of each experiment alone: from the pooled one, or from what a search over its own dead times finds."""
     experiments = sorted({piece.experiment for piece in pooled.row.pieces})
     fits = []
     for experiment in experiments:
@@ -68,7 +69,12 @@ def single_runs(pooled: RowFit) -> list[tuple[int, RowFit]]:
         row = replace(pooled.row, pieces=pieces)
         samples = sum(int(row.measured(k)[1].sum()) for k in range(len(pieces)))
         if samples > levels.SAMPLES_PER_PARAMETER * (pooled.theta.size + pooled.ar.size):
-            fits.append((experiment, fit_row(row, pooled.theta, pooled.ar, free=pooled.free, iterations=40)))
+            own = pooled.theta
+            for m in range(len(row.specs)):
+                own = np.where(pooled.free, improved_element(row, own, pooled.ar, m)[0], pooled.theta)
+            begun = (pooled.theta, np.clip(own, *row.bounds()))
+            found = [fit_row(row, theta, pooled.ar, free=pooled.free, iterations=40) for theta in begun]
+            fits.append((experiment, min(found, key=lambda fit: fit.cost)))
     return fits
 
 
@@ -87,7 +93,7 @@ def compare_runs(pooled: RowFit, factor: Array) -> Runs | None:
     free = np.flatnonzero(pooled.free)
     sizes = sizes_of(pooled)[free]
     gain = pooled.row.is_gain[free]
-    mixed = _mixture(theta[:, free], covariance[:, free][:, :, free], sizes, gain)
+    mixed = _mixture(theta[:, free], covariance[:, free][:, :, free], pooled.theta[free], sizes, gain)
     shift, added = np.zeros(theta.shape[1]), np.zeros((theta.shape[1],) * 2)
     shift[free], added[np.ix_(free, free)] = mixed.shift, mixed.added
     experiments = tuple(experiment for experiment, _ in fits)
@@ -112,8 +118,12 @@ class _Mixture:
     added: Array
 
 
-def _mixture(theta: Array, covariance: Array, sizes: Array, gain: BoolArray) -> _Mixture:
-    """Of runs theta (n_runs, n) with covariance (n_runs, n, n)."""
+def _mixture(theta: Array, covariance: Array, pooled: Array, sizes: Array, gain: BoolArray) -> _Mixture:
+    """Of runs theta (n_runs, n) with covariance (n_runs, n, n).
+
+    Where runs do not differ, `pooled` (n,) is their mean, free of the errors of short runs; the more they differ, the
+    less it says. In between it counts by its share of the information on the mean.
+    """
     grid = np.array([(a, b) for a in levels.RUN_SPREADS for b in levels.RUN_SPREADS])
     between = (np.where(gain, grid[:, :1], grid[:, 1:]) * sizes) ** 2
     scale = np.outer(sizes, sizes)
@@ -126,6 +136,7 @@ def _mixture(theta: Array, covariance: Array, sizes: Array, gain: BoolArray) -> 
     moment = np.einsum("grij,rj->gi", precision, values)
     centre = np.einsum("gij,gj->gi", means, moment)
     misfit = np.einsum("ri,grij,rj->g", values, precision, values) - np.sum(moment * centre, axis=1)
+    centre = centre + np.einsum("ij,gjk,k->gi", means[0], total, pooled / sizes - centre[0])
     log = np.linalg.slogdet(precision)[1].sum(axis=1) - np.linalg.slogdet(total)[1] - misfit
     log = log / 2 - np.sum((grid / levels.BETWEEN_RUNS) ** 2, axis=1) / 2
     steps = np.gradient(levels.RUN_SPREADS)
@@ -137,7 +148,7 @@ def _mixture(theta: Array, covariance: Array, sizes: Array, gain: BoolArray) -> 
     freedom = (len(theta) - 1) * sizes.size
     spread = tuple(float(x) for x in weights @ grid)
     p_value = float(chi2.sf(max(float(misfit[0]), 0.0), freedom))
-    return _Mixture(p_value, (spread[0], spread[1]), (mean - centre[0]) * sizes, (whole - means[0]) * scale)
+    return _Mixture(p_value, (spread[0], spread[1]), mean * sizes - pooled, (whole - means[0]) * scale)
 
 
 def refit_noise(fit: RowFit, order: int) -> RowFit:
