@@ -21,7 +21,7 @@ from trueplant.identify.covariance import scaled
 from trueplant.identify.estimate import noise_signals
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.noise import fit_ar
-from trueplant.identify.search import improved_element
+from trueplant.identify.search import grid_guess
 from trueplant.identify.validate import residual_tests
 
 
@@ -69,9 +69,7 @@ def single_runs(pooled: RowFit) -> list[tuple[int, RowFit]]:
         row = replace(pooled.row, pieces=pieces)
         samples = sum(int(row.measured(k)[1].sum()) for k in range(len(pieces)))
         if samples > levels.SAMPLES_PER_PARAMETER * (pooled.theta.size + pooled.ar.size):
-            own = pooled.theta
-            for m in range(len(row.specs)):
-                own = np.where(pooled.free, improved_element(row, own, pooled.ar, m)[0], pooled.theta)
+            own = np.where(pooled.free, grid_guess(row, pooled.theta, pooled.ar, rounds=1), pooled.theta)
             begun = (pooled.theta, np.clip(own, *row.bounds()))
             found = [fit_row(row, theta, pooled.ar, free=pooled.free, iterations=40) for theta in begun]
             fits.append((experiment, min(found, key=lambda fit: fit.cost)))
