@@ -331,7 +331,7 @@ def _project(case: Case) -> tuple[dict[str, Array], Project]:
 
 
 def bounds(case: Case) -> list[list[Array]]:
-    """Cramer-Rao standard errors of the parameters of each element, the noise's correlation known."""
+    """Cramer-Rao covariances (n_p, n_p) of the parameters of each element, the noise's correlation known."""
     sim, n = case.simulation, case.size
     size = sim.t.size
     ones, none = np.ones((size, n), dtype=bool), np.zeros((size, 0))
@@ -343,6 +343,6 @@ def bounds(case: Case) -> list[list[Array]]:
         innovation = float(np.var(lfilter(np.concatenate([[1.0], ar]), [1.0], v)[ORDER:]))
         row = Row(tuple(Spec(j, case.structures[i][j]) for j in range(n)), pieces_of([segment], i))
         fit = fit_row(row, np.concatenate(case.truth[i]), ar, iterations=0)
-        errors = np.sqrt(np.diag(fit.covariance) / max(fit.variance, 1e-300) * innovation)
-        found.append([errors[part] for part in row.slices])
+        covariance = fit.covariance / max(fit.variance, 1e-300) * innovation
+        found.append([covariance[part, part] for part in row.slices])
     return found

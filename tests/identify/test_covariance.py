@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, pieces_of
-from trueplant.identify.covariance import Told, inflation
+from trueplant.identify.covariance import Rows, Told, inflation
 from trueplant.identify.fit import evaluate
 from trueplant.identify.noise import fit_ar
 from trueplant.loop import PID, Controller, simulate
@@ -45,7 +45,7 @@ def test_variances_move_with_the_noise_model_as_finite_differences_say():
         return np.log(np.diag(np.linalg.inv(whole.information[:3, :3] + prior)))
 
     moves = [(log_variances(fit.ar + d) - log_variances(fit.ar - d)) / (2 * step) for d in step * np.eye(3)]
-    np.testing.assert_allclose(-2 * Told.of(fit).rho, np.column_stack(moves), rtol=0.06, atol=0.06)
+    np.testing.assert_allclose(-2 * Told.of(Rows.of(fit), fit.ar).rho, np.column_stack(moves), rtol=0.06, atol=0.06)
 
 
 def test_what_the_fit_takes_is_the_slope_of_a_log_determinant():
@@ -64,7 +64,7 @@ def test_what_the_fit_takes_is_the_slope_of_a_log_determinant():
         (half_log_determinant(fit.ar + d) - half_log_determinant(fit.ar - d)) / (2 * step) for d in step * np.eye(2)
     ]
     assert fit.row.nuisance_count > 0
-    np.testing.assert_allclose(Told.of(fit).taken, slopes, rtol=0.05)
+    np.testing.assert_allclose(Told.of(Rows.of(fit), fit.ar).taken, slopes, rtol=0.05)
 
 
 def test_noise_that_is_white_or_long_known_widens_nothing():

@@ -23,7 +23,7 @@ from trueplant.identify import (
 )
 from trueplant.identify.estimate import is_better
 from trueplant.identify.fit import residuals
-from trueplant.identify.intervals import profile_interval
+from trueplant.identify.intervals import profile_of
 from trueplant.identify.noise import choose_order, fit_ar, whiten, whitened_valid
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix, tf
@@ -231,7 +231,7 @@ def test_profile_interval_of_a_dead_time_covers():
     hits, runs = 0, 80
     for seed in range(100, 100 + runs):
         row = Row(tuple(started_wrong(0)), pieces_of([segment_of(wood_berry(seed, samples=800))], 0))
-        low, high = profile_interval(estimate_row(row, 15.0), 2, 0.95)
+        low, high = profile_of(estimate_row(row, 15.0), 2, 0.95).ends
         hits += low < 1.4 < high
     assert runs - hits <= most(runs, 0.05)
 

@@ -140,6 +140,8 @@ class Linearised:
     """(size, n) the output by theta."""
     unknown: Array
     """(n_z, n) responses to operating points and initial states, as far as they can be told."""
+    largest: Array
+    """(n_z,) amplitude that each of them may have."""
 
 
 def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[Linearised]:
@@ -162,7 +164,8 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[Li
         unknown.add_gradient(coefficients, moved)
         jacobian = _jacobian(moved, v, weights[k], ar, use)
         remove(basis.T, jacobian)
-        yield Linearised(k, use, errors, jacobian, basis, moved, unknown.rows[coefficients != 0])
+        told = coefficients != 0
+        yield Linearised(k, use, errors, jacobian, basis, moved, unknown.rows[told], unknown.largest[told])
 
 
 def _jacobian(moved: Array, v: Array, weight: float, ar: Array, use: slice | BoolArray) -> Array:

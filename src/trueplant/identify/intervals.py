@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
@@ -21,9 +22,21 @@ def normal_intervals(row: Row, theta: Array, covariance: Array, confidence: floa
     return np.asarray(np.clip(np.column_stack([theta - half, theta + half]), low[:, None], high[:, None]))
 
 
-def profile_interval(
-    fit: RowFit, index: int, confidence: float, factor: float = 1.0, rounds: int = 6
-) -> tuple[float, float]:
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """What the profile likelihood says of one parameter."""
+
+    ends: tuple[float, float]
+    away: tuple[Array, Array]
+    """(n,) by how much the parameters have moved at each end, over the quantile: as standard errors."""
+
+    @property
+    def furthest(self) -> Array:
+        """(n,) the further of both."""
+        return np.asarray(np.abs(self.away).max(axis=0))
+
+
+def profile_of(fit: RowFit, index: int, confidence: float, factor: float = 1.0, rounds: int = 6) -> Profile:
     """Interval of theta[index] from the profile likelihood.
 
     The end points are where the deviance, minimised over everything else, has risen by `factor` times the chi-square
@@ -31,21 +44,24 @@ def profile_interval(
     beyond the parameter's bound, is the bound; one that is not found to PROFILE_TOLERANCE is a value beyond it.
     """
     z = float(norm.ppf(0.5 + confidence / 2) * np.sqrt(factor))
-    sigma = float(np.sqrt(fit.covariance[index, index]))
-    low, high = fit.row.bounds()
-    return tuple(  # type: ignore[return-value]
-        _end(fit, index, side, z, sigma, float(low[index]), float(high[index]), rounds) for side in (-1, 1)
-    )
+    below, above = (_end(fit, index, side, z, rounds) for side in (-1, 1))
+    quantile = norm.ppf(0.5 + confidence / 2)
+    away = tuple((fitted.theta - fit.theta) / quantile for _, fitted in (below, above))
+    return Profile((below[0], above[0]), (away[0], away[1]))
 
 
-def as_wide_as(covariance: Array, index: int, variance: float) -> Array:
+def as_wide_as(covariance: Array, index: int, variance: float, furthest: Array) -> Array:
     """The covariance with the variance of one parameter raised to at least this.
 
-    The others follow along the ridge of the likelihood: what is known of them together with this one stays known.
+    The others follow along the ridge of the likelihood, none by more than `furthest` (n,), which is how far it was
+    seen to go: what is known of them together with this one stays known. As the variance is added, nothing that is
+    known of others, this one given, is narrower than it was.
     """
-    own = max(float(covariance[index, index]), np.finfo(float).tiny)
-    ridge = covariance[:, index] / np.sqrt(own)
-    return np.asarray(covariance + max(variance / own - 1, 0.0) * np.outer(ridge, ridge))
+    own = float(covariance[index, index])
+    more = np.sqrt(max(variance - own, 0.0))
+    step = np.clip(covariance[:, index] / max(own, np.finfo(float).tiny) * more, -furthest, furthest)
+    step[index] = more
+    return np.asarray(covariance + np.outer(step, step))
 
 
 def variance_of(ends: tuple[float, float], value: float, confidence: float) -> float:
@@ -87,16 +103,15 @@ def mixed(intervals: Array, theta: Array, shifts: Array, shares: Array, confiden
     return out
 
 
-def _end(fit: RowFit, index: int, side: int, z: float, sigma: float, low: float, high: float, rounds: int) -> float:
-    centre = float(fit.theta[index])
-    bound = low if side < 0 else high
-    furthest = (
-        min(levels.PROFILE_FURTHEST * sigma, abs(bound - centre))
-        if np.isfinite(bound)
-        else levels.PROFILE_FURTHEST * sigma
-    )
+def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> tuple[float, RowFit]:
+    """Where the profile ends on one side, and the last fit that was held there."""
+    centre, sigma = float(fit.theta[index]), float(np.sqrt(fit.covariance[index, index]))
+    bound = float(fit.row.bounds()[side > 0][index])
+    furthest = levels.PROFILE_FURTHEST * sigma
+    if np.isfinite(bound):
+        furthest = min(furthest, abs(bound - centre))
     if not np.isfinite(furthest) or furthest <= 0:
-        return bound
+        return bound, fit
     inside, inside_root = 0.0, 0.0
     outside, outside_root = None, None
     distance = min(z * sigma, furthest)
@@ -105,10 +120,10 @@ def _end(fit: RowFit, index: int, side: int, z: float, sigma: float, low: float,
         nearest = _constrained(nearest, index, centre + side * distance)
         root = float(np.sqrt(rise(fit, nearest)))
         if abs(root - z) < levels.PROFILE_TOLERANCE * z:
-            return centre + side * distance
+            return centre + side * distance, nearest
         if root < z:
             if distance >= furthest:
-                return bound
+                return bound, nearest
             inside, inside_root = distance, root
         else:
             outside, outside_root = distance, root
@@ -117,7 +132,7 @@ def _end(fit: RowFit, index: int, side: int, z: float, sigma: float, low: float,
         else:
             share = (z - inside_root) / max(outside_root - inside_root, 1e-12)
             distance = inside + min(max(share, 0.05), 0.95) * (outside - inside)
-    return bound if outside is None else centre + side * outside
+    return (bound if outside is None else centre + side * outside), nearest
 
 
 def _constrained(fit: RowFit, index: int, value: float) -> RowFit:

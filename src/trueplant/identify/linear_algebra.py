@@ -15,9 +15,21 @@ def inverse(information: Array, floor: float = 1e-14) -> Array:
     `floor` is the least eigenvalue of the scaled matrix: a variance is very large, but finite, where the
     data do not determine a parameter.
     """
+    scale, values, vectors = _scaled(information, floor)
+    return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
+
+
+def log_determinant(information: Array, floor: float = 1e-14) -> float:
+    """Of the same matrix, with the same floor."""
+    scale, values, _ = _scaled(information, floor)
+    return float(2 * np.sum(np.log(scale)) + np.sum(np.log(values)))
+
+
+def _scaled(information: Array, floor: float) -> tuple[Array, Array, Array]:
+    """Scale (n,), and eigenvalues and eigenvectors of the information scaled by it."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-80))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    return np.asarray((vectors / np.maximum(values, floor)) @ vectors.T / np.outer(scale, scale))
+    return scale, np.maximum(values, floor), vectors
 
 
 def orthonormal(columns: Array) -> Array:

@@ -65,11 +65,12 @@ class OpenMinima:
 
         The way from one to the next is curved: what is the same at all of them would not be known any more if their
         places were joined by straight lines. So parameters follow along the ridge at the deepest, the one that has
-        moved furthest first.
+        moved furthest first, and none by more than the minima say.
         """
-        wanted = np.diag(covariance) + self.added
-        for index in np.argsort(-self.added / np.maximum(np.diag(covariance), np.finfo(float).tiny)):
-            covariance = as_wide_as(covariance, int(index), float(wanted[index]))
+        before, wanted = np.diag(covariance), np.diag(covariance) + self.added
+        for index in np.argsort(-self.added / np.maximum(before, np.finfo(float).tiny)):
+            left = np.sqrt(np.maximum(wanted - np.diag(covariance), 0.0))
+            covariance = as_wide_as(covariance, int(index), float(wanted[index]), left)
         return covariance
 
     def hull(self, intervals: Array, shift: Array) -> Array:

@@ -17,7 +17,7 @@ from trueplant.identify.covariance import inflation, initial_state_share, least_
 from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row, free_of_noise
 from trueplant.identify.fit import RowFit
-from trueplant.identify.intervals import as_wide_as, mixed, normal_intervals, profile_interval, variance_of, widened
+from trueplant.identify.intervals import as_wide_as, mixed, normal_intervals, profile_of, variance_of, widened
 from trueplant.identify.levels import SEARCHED_FREEDOM, UNDERMODELLED
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p, ratio_p
 from trueplant.identify.linear_algebra import inverse
@@ -178,9 +178,10 @@ def identify_output(
     for index in _profiled(fit):
         # A dead time that is fixed at 0 may still be as large as the data allow.
         profiled = fit if fit.free[index] else full
-        ends = np.add(profile_interval(profiled, index, confidence, float(factor[index])), shift[index])
-        low, high = widened(ends, float(theta[index]), added[index, index] + more[index, index], confidence)
-        covariance = as_wide_as(covariance, index, variance_of((low, high), float(theta[index]), confidence))
+        profile = profile_of(profiled, index, confidence, float(factor[index]))
+        ends, value = np.add(profile.ends, shift[index]), float(theta[index])
+        low, high = widened(ends, value, added[index, index] + more[index, index], confidence)
+        covariance = as_wide_as(covariance, index, variance_of((low, high), value, confidence), profile.furthest)
         profiles[index] = low, high
     intervals = normal_intervals(row, theta, covariance, confidence)
     for index, both in profiles.items():
