@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, pieces_of
-from trueplant.identify.covariance import Rows, Told, inflation
+from trueplant.identify.covariance import Rows, Told, inflation, restricted_growth
 from trueplant.identify.fit import evaluate
 from trueplant.identify.noise import fit_ar
 from trueplant.loop import PID, Controller, simulate
@@ -65,6 +65,28 @@ def test_what_the_fit_takes_is_the_slope_of_a_log_determinant():
     ]
     assert fit.row.nuisance_count > 0
     np.testing.assert_allclose(Told.of(Rows.of(fit), fit.ar).taken, slopes, rtol=0.05)
+
+
+def test_free_responses_that_the_noise_takes_away_do_not_blow_up_variances():
+    """Five slow modes beside noise of nearly their pole: to first order variances would grow by a factor of 8e8."""
+    t, unknown = np.arange(1200), 1e-6
+    moves = np.cumsum(np.random.default_rng(1).random(t.size) < 1 / 60) % 2
+    told = lfilter([0, 0.07], [1, -0.93], moves)
+    columns = np.vstack([told, np.ones(t.size), *(np.exp(-t / tau) for tau in (17.4, 14.4, 14.2, 12.9, 12.3))])
+    ar, spread = np.poly([0.92, 0.5, -0.3])[1:], 0.03**2 * np.eye(3)
+    piece = columns, slice(None), np.full(6, unknown)
+    rows = Rows(1, (piece,), np.zeros(1), np.ones(1, dtype=bool))
+    taken = Told.of(rows, ar).taken
+    assert 2 * Told.of(rows, ar).rho[0] @ spread @ taken > 20
+
+    def variance(errors):
+        way = -spread @ taken / np.sqrt(taken @ spread @ taken)
+        white = lfilter([1.0, *(ar + errors * way)], [1.0], columns)[:, 3:]
+        return np.linalg.inv(white @ white.T + np.diag([0.0, *np.full(6, unknown)]))[0, 0]
+
+    most = max(variance(errors) for errors in np.linspace(0, 3, 601)) / variance(0.0)
+    assert 2 < most < 4
+    assert 1.1 < restricted_growth(rows, ar, taken, spread)[0] <= most
 
 
 def test_noise_that_is_white_or_long_known_widens_nothing():

@@ -8,6 +8,7 @@ import pytest
 from support.simulated import coloured, segment_of
 from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
 from trueplant.identify.covariance import scaled
+from trueplant.identify.intervals import as_wide_as, profile_of
 from trueplant.identify.likelihood import rise
 from trueplant.identify.minima import open_minima
 from trueplant.loop import PID, Controller, simulate
@@ -85,3 +86,31 @@ def test_dead_times_cover_where_the_set_point_moves_twice():
         low, high = identify_output([record(FIRST, truth, 100 + seed, 0.08)], 0, [spec]).intervals[2]
         covered += low <= truth[2] <= high
     assert covered >= 53
+
+
+def test_a_parameter_that_is_hardly_known_leaves_others_as_known_as_they_are():
+    """Two elements correlated as 0.9: where the first's lag may be 100 times as uncertain, the second's gain follows
+    only as far as it was seen to."""
+    covariance = np.array([[1.0, 0.9, 0.9], [0.9, 1.0, 0.8], [0.9, 0.8, 1.0]])
+    free = as_wide_as(covariance, 0, 1e4, np.full(3, np.inf))
+    np.testing.assert_allclose(free[0, 1] / np.sqrt(free[0, 0] * free[1, 1]), 1.0, atol=1e-4)
+    held = as_wide_as(covariance, 0, 1e4, np.array([np.inf, np.inf, 0.5]))
+    np.testing.assert_allclose(np.diag(held), [1e4, free[1, 1], 1.25])
+    assert np.all(np.linalg.eigvalsh(held - covariance) > -1e-9)
+    for given in (held, free):
+        alone = given[1:, 1:] - np.outer(given[1:, 0], given[1:, 0]) / given[0, 0]
+        before = covariance[1:, 1:] - np.outer(covariance[1:, 0], covariance[1:, 0]) / covariance[0, 0]
+        assert np.all(np.linalg.eigvalsh(alone - before) > -1e-9), "no less is uncertain than with the first one known"
+
+
+def test_profiles_say_how_far_the_others_go():
+    """Quadratic near the minimum: the ends are at 1.96 standard errors, and the others follow as they correlate."""
+    truth = np.array([2.0, 10.0, 4.6])
+    fit = fit_row(
+        Row((Spec(0, FIRST, tuple(truth)),), pieces_of([record(FIRST, truth, 3, 0.02)], 0)), truth, np.zeros(1)
+    )
+    profile, sigma = profile_of(fit, 1, 0.95), np.sqrt(np.diag(fit.covariance))
+    np.testing.assert_allclose(np.subtract(profile.ends, fit.theta[1]), [-1.96 * sigma[1], 1.96 * sigma[1]], rtol=0.1)
+    along = fit.covariance[:, 1] / sigma[1]
+    np.testing.assert_allclose(profile.away[1][[0, 1]], along[[0, 1]], rtol=0.15)
+    np.testing.assert_allclose(profile.furthest, np.abs(profile.away).max(axis=0))

@@ -22,8 +22,8 @@ def inflation(fit: RowFit, confidence: float) -> Array:
     A parameter is known as well as the noise is small at the frequencies that tell it: by the coefficients a of A(q)
     its variance v moves as d log v/da = -2 rho (`Told`). The fit takes a share of the noise with it for each
     parameter, operating point and initial state, so that the noise looks smaller than it is; the restricted likelihood
-    (Patterson and Thompson 1971) takes that back (`_taken_back`). What is still not known of a gives the degrees of
-    freedom of Student's quantile (Satterthwaite's rule, as in Kenward and Roger 1997).
+    (Patterson and Thompson 1971) takes that back (`restricted_growth`). What is still not known of a gives the degrees
+    of freedom of Student's quantile (Satterthwaite's rule, as in Kenward and Roger 1997).
 
     Slow noise is no autoregression for certain, and the first order not enough. Under AR(1) noise with the pole 1 - A a
     level is known from the record as well as from N A^2 white errors, and the variance of rho'a is 2/(N A): by that A
@@ -40,10 +40,10 @@ def inflation(fit: RowFit, confidence: float) -> Array:
     tail = 0.5 + confidence / 2
     freedom = np.maximum(2 / (4 * uncertain + 2 / fit.left), levels.FEWEST_FREEDOM)
     quantile = t.ppf(tail, freedom) / norm.ppf(tail)
-    return np.asarray(np.maximum(_taken_back(rows, fit.ar, told.taken, spread), known / left) * quantile**2)
+    return np.asarray(np.maximum(restricted_growth(rows, fit.ar, told.taken, spread), known / left) * quantile**2)
 
 
-def _taken_back(rows: Rows, ar: Array, taken: Array, spread: Array) -> Array:
+def restricted_growth(rows: Rows, ar: Array, taken: Array, spread: Array) -> Array:
     """(size,) variances under the noise model of the largest restricted likelihood, relative to those of the fit.
 
     It is looked for on the way on which that likelihood rises from the fit's `ar` (order,), whose covariance is

@@ -65,12 +65,14 @@ class OpenMinima:
 
         The way from one to the next is curved: what is the same at all of them would not be known any more if their
         places were joined by straight lines. So parameters follow along the ridge at the deepest, the one that has
-        moved furthest first, and none by more than the minima say.
+        moved furthest first; those of other elements by no more than the minima say.
         """
         before, wanted = np.diag(covariance), np.diag(covariance) + self.added
+        element = np.repeat(np.arange(len(self.best.row.slices)), [p.stop - p.start for p in self.best.row.slices])
         for index in np.argsort(-self.added / np.maximum(before, np.finfo(float).tiny)):
             left = np.sqrt(np.maximum(wanted - np.diag(covariance), 0.0))
-            covariance = as_wide_as(covariance, int(index), float(wanted[index]), left)
+            furthest = np.where(element == element[index], np.inf, left)
+            covariance = as_wide_as(covariance, int(index), float(wanted[index]), furthest)
         return covariance
 
     def hull(self, intervals: Array, shift: Array) -> Array:
