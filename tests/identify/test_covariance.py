@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -9,9 +11,12 @@ from scipy.stats import norm
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, pieces_of
-from trueplant.identify.covariance import Rows, Told, inflation, restricted_growth
+from trueplant.identify.covariance import inflation, restricted_growth, restriction_of, told_at
 from trueplant.identify.fit import evaluate
+from trueplant.identify.likelihood import held_at
+from trueplant.identify.longest_noise import restricted
 from trueplant.identify.noise import fit_ar
+from trueplant.identify.restricted import Restriction
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
 
@@ -45,7 +50,7 @@ def test_variances_move_with_the_noise_model_as_finite_differences_say():
         return np.log(np.diag(np.linalg.inv(whole.information[:3, :3] + prior)))
 
     moves = [(log_variances(fit.ar + d) - log_variances(fit.ar - d)) / (2 * step) for d in step * np.eye(3)]
-    np.testing.assert_allclose(-2 * Told.of(Rows.of(fit), fit.ar).rho, np.column_stack(moves), rtol=0.06, atol=0.06)
+    np.testing.assert_allclose(-2 * told_at(restriction_of(fit), fit.ar), np.column_stack(moves), rtol=0.06, atol=0.06)
 
 
 def test_what_the_fit_takes_is_the_slope_of_a_log_determinant():
@@ -64,7 +69,7 @@ def test_what_the_fit_takes_is_the_slope_of_a_log_determinant():
         (half_log_determinant(fit.ar + d) - half_log_determinant(fit.ar - d)) / (2 * step) for d in step * np.eye(2)
     ]
     assert fit.row.nuisance_count > 0
-    np.testing.assert_allclose(Told.of(Rows.of(fit), fit.ar).taken, slopes, rtol=0.05)
+    np.testing.assert_allclose(restriction_of(fit).penalty(fit.ar)[1], slopes, rtol=0.05)
 
 
 def test_free_responses_that_the_noise_takes_away_do_not_blow_up_variances():
@@ -75,9 +80,9 @@ def test_free_responses_that_the_noise_takes_away_do_not_blow_up_variances():
     columns = np.vstack([told, np.ones(t.size), *(np.exp(-t / tau) for tau in (17.4, 14.4, 14.2, 12.9, 12.3))])
     ar, spread = np.poly([0.92, 0.5, -0.3])[1:], 0.03**2 * np.eye(3)
     piece = columns, slice(None), np.full(6, unknown)
-    rows = Rows(1, (piece,), np.zeros(1), np.ones(1, dtype=bool))
-    taken = Told.of(rows, ar).taken
-    assert 2 * Told.of(rows, ar).rho[0] @ spread @ taken > 20
+    rows = Restriction(1, (piece,), np.zeros(1), np.ones(1, dtype=bool), ar)
+    taken = rows.penalty(ar)[1]
+    assert 2 * told_at(rows, ar)[0] @ spread @ taken > 20
 
     def variance(errors):
         way = -spread @ taken / np.sqrt(taken @ spread @ taken)
@@ -86,7 +91,39 @@ def test_free_responses_that_the_noise_takes_away_do_not_blow_up_variances():
 
     most = max(variance(errors) for errors in np.linspace(0, 3, 601)) / variance(0.0)
     assert 2 < most < 4
-    assert 1.1 < restricted_growth(rows, ar, taken, spread)[0] <= most
+    assert 1.1 < restricted_growth(rows, ar, spread)[0] <= most
+
+
+def test_restricted_likelihood_of_a_noise_model_is_that_of_dense_matrices():
+    """The plant held: what is fitted beside the pole of the noise is an operating point and a free response."""
+    held = held_at(fitted(2, 0.98, 1, 300), np.arange(3), TRUTH)
+    restriction = restriction_of(held)
+    (rows, _, may_be), (y, _) = restriction.pieces[0], held.row.measured(0)
+    errors, columns = y - held.row.response(TRUTH, 0), rows[3:].T
+    assert columns.shape[1] == held.row.nuisance_count == 2
+
+    def dense(pole):
+        white, left = lfilter([1, -pole], [1], columns, axis=0)[1:], lfilter([1, -pole], [1], errors)[1:]
+        left = left - white @ np.linalg.lstsq(white, left, rcond=None)[0]
+        return len(left) * np.log(left @ left) + np.linalg.slogdet(white.T @ white + np.diag(may_be))[1]
+
+    def own(pole):
+        point = evaluate(replace(held.row, restricted=restriction), TRUTH, np.array([-pole]), held.weights)
+        return point.count * np.log(point.cost), 2 * point.slope[3] / point.unit
+
+    poles, step = np.array([0.88, 0.9, 0.93, 0.94, 0.96]), 1e-6
+    slopes = [(dense(pole - step) - dense(pole + step)) / (2 * step) for pole in poles]
+    np.testing.assert_allclose(np.diff([own(pole)[0] for pole in poles]), np.diff([dense(p) for p in poles]), atol=1e-6)
+    np.testing.assert_allclose([own(pole)[1] for pole in poles], slopes, rtol=0.02, atol=0.5)
+
+
+@pytest.mark.slow
+def test_restricted_likelihood_gives_slow_noise_back_what_the_fit_takes():
+    """60 records of 300 samples with the pole 0.98, one loop: least squares forget it sooner."""
+    fits = [fitted(seed, 0.98, 1, 300) for seed in range(60)]
+    plain, given_back = (np.array([-fit.ar[0] for fit in some]) for some in (fits, [restricted(fit) for fit in fits]))
+    assert np.mean(given_back > plain) > 0.85
+    assert abs(np.mean(given_back) - 0.98) < 0.8 * abs(np.mean(plain) - 0.98)
 
 
 def test_noise_that_is_white_or_long_known_widens_nothing():

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.stats import norm, t
 
-from trueplant.arrays import Array, BoolArray
+from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, linearised
-from trueplant.identify.linear_algebra import inverse, log_determinant
-from trueplant.identify.noise import whiten
+from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.restricted import Restriction
 from trueplant.identify.row import Row
 
 
@@ -20,7 +18,7 @@ def inflation(fit: RowFit, confidence: float) -> Array:
     """(size,) factors on the variances of theta for what is not known of the noise model.
 
     A parameter is known as well as the noise is small at the frequencies that tell it: by the coefficients a of A(q)
-    its variance v moves as d log v/da = -2 rho (`Told`). The fit takes a share of the noise with it for each
+    its variance v moves as d log v/da = -2 rho (`told_at`). The fit takes a share of the noise with it for each
     parameter, operating point and initial state, so that the noise looks smaller than it is; the restricted likelihood
     (Patterson and Thompson 1971) takes that back (`restricted_growth`). What is still not known of a gives the degrees
     of freedom of Student's quantile (Satterthwaite's rule, as in Kenward and Roger 1997).
@@ -31,36 +29,37 @@ def inflation(fit: RowFit, confidence: float) -> Array:
     left: of noise that wanders without end the level tells nothing, and the parameters are then known from faster
     changes. The larger of the two counts.
     """
-    rows = Rows.of(fit)
-    told = Told.of(rows, fit.ar)
+    restriction = restriction_of(fit)
+    rho = told_at(restriction, fit.ar)
     spread = fit.variance * inverse(fit.information)[fit.theta.size :, fit.theta.size :]
-    uncertain = np.einsum("ik,kl,il->i", told.rho, spread, told.rho)
+    uncertain = np.einsum("ik,kl,il->i", rho, spread, rho)
     known = fit.count * np.minimum((2 / fit.count / np.maximum(uncertain, 1 / fit.count)) ** 2, 1.0)
     left = np.maximum(known - int(fit.free.sum()) - fit.row.nuisance_count, known / 2)
     tail = 0.5 + confidence / 2
     freedom = np.maximum(2 / (4 * uncertain + 2 / fit.left), levels.FEWEST_FREEDOM)
     quantile = t.ppf(tail, freedom) / norm.ppf(tail)
-    return np.asarray(np.maximum(restricted_growth(rows, fit.ar, told.taken, spread), known / left) * quantile**2)
+    return np.asarray(np.maximum(restricted_growth(restriction, fit.ar, spread), known / left) * quantile**2)
 
 
-def restricted_growth(rows: Rows, ar: Array, taken: Array, spread: Array) -> Array:
+def restricted_growth(restriction: Restriction, ar: Array, spread: Array) -> Array:
     """(size,) variances under the noise model of the largest restricted likelihood, relative to those of the fit.
 
     It is looked for on the way on which that likelihood rises from the fit's `ar` (order,), whose covariance is
     `spread`.
     """
-    length = float(np.sqrt(taken @ spread @ taken))
+    slope = restriction.penalty(ar)[1]
+    length = float(np.sqrt(slope @ spread @ slope))
     if length == 0:
-        return np.ones(rows.size)
-    way = -spread @ taken / length
+        return np.ones(restriction.size)
+    way = -spread @ slope / length
 
     def deviance(errors: float) -> float:
-        return errors**2 + 2 * rows.whitened(ar + errors * way).half_log_determinant
+        return errors**2 + 2 * restriction.whitened(ar + errors * way).half_log_determinant
 
     furthest = min(length, levels.RESTRICTED_FURTHEST)
     best = minimize_scalar(deviance, bounds=(0.0, furthest), options={"xatol": levels.RESTRICTED_SETTLED}).x
-    here, there = (np.diag(rows.whitened(a).covariance) for a in (ar, ar + best * way))
-    return np.maximum(np.divide(there, here, out=np.ones(rows.size), where=here > 0), 1.0)
+    here, there = (np.diag(restriction.whitened(a).covariance) for a in (ar, ar + best * way))
+    return np.maximum(np.divide(there, here, out=np.ones(restriction.size), where=here > 0), 1.0)
 
 
 def scaled(covariance: Array, factors: Array) -> Array:
@@ -68,99 +67,35 @@ def scaled(covariance: Array, factors: Array) -> Array:
     return np.asarray(covariance * np.sqrt(np.outer(factors, factors)))
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """What parameters, operating points and initial states do to the output of each piece, not whitened."""
+def restriction_of(fit: RowFit) -> Restriction:
+    """That of the fit's row, as it responds where the fit is."""
+    pieces = []
+    for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
+        rows = fit.weights[piece.number] * np.vstack([piece.moved, piece.unknown])
+        may_be = fit.variance / np.maximum(piece.largest, np.finfo(float).tiny) ** 2
+        pieces.append((rows, piece.use, may_be))
+    prior = fit.variance * fit.row.prior.normal_equations(fit.theta)[0]
+    return Restriction(fit.theta.size, tuple(pieces), prior, fit.free, fit.ar)
 
-    size: int
-    """Parameters."""
-    pieces: tuple[tuple[Array, slice | BoolArray, Array], ...]
-    """Of each the rows (size + n_z, n), the prediction errors that there are, and what the prior says of the n_z.
 
-    That is part of what is known of them: what a noise model takes away nearly whole is told by nothing else.
+def told_at(restriction: Restriction, ar: Array) -> Array:
+    """(size, order) rho: how what tells a parameter moves with the noise model.
+
+    The sum over time of what tells it, whitened, times the same so many samples before, as it was before it was
+    whitened; relative to the sum of squares of the first.
     """
-    prior: Array
-    """(size,) the same of the parameters."""
-    free: BoolArray
-    """(size,)"""
-
-    @classmethod
-    def of(cls, fit: RowFit) -> Rows:
-        pieces = []
-        for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
-            rows = fit.weights[piece.number] * np.vstack([piece.moved, piece.unknown])
-            may_be = fit.variance / np.maximum(piece.largest, np.finfo(float).tiny) ** 2
-            pieces.append((rows, piece.use, may_be))
-        prior = fit.variance * fit.row.prior.normal_equations(fit.theta)[0]
-        return cls(fit.theta.size, tuple(pieces), prior, fit.free)
-
-    def whitened(self, ar: Array) -> Whitened:
-        """What they tell under a noise model."""
-        size = self.size
-        shares, inverses, rows, half_log_determinant = [], [], [], 0.0
-        information = np.zeros((size, size))
-        for plain, use, may_be in self.pieces:
-            white = whiten(ar, plain.T)[use].T
-            unknown = white[size:] @ white[size:].T + np.diag(may_be)
-            inverses.append(inverse(unknown))
-            shares.append(white[:size] @ white[size:].T @ inverses[-1])
-            white[:size] -= shares[-1] @ white[size:]
-            information += white[:size] @ white[:size].T
-            half_log_determinant += log_determinant(unknown) / 2
-            rows.append(white)
-        free = np.ix_(self.free, self.free)
-        whole, covariance = (information + np.diag(self.prior))[free], np.zeros((size, size))
-        covariance[free] = inverse(whole)
-        half_log_determinant += log_determinant(whole) / 2
-        return Whitened(half_log_determinant, information, covariance, rows, shares, inverses)
-
-
-@dataclass(frozen=True, eq=False)
-class Whitened:
-    """The rows of all pieces under a noise model."""
-
-    half_log_determinant: float
-    """Of the information on all parameters, operating points and initial states."""
-    information: Array
-    """(size, size) on the parameters, without what operating points and initial states do, by the record alone."""
-    covariance: Array
-    """(size, size) with the prior, relative to the variance of the noise."""
-    rows: list[Array]
-    """Of each piece (size + n_z, n_used); those of the parameters without what the others do."""
-    shares: list[Array]
-    """(size, n_z) by which that was taken out."""
-    inverses: list[Array]
-    """(n_z, n_z) of the information on operating points and initial states."""
-
-
-@dataclass(frozen=True, eq=False)
-class Told:
-    """How what tells the parameters, and what the fit takes of the noise, move with the noise model."""
-
-    rho: Array
-    """(size, order) sum over time of what tells a parameter, whitened, times the same so many samples before, as it was
-    before it was whitened; relative to the sum of squares of the first."""
-    taken: Array
-    """(order,) slope of `Whitened.half_log_determinant`."""
-
-    @classmethod
-    def of(cls, rows: Rows, ar: Array) -> Told:
-        order, size = ar.size, rows.size
-        moments, taken, white = np.zeros((order, size, size)), np.zeros(order), rows.whitened(ar)
-        parts = zip(rows.pieces, white.rows, white.shares, white.inverses, strict=True)
-        for (plain, use, _), whitened, shares, inverted in parts:
-            alone = plain.copy()
-            alone[:size] -= shares @ plain[size:]
-            for lag in range(1, order + 1):
-                before = alone[:, order - lag : alone.shape[1] - lag].T[use]
-                moments[lag - 1] += whitened[:size] @ before[:, :size]
-                taken[lag - 1] += np.sum(inverted * (whitened[size:] @ before[:, size:]))
-        whole = white.covariance
-        told = np.einsum("ia,kab,ib->ik", whole, moments, whole)
-        own = np.einsum("ia,ab,ib->i", whole, white.information, whole)
-        told_at_all = (own > levels.LOST * np.diag(whole))[:, None]
-        rho = np.divide(told, own[:, None], out=np.zeros_like(told), where=told_at_all)
-        return cls(rho, taken + np.einsum("ab,kab->k", whole, moments))
+    order, size, white = ar.size, restriction.size, restriction.whitened(ar)
+    moments = np.zeros((order, size, size))
+    for (plain, use, _), whitened, shares in zip(restriction.pieces, white.rows, white.shares, strict=True):
+        alone = plain[:size] - shares @ plain[size:]
+        for lag in range(1, order + 1):
+            before = alone[:, order - lag : alone.shape[1] - lag][:, use]
+            moments[lag - 1] += whitened[:size] @ before.T
+    whole = white.covariance
+    told = np.einsum("ia,kab,ib->ik", whole, moments, whole)
+    own = np.einsum("ia,ab,ib->i", whole, white.information, whole)
+    told_at_all = (own > levels.LOST * np.diag(whole))[:, None]
+    return np.asarray(np.divide(told, own[:, None], out=np.zeros_like(told), where=told_at_all))
 
 
 def initial_state_share(fit: RowFit) -> float:

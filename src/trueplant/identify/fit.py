@@ -117,8 +117,12 @@ def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
     diagonal, pull = row.prior.normal_equations(theta)
     information[np.arange(theta.size), np.arange(theta.size)] += unit * diagonal
     slope[: theta.size] += unit * pull
+    penalty = row.prior.penalty(theta)
+    if row.restricted is not None:
+        more, pull = row.restricted.penalty(ar)
+        penalty, slope[theta.size :] = penalty + more, slope[theta.size :] + unit * pull
     # so that count log(cost), which is -2 log likelihood, rises by the penalty
-    cost = squares * np.exp(min(row.prior.penalty(theta) / max(count, 1), levels.LARGEST_EXPONENT))
+    cost = squares * np.exp(min(penalty / max(count, 1), levels.LARGEST_EXPONENT))
     return Point(float(cost), information, slope, count, power, weights)
 
 

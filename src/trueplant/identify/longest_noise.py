@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from trueplant.identify import levels
-from trueplant.identify.covariance import inflation, scaled
+from trueplant.identify.covariance import inflation, restriction_of, scaled
 from trueplant.identify.estimate import largest_order, with_noise_of_order
-from trueplant.identify.fit import RowFit
+from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.output import OutputEstimate
 
 
@@ -22,9 +22,15 @@ def beside_longest_noise(fit: RowFit) -> RowFit:
     return with_noise_of_order(fit, order, levels.POLISHED_STEPS)
 
 
+def restricted(fit: RowFit, by: RowFit | None = None) -> RowFit:
+    """The fit of the largest restricted likelihood: that of its own row, or of the one that another fit has."""
+    row = replace(fit.row, restricted=restriction_of(by or fit))
+    return fit_row(row, fit.theta, fit.ar, weights=fit.weights, free=fit.free, reweight=False)
+
+
 def estimate_beside_longest_noise(estimate: OutputEstimate, confidence: float) -> OutputEstimate:
-    """The estimate with parameters, covariance and likelihood beside the largest noise model alone."""
-    fit = beside_longest_noise(estimate.fit)
+    """The estimate with parameters, covariance and likelihood beside the largest noise model alone, restricted."""
+    fit = restricted(beside_longest_noise(estimate.fit))
     factor = inflation(fit, confidence)
     covariance = scaled(fit.covariance, factor)
     return replace(

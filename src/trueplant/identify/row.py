@@ -18,6 +18,7 @@ from trueplant.identify import levels
 from trueplant.identify.initial_state import Modes, Past, Unknown, unknown_of
 from trueplant.identify.pieces import Piece
 from trueplant.identify.prior import Prior
+from trueplant.identify.restricted import Restriction
 from trueplant.lti.structure import Structure
 from trueplant.record.types import Load
 
@@ -45,6 +46,8 @@ class Row:
     specs: tuple[Spec, ...]
     pieces: tuple[Piece, ...]
     stride: int = 1
+    restricted: Restriction | None = None
+    """Whose restricted likelihood the fits maximise; None: the likelihood itself."""
 
     def rests(self, k: int) -> bool:
         """Does piece k start in steady state, so that it needs no free response?"""

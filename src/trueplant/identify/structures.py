@@ -19,7 +19,7 @@ from trueplant.identify.covariance import inflation
 from trueplant.identify.estimate import free_of_noise, polished, with_own_noise
 from trueplant.identify.fit import RowFit, evaluate, fit_row
 from trueplant.identify.likelihood import ratio_p
-from trueplant.identify.longest_noise import beside_longest_noise
+from trueplant.identify.longest_noise import beside_longest_noise, restricted
 from trueplant.identify.output import OutputEstimate, Rejected
 from trueplant.identify.row import Row, Spec
 from trueplant.identify.search import improved_element
@@ -231,12 +231,14 @@ def _best(fits: Sequence[RowFit]) -> RowFit:
 def _suffices_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
     """p-value that the fit suffices beside a rival with another structure for element m.
 
-    By the likelihood ratio, each with its own noise model; where that looks clear, with the largest as well.
+    By the likelihood ratio, each with its own noise model; where that looks clear, with the largest as well, by the
+    restricted likelihood of the richer one.
     """
     p = _ratio_p(fit, rival, m, confidence)
     if p > 1 - confidence:
         return p
-    return max(p, _ratio_p(beside_longest_noise(fit), beside_longest_noise(rival), m, confidence))
+    one, other = beside_longest_noise(fit), beside_longest_noise(rival)
+    return max(p, _ratio_p(restricted(one, other), restricted(other), m, confidence))
 
 
 def _ratio_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
@@ -261,5 +263,7 @@ def _criteria(fits: Sequence[RowFit]) -> list[float]:
         # Longer by zeros: the same predictions, of those samples that the longest noise model can predict.
         point = evaluate(fit.row, fit.theta, np.append(fit.ar, np.zeros(longest - fit.ar.size)), fit.weights)
         deviance = np.log(max(float(point.power[:, 0].sum()), 1e-300) / max(point.count, 1))
+        if fit.row.restricted is not None:
+            deviance += fit.row.restricted.penalty(fit.ar)[0] / max(point.count, 1)
         found.append(float(deviance + np.log(max(point.count, 1)) / max(point.count, 1) * fit.ar.size))
     return found
