@@ -10,13 +10,13 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.identify import Row, RowFit, Spec, fit_row, pieces_of
-from trueplant.identify.covariance import inflation, restricted_growth, restriction_of, told_at
-from trueplant.identify.fit import evaluate
+from trueplant.identify import Row, RowFit, Spec, fit_row, levels, pieces_of
+from trueplant.identify.covariance import inflation, restricted_growth, told_at
+from trueplant.identify.fit import evaluate, restriction_of
 from trueplant.identify.likelihood import held_at
 from trueplant.identify.longest_noise import restricted
 from trueplant.identify.noise import fit_ar
-from trueplant.identify.restricted import Restriction
+from trueplant.identify.restricted import Moved, Restriction
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
 
@@ -79,7 +79,7 @@ def test_free_responses_that_the_noise_takes_away_do_not_blow_up_variances():
     told = lfilter([0, 0.07], [1, -0.93], moves)
     columns = np.vstack([told, np.ones(t.size), *(np.exp(-t / tau) for tau in (17.4, 14.4, 14.2, 12.9, 12.3))])
     ar, spread = np.poly([0.92, 0.5, -0.3])[1:], 0.03**2 * np.eye(3)
-    piece = columns, slice(None), np.full(6, unknown)
+    piece = Moved(columns, slice(None), np.full(6, unknown))
     rows = Restriction(1, (piece,), np.zeros(1), np.ones(1, dtype=bool), ar)
     taken = rows.penalty(ar)[1]
     assert 2 * told_at(rows, ar)[0] @ spread @ taken > 20
@@ -98,7 +98,7 @@ def test_restricted_likelihood_of_a_noise_model_is_that_of_dense_matrices():
     """The plant held: what is fitted beside the pole of the noise is an operating point and a free response."""
     held = held_at(fitted(2, 0.98, 1, 300), np.arange(3), TRUTH)
     restriction = restriction_of(held)
-    (rows, _, may_be), (y, _) = restriction.pieces[0], held.row.measured(0)
+    ((rows, _, may_be),), (y, _) = restriction.pieces, held.row.measured(0)
     errors, columns = y - held.row.response(TRUTH, 0), rows[3:].T
     assert columns.shape[1] == held.row.nuisance_count == 2
 
@@ -124,6 +124,16 @@ def test_restricted_likelihood_gives_slow_noise_back_what_the_fit_takes():
     plain, given_back = (np.array([-fit.ar[0] for fit in some]) for some in (fits, [restricted(fit) for fit in fits]))
     assert np.mean(given_back > plain) > 0.85
     assert abs(np.mean(given_back) - 0.98) < 0.8 * abs(np.mean(plain) - 0.98)
+
+
+def test_rows_that_are_not_kept_say_the_same(monkeypatch):
+    fit = fitted(2, 0.9, 2)
+    kept, ar = restriction_of(fit), fit.ar + 0.05
+    monkeypatch.setattr(levels, "SEARCHED_ERRORS", 0)
+    anew = restriction_of(fit)
+    assert isinstance(kept.pieces, tuple) and not isinstance(anew.pieces, tuple)
+    np.testing.assert_array_equal(anew.penalty(ar)[1], kept.penalty(ar)[1])
+    np.testing.assert_array_equal(told_at(anew, ar), told_at(kept, ar))
 
 
 def test_noise_that_is_white_or_long_known_widens_nothing():

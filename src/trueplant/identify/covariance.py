@@ -8,7 +8,7 @@ from scipy.stats import norm, t
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.fit import RowFit, linearised
+from trueplant.identify.fit import RowFit, restriction_of
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.restricted import Restriction
 from trueplant.identify.row import Row
@@ -49,16 +49,16 @@ def restricted_growth(restriction: Restriction, ar: Array, spread: Array) -> Arr
     """
     slope = restriction.penalty(ar)[1]
     length = float(np.sqrt(slope @ spread @ slope))
-    if length == 0:
+    if length < levels.RESTRICTED_SETTLED:
         return np.ones(restriction.size)
     way = -spread @ slope / length
 
     def deviance(errors: float) -> float:
-        return errors**2 + 2 * restriction.whitened(ar + errors * way).half_log_determinant
+        return errors**2 + 2 * restriction.told(ar + errors * way).half_log_determinant
 
     furthest = min(length, levels.RESTRICTED_FURTHEST)
     best = minimize_scalar(deviance, bounds=(0.0, furthest), options={"xatol": levels.RESTRICTED_SETTLED}).x
-    here, there = (np.diag(restriction.whitened(a).covariance) for a in (ar, ar + best * way))
+    here, there = (np.diag(restriction.told(a).covariance) for a in (ar, ar + best * way))
     return np.maximum(np.divide(there, here, out=np.ones(restriction.size), where=here > 0), 1.0)
 
 
@@ -67,35 +67,23 @@ def scaled(covariance: Array, factors: Array) -> Array:
     return np.asarray(covariance * np.sqrt(np.outer(factors, factors)))
 
 
-def restriction_of(fit: RowFit) -> Restriction:
-    """That of the fit's row, as it responds where the fit is."""
-    pieces = []
-    for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
-        rows = fit.weights[piece.number] * np.vstack([piece.moved, piece.unknown])
-        may_be = fit.variance / np.maximum(piece.largest, np.finfo(float).tiny) ** 2
-        pieces.append((rows, piece.use, may_be))
-    prior = fit.variance * fit.row.prior.normal_equations(fit.theta)[0]
-    return Restriction(fit.theta.size, tuple(pieces), prior, fit.free, fit.ar)
-
-
 def told_at(restriction: Restriction, ar: Array) -> Array:
     """(size, order) rho: how what tells a parameter moves with the noise model.
 
     The sum over time of what tells it, whitened, times the same so many samples before, as it was before it was
     whitened; relative to the sum of squares of the first.
     """
-    order, size, white = ar.size, restriction.size, restriction.whitened(ar)
+    order, size, told = ar.size, restriction.size, restriction.told(ar)
     moments = np.zeros((order, size, size))
-    for (plain, use, _), whitened, shares in zip(restriction.pieces, white.rows, white.shares, strict=True):
-        alone = plain[:size] - shares @ plain[size:]
+    for piece in restriction.whitened(ar):
         for lag in range(1, order + 1):
-            before = alone[:, order - lag : alone.shape[1] - lag][:, use]
-            moments[lag - 1] += whitened[:size] @ before.T
-    whole = white.covariance
-    told = np.einsum("ia,kab,ib->ik", whole, moments, whole)
-    own = np.einsum("ia,ab,ib->i", whole, white.information, whole)
+            before = piece.moved.before(lag, order)
+            moments[lag - 1] += piece.rows[:size] @ (before[:size] - piece.shares @ before[size:]).T
+    whole = told.covariance
+    moving = np.einsum("ia,kab,ib->ik", whole, moments, whole)
+    own = np.einsum("ia,ab,ib->i", whole, told.information, whole)
     told_at_all = (own > levels.LOST * np.diag(whole))[:, None]
-    return np.asarray(np.divide(told, own[:, None], out=np.zeros_like(told), where=told_at_all))
+    return np.asarray(np.divide(moving, own[:, None], out=np.zeros_like(moving), where=told_at_all))
 
 
 def initial_state_share(fit: RowFit) -> float:

@@ -19,6 +19,7 @@ from trueplant.identify.descent import Problem, descend
 from trueplant.identify.initial_state import Unknown
 from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse, remove
 from trueplant.identify.noise import filter_rows, whiten, whitened_valid
+from trueplant.identify.restricted import Moved, Restriction
 from trueplant.identify.row import Row
 
 
@@ -222,6 +223,27 @@ class Whitening:
         """(m, n_used) what each of the responses (m, n), subtracted from PV, takes off the prediction errors."""
         filtered = self.weight * whiten(self.ar, responses.T)[self.use].T
         return np.asarray(filtered - (filtered @ self.basis) @ self.basis.T)
+
+
+def restriction_of(fit: RowFit) -> Restriction:
+    """The restricted likelihood of the fit's row, by how it responds where the fit is."""
+    prior = fit.variance * fit.row.prior.normal_equations(fit.theta)[0]
+    moved = _Moved(fit)
+    kept = moved if fit.count > levels.SEARCHED_ERRORS else tuple(moved)
+    return Restriction(fit.theta.size, kept, prior, fit.free, fit.ar)
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """What parameters and unknowns do to the output of each piece, worked out anew each time."""
+
+    fit: RowFit
+
+    def __iter__(self) -> Iterator[Moved]:
+        fit = self.fit
+        for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
+            rows = fit.weights[piece.number] * np.vstack([piece.moved, piece.unknown])
+            yield Moved(rows, piece.use, fit.variance / np.maximum(piece.largest, np.finfo(float).tiny) ** 2)
 
 
 def _used(order: int, valid: BoolArray) -> slice | BoolArray | None:

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from trueplant.identify import levels
-from trueplant.identify.covariance import inflation, restriction_of, scaled
+from trueplant.identify.covariance import inflation, scaled
 from trueplant.identify.estimate import largest_order, with_noise_of_order
-from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.fit import RowFit, fit_row, restriction_of
 from trueplant.identify.output import OutputEstimate
 
 

@@ -8,8 +8,10 @@ The restricted likelihood (Patterson and Thompson 1971) is the one of what no pa
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,74 +20,93 @@ from trueplant.identify.linear_algebra import inverse, log_determinant
 from trueplant.identify.noise import whiten
 
 
+class Moved(NamedTuple):
+    """What parameters, operating points and initial states do to the output of one piece."""
+
+    rows: Array
+    """(size + n_z, n) not whitened: first the parameters."""
+    use: slice | BoolArray
+    """The prediction errors that there are."""
+    known: Array
+    """(n_z,) what is known of operating points and initial states besides, in units of 1/variance: what a noise model
+    takes away nearly whole is told by nothing else."""
+
+    def before(self, lag: int, order: int) -> Array:
+        """(size + n_z, n_used) the rows so many samples before each prediction error."""
+        return self.rows[:, order - lag : self.rows.shape[1] - lag][:, self.use]
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """The rows of one piece under a noise model."""
+
+    moved: Moved
+    rows: Array
+    """(size + n_z, n_used); those of the parameters without what the others do."""
+    shares: Array
+    """(size, n_z) by which that was taken out."""
+    unknown: Array
+    """(n_z, n_z) information on operating points and initial states."""
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the record tells under a noise model."""
+
+    information: Array
+    """(size, size) on the parameters, without what operating points and initial states do, by the record alone."""
+    covariance: Array
+    """(size, size) with the prior, relative to the variance of the noise."""
+    half_log_determinant: float
+    """Of the information on all parameters, operating points and initial states."""
+
+
 @dataclass(frozen=True, eq=False)
 class Restriction:
-    """What parameters, operating points and initial states do to the output of each piece, not whitened."""
+    """The restricted likelihood of a row, by what parameters and unknowns do to its output at one place."""
 
     size: int
     """Parameters."""
-    pieces: tuple[tuple[Array, slice | BoolArray, Array], ...]
-    """Of each the rows (size + n_z, n), the prediction errors that there are, and what the prior says of the n_z.
-
-    That is part of what is known of them: what a noise model takes away nearly whole is told by nothing else.
-    """
+    pieces: Iterable[Moved]
+    """Gone over again each time: the rows of long records need not be kept."""
     prior: Array
-    """(size,) the same of the parameters."""
+    """(size,) what the prior tells of the parameters, in units of 1/variance."""
     free: BoolArray
     """(size,)"""
     begun: Array
     """(order,) the noise model that others are compared with."""
 
-    def whitened(self, ar: Array) -> Whitened:
+    def told(self, ar: Array) -> Told:
         """What they tell under a noise model."""
-        size = self.size
-        shares, inverses, rows, half_log_determinant = [], [], [], 0.0
-        information = np.zeros((size, size))
-        for plain, use, may_be in self.pieces:
-            white = whiten(ar, plain.T)[use].T
-            unknown = white[size:] @ white[size:].T + np.diag(may_be)
-            inverses.append(inverse(unknown))
-            shares.append(white[:size] @ white[size:].T @ inverses[-1])
-            white[:size] -= shares[-1] @ white[size:]
-            information += white[:size] @ white[:size].T
-            half_log_determinant += log_determinant(unknown) / 2
-            rows.append(white)
-        free = np.ix_(self.free, self.free)
-        whole, covariance = (information + np.diag(self.prior))[free], np.zeros((size, size))
+        information, half = np.zeros((self.size, self.size)), 0.0
+        for piece in self.whitened(ar):
+            own = piece.rows[: self.size]
+            information += own @ own.T
+            half += log_determinant(piece.unknown) / 2
+        free, covariance = np.ix_(self.free, self.free), np.zeros_like(information)
+        whole = (information + np.diag(self.prior))[free]
         covariance[free] = inverse(whole)
-        half_log_determinant += log_determinant(whole) / 2
-        return Whitened(half_log_determinant, information, covariance, rows, shares, inverses)
+        return Told(information, covariance, half + log_determinant(whole) / 2)
 
     def penalty(self, ar: Array) -> tuple[float, Array]:
         """What -2 log likelihood rises by from the noise model `begun` to this one, and half the gradient (order,)."""
-        white, order, size = self.whitened(ar), ar.size, self.size
-        slope = np.zeros(order)
-        parts = zip(self.pieces, white.rows, white.shares, white.inverses, strict=True)
-        for (plain, use, _), rows, shares, inverted in parts:
-            told = np.vstack([white.covariance @ rows[:size], inverted @ rows[size:]])
-            told[size:] -= shares.T @ told[:size]
-            for lag in range(1, order + 1):
-                slope[lag - 1] += np.sum(told * plain[:, order - lag : plain.shape[1] - lag][:, use])
-        return 2 * (white.half_log_determinant - self._begun), slope
+        told, size, slope = self.told(ar), self.size, np.zeros(ar.size)
+        for piece in self.whitened(ar):
+            by = np.vstack([told.covariance @ piece.rows[:size], inverse(piece.unknown) @ piece.rows[size:]])
+            by[size:] -= piece.shares.T @ by[:size]
+            slope += [np.sum(by * piece.moved.before(lag, ar.size)) for lag in range(1, ar.size + 1)]
+        return 2 * (told.half_log_determinant - self._begun), slope
+
+    def whitened(self, ar: Array) -> Iterator[Whitened]:
+        """Of each piece."""
+        size = self.size
+        for moved in self.pieces:
+            white = whiten(ar, moved.rows.T)[moved.use].T
+            unknown = white[size:] @ white[size:].T + np.diag(moved.known)
+            shares = white[:size] @ white[size:].T @ inverse(unknown)
+            white[:size] -= shares @ white[size:]
+            yield Whitened(moved, white, shares, unknown)
 
     @cached_property
     def _begun(self) -> float:
-        return self.whitened(self.begun).half_log_determinant
-
-
-@dataclass(frozen=True, eq=False)
-class Whitened:
-    """The rows of all pieces under a noise model."""
-
-    half_log_determinant: float
-    """Of the information on all parameters, operating points and initial states."""
-    information: Array
-    """(size, size) on the parameters, without what operating points and initial states do, by the record alone."""
-    covariance: Array
-    """(size, size) with the prior, relative to the variance of the noise."""
-    rows: list[Array]
-    """Of each piece (size + n_z, n_used); those of the parameters without what the others do."""
-    shares: list[Array]
-    """(size, n_z) by which that was taken out."""
-    inverses: list[Array]
-    """(n_z, n_z) of the information on operating points and initial states."""
+        return self.told(self.begun).half_log_determinant
