@@ -24,8 +24,8 @@ ELSEWHERE = {
     "exit statuses of the commands": {
         "cli/analyse.py:MISMATCH",
         "cli/analyse.py:REFUSED",
-        "cli/app.py:INTERNAL_ERROR",
-        "cli/app.py:INTERRUPTED",
+        "cli/entry.py:INTERNAL_ERROR",
+        "cli/entry.py:INTERRUPTED",
         "cli/data.py:REFUSED",
     },
     "layout of figures and tables, in pixels or characters": {

@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 import trueplant as tp
 from support import ROOT
 from trueplant import Project, detect, errors
-from trueplant.cli.app import INTERNAL_ERROR, INTERRUPTED
+from trueplant.cli.entry import INTERNAL_ERROR, INTERRUPTED
 from trueplant.loop import PID, Controller, alternating_steps, simulate
 from trueplant.project.tables import Table
 from trueplant.result import Reason

@@ -17,7 +17,7 @@ from support import ROOT
 from support.changing import PARAMETERS, PROJECT, changing_wood_berry, write_project
 from support.simulated import segment_of
 from trueplant import Project
-from trueplant.cli.app import main
+from trueplant.cli import main
 from trueplant.errors import DataError, UsageError
 from trueplant.identify import Row, Spec, fit_row, pieces_of
 from trueplant.identify.noise import whiten

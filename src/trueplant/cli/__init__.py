@@ -1,5 +1,5 @@
 """The command line: thin commands over the other rooms."""
 
-from trueplant.cli.app import main
+from trueplant.cli.entry import main
 
 __all__ = ["main"]

@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
-import tempfile
-import threading
-import traceback
-from collections.abc import Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Annotated
 
 import typer
 
-from trueplant.errors import TrueplantError
 from trueplant.version import __version__
-
-INTERNAL_ERROR, INTERRUPTED = 70, 130
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -113,69 +102,3 @@ def paper(out: OutFolder = None, json: PaperJson = False, seeds: Seeds = 20) -> 
     from trueplant.cli.paper import paper
 
     return paper(out, json, seeds)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit status; an error is one message on standard error."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")
-    command = typer.main.get_command(app)
-    interrupted = _noticed_interrupts()
-    try:
-        given = None if arguments is None else list(arguments)
-        status = int(command.main(args=given, prog_name="trueplant", standalone_mode=False) or 0)
-        # some versions of typer turn Ctrl-C into a status, others into Abort
-        if status != INTERRUPTED:
-            return status
-        raise KeyboardInterrupt
-    except TrueplantError as error:
-        _say(str(error))
-        return error.exit_status
-    except (typer.Abort, KeyboardInterrupt):
-        return _interrupted()
-    except BrokenPipeError:
-        # whoever read our output has seen enough; keep Python from trying to flush it once more
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except Exception as error:
-        if interrupted:
-            return _interrupted()
-        if hasattr(error, "format_message"):
-            _say(f"{error.format_message().rstrip('.')}; see trueplant --help")
-            return 2
-        _say(f"internal error ({type(error).__name__}); the details were written to {_write_details()}")
-        return INTERNAL_ERROR
-
-
-def _noticed_interrupts() -> list[int]:
-    """A list that every Ctrl-C from now on is added to: a library that is being imported makes an ImportError of it."""
-    seen: list[int] = []
-
-    def notice(number: int, frame: FrameType | None) -> None:
-        seen.append(number)
-        signal.default_int_handler(number, frame)
-
-    # not where somebody else handles it, or where it is ignored, as in the background
-    if (
-        signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        and threading.current_thread() is threading.main_thread()
-    ):
-        signal.signal(signal.SIGINT, notice)
-    return seen
-
-
-def _interrupted() -> int:
-    _say("interrupted; no result was written")
-    return INTERRUPTED
-
-
-def _say(message: str) -> None:
-    print(f"trueplant: {message}", file=sys.stderr)
-
-
-def _write_details() -> str:
-    handle, name = tempfile.mkstemp(prefix="trueplant-error-", suffix=".txt")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(f"trueplant {__version__}, Python {sys.version}\n{' '.join(sys.argv)}\n\n{traceback.format_exc()}")
-    return name

@@ -27,18 +27,20 @@ def inflation(fit: RowFit, confidence: float) -> Array:
     level is known from the record as well as from N A^2 white errors, and the variance of rho'a is 2/(N A): by that A
     each parameter has errors of its own, of which the fit takes one for each unknown. At least half are taken to be
     left: of noise that wanders without end the level tells nothing, and the parameters are then known from faster
-    changes. The larger of the two counts.
+    changes. The larger of the two counts. A fit of the restricted likelihood has given back what it took.
     """
     restriction = restriction_of(fit)
     rho = told_at(restriction, fit.ar)
     spread = fit.variance * inverse(fit.information)[fit.theta.size :, fit.theta.size :]
     uncertain = np.einsum("ik,kl,il->i", rho, spread, rho)
+    freedom = np.maximum(2 / (4 * uncertain + 2 / fit.left), levels.FEWEST_FREEDOM)
+    tail = 0.5 + confidence / 2
+    unknown = (t.ppf(tail, freedom) / norm.ppf(tail)) ** 2
+    if fit.row.restricted is not None:
+        return np.asarray(unknown)
     known = fit.count * np.minimum((2 / fit.count / np.maximum(uncertain, 1 / fit.count)) ** 2, 1.0)
     left = np.maximum(known - int(fit.free.sum()) - fit.row.nuisance_count, known / 2)
-    tail = 0.5 + confidence / 2
-    freedom = np.maximum(2 / (4 * uncertain + 2 / fit.left), levels.FEWEST_FREEDOM)
-    quantile = t.ppf(tail, freedom) / norm.ppf(tail)
-    return np.asarray(np.maximum(restricted_growth(restriction, fit.ar, spread), known / left) * quantile**2)
+    return np.asarray(np.maximum(restricted_growth(restriction, fit.ar, spread), known / left) * unknown)
 
 
 def restricted_growth(restriction: Restriction, ar: Array, spread: Array) -> Array:
