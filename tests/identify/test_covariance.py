@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import norm
+from scipy.stats import norm, ttest_1samp
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, levels, pieces_of
 from trueplant.identify.covariance import inflation, restricted_growth, told_at
 from trueplant.identify.fit import evaluate, restriction_of
-from trueplant.identify.likelihood import held_at
+from trueplant.identify.likelihood import held_at, ratio_p
 from trueplant.identify.longest_noise import restricted
 from trueplant.identify.noise import fit_ar
 from trueplant.identify.restricted import Moved, Restriction
@@ -115,6 +115,15 @@ def test_restricted_likelihood_of_a_noise_model_is_that_of_dense_matrices():
     slopes = [(dense(pole - step) - dense(pole + step)) / (2 * step) for pole in poles]
     np.testing.assert_allclose(np.diff([own(pole)[0] for pole in poles]), np.diff([dense(p) for p in poles]), atol=1e-6)
     np.testing.assert_allclose([own(pole)[1] for pole in poles], slopes, rtol=0.02, atol=0.5)
+
+
+def test_ratios_of_noise_that_is_known_from_few_errors_make_f_tests():
+    """The mean of normal errors of unknown size: -2 log likelihood rises by t squared, which is F(1, n - 1)."""
+    errors = np.random.default_rng(1).standard_normal(9) + 1.0
+    told = ttest_1samp(errors, 0.0)
+    np.testing.assert_allclose(ratio_p(told.statistic**2, 1, 8.0), told.pvalue)
+    np.testing.assert_allclose(ratio_p(7.0, 3, 1e9), ratio_p(7.0, 3), rtol=1e-6)
+    assert ratio_p(20.0, 3, 8.0) > 30 * ratio_p(20.0, 3)
 
 
 @pytest.mark.slow

@@ -27,20 +27,37 @@ def inflation(fit: RowFit, confidence: float) -> Array:
     level is known from the record as well as from N A^2 white errors, and the variance of rho'a is 2/(N A): by that A
     each parameter has errors of its own, of which the fit takes one for each unknown. At least half are taken to be
     left: of noise that wanders without end the level tells nothing, and the parameters are then known from faster
-    changes. The larger of the two counts. A fit of the restricted likelihood has given back what it took.
+    changes. The larger of the two counts.
     """
     restriction = restriction_of(fit)
-    rho = told_at(restriction, fit.ar)
     spread = fit.variance * inverse(fit.information)[fit.theta.size :, fit.theta.size :]
-    uncertain = np.einsum("ik,kl,il->i", rho, spread, rho)
-    freedom = np.maximum(2 / (4 * uncertain + 2 / fit.left), levels.FEWEST_FREEDOM)
-    tail = 0.5 + confidence / 2
-    unknown = (t.ppf(tail, freedom) / norm.ppf(tail)) ** 2
-    if fit.row.restricted is not None:
-        return np.asarray(unknown)
+    uncertain = _uncertain(fit, restriction, spread)
     known = fit.count * np.minimum((2 / fit.count / np.maximum(uncertain, 1 / fit.count)) ** 2, 1.0)
     left = np.maximum(known - int(fit.free.sum()) - fit.row.nuisance_count, known / 2)
-    return np.asarray(np.maximum(restricted_growth(restriction, fit.ar, spread), known / left) * unknown)
+    growth = np.maximum(restricted_growth(restriction, fit.ar, spread), known / left)
+    return np.asarray(growth * student_factor(_freedom(fit, uncertain), confidence))
+
+
+def noise_freedom(fit: RowFit) -> Array:
+    """(size,) degrees of freedom of the noise at the frequencies that tell each parameter (Satterthwaite's rule)."""
+    spread = fit.variance * inverse(fit.information)[fit.theta.size :, fit.theta.size :]
+    return _freedom(fit, _uncertain(fit, restriction_of(fit), spread))
+
+
+def student_factor(freedom: Array, confidence: float) -> Array:
+    """Of variances whose Student quantile stands for the normal one."""
+    tail = 0.5 + confidence / 2
+    return np.asarray((t.ppf(tail, freedom) / norm.ppf(tail)) ** 2)
+
+
+def _uncertain(fit: RowFit, restriction: Restriction, spread: Array) -> Array:
+    """(size,) variance of the logarithm of each standard error, as the noise model is uncertain by `spread`."""
+    rho = told_at(restriction, fit.ar)
+    return np.asarray(np.einsum("ik,kl,il->i", rho, spread, rho))
+
+
+def _freedom(fit: RowFit, uncertain: Array) -> Array:
+    return np.asarray(np.maximum(2 / (4 * uncertain + 2 / fit.left), levels.FEWEST_FREEDOM))
 
 
 def restricted_growth(restriction: Restriction, ar: Array, spread: Array) -> Array:

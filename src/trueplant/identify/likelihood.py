@@ -12,25 +12,31 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, fit_row
 
 
-def likelihood_ratio_p(fit: RowFit, index: Array, values: Array, factor: float = 1.0) -> float:
+def likelihood_ratio_p(fit: RowFit, index: Array, values: Array, factor: float = 1.0, left: float = np.inf) -> float:
     """p-value that the parameters theta[index] have these values, all others re-fitted.
 
     The deviance counts the degrees of freedom that are left, which keeps the level in short records; `factor` is that
-    of the covariance for what its curvature does not know (`inflation`).
+    of the covariance for what its curvature does not know (`inflation`), `left` as in `ratio_p`.
     """
-    return ratio_p(rise(fit, held_at(fit, index, values)) / factor, len(index))
+    return ratio_p(rise(fit, held_at(fit, index, values)) / factor, len(index), left)
 
 
-def ratio_p(rise: float, freedom: int) -> float:
-    """p-value of a rise of -2 log likelihood by restrictions of so many degrees of freedom."""
-    return float(chi2.sf(max(rise, 0.0), freedom))
+def ratio_p(rise: float, freedom: int, left: float = np.inf) -> float:
+    """p-value of a rise of -2 log likelihood by so many restrictions.
+
+    `left` is the degrees of freedom from which the noise is known; finite, they make an F-test of it (Kenward and Roger
+    1997).
+    """
+    if np.isinf(left):
+        return float(chi2.sf(max(rise, 0.0), freedom))
+    return float(f.sf(max(rise, 0.0) / freedom, freedom, left))
 
 
 def held_at(fit: RowFit, index: Array | IntArray, values: Array) -> RowFit:
@@ -47,13 +53,13 @@ def rise(fit: RowFit, other: RowFit) -> float:
     return max(float(fit.left * np.log(max(other.cost, 1e-300) / max(fit.cost, 1e-300))), 0.0)
 
 
-def absence_p(fit: RowFit, m: int, factor: float = 1.0) -> float:
+def absence_p(fit: RowFit, m: int, factor: float = 1.0, left: float = np.inf) -> float:
     """p-value that element m of the row is absent: the fit without it is as good as a search in noise would make it.
 
-    `factor` as in `likelihood_ratio_p`.
+    `factor` and `left` as in `likelihood_ratio_p`.
     """
     kept = [k for k in range(len(fit.row.specs)) if k != m]
     row = replace(fit.row, specs=tuple(fit.row.specs[k] for k in kept))
     parts = [fit.theta[fit.row.slices[k]] for k in kept]
     without = fit_row(row, np.concatenate([np.zeros(0), *parts]), fit.ar, weights=fit.weights, reweight=False)
-    return ratio_p(rise(fit, without) / factor, levels.SEARCHED_FREEDOM + len(fit.row.specs[m].structure.names))
+    return ratio_p(rise(fit, without) / factor, levels.SEARCHED_FREEDOM + len(fit.row.specs[m].structure.names), left)

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from trueplant.identify import levels
-from trueplant.identify.covariance import inflation, scaled
+from trueplant.identify.covariance import noise_freedom, scaled, student_factor
 from trueplant.identify.estimate import largest_order, with_noise_of_order
 from trueplant.identify.fit import RowFit, fit_row, restriction_of
 from trueplant.identify.output import OutputEstimate
@@ -29,10 +31,21 @@ def restricted(fit: RowFit, by: RowFit | None = None) -> RowFit:
 
 
 def estimate_beside_longest_noise(estimate: OutputEstimate, confidence: float) -> OutputEstimate:
-    """The estimate with parameters, covariance and likelihood beside the largest noise model alone, restricted."""
+    """The estimate with parameters, covariance and likelihood beside the largest noise model alone, restricted.
+
+    What the fit took of the noise has been given back; what is left to count is that the noise is known from so many
+    degrees of freedom.
+    """
     fit = restricted(beside_longest_noise(estimate.fit))
-    factor = inflation(fit, confidence)
-    covariance = scaled(fit.covariance, factor)
+    freedom = noise_freedom(fit)
+    covariance = scaled(fit.covariance, student_factor(freedom, confidence))
     return replace(
-        estimate, fit=fit, theta=fit.theta, covariance=covariance, unprofiled=covariance, factor=factor, rise=None
+        estimate,
+        fit=fit,
+        theta=fit.theta,
+        covariance=covariance,
+        unprofiled=covariance,
+        factor=np.ones(fit.theta.size),
+        freedom=freedom,
+        rise=None,
     )

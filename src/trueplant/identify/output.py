@@ -70,6 +70,8 @@ class OutputEstimate:
     factor: Array = field(default_factory=lambda: np.ones(1))
     """(size,) of the variances, for what the record does not say of the noise (`inflation`): intervals, likelihood
     ratios and verdicts all count it."""
+    freedom: Array | None = None
+    """(size,) degrees of freedom of the noise, which make F-tests of likelihood ratios; None: `factor` counts them."""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
     rise: Callable[[Array, Array], float] | None = None
@@ -106,16 +108,20 @@ class OutputEstimate:
     def likelihood_ratio_p(self, index: Array, values: Array) -> float:
         """p-value that the parameters theta[index] have these values, by the likelihood that belongs to theta."""
         if self.rise is None:
-            return likelihood_ratio_p(self.fit, index, values, float(self.factor[index].mean()))
+            return likelihood_ratio_p(self.fit, index, values, float(self.factor[index].mean()), self._left(index))
         return ratio_p(self.rise(index, values), len(index))
 
     def absence_p(self, m: int) -> float:
         """p-value that element m of the row is absent, by the likelihood that belongs to theta."""
-        if self.rise is None:
-            return absence_p(self.fit, m, float(self.factor[self.row.slices[m]].mean()))
         part = self.row.slices[m]
+        if self.rise is None:
+            return absence_p(self.fit, m, float(self.factor[part].mean()), self._left(part))
         without = np.where(self.row.is_gain, 0.0, self.theta)[part]
         return ratio_p(self.rise(np.arange(part.start, part.stop), without), SEARCHED_FREEDOM + without.size)
+
+    def _left(self, index: Array | slice) -> float:
+        """Degrees of freedom of the noise for a test of theta[index]: those of what is told least."""
+        return np.inf if self.freedom is None else float(self.freedom[index].min())
 
     def without_answers(self, why: WhyUnanswered, text: str) -> OutputEstimate:
         """The same estimate, refuted: no parameter and no structure of it is given."""

@@ -69,7 +69,7 @@ def test_one_element_that_has_changed_is_the_plant(tmp_path):
 
 
 def test_two_elements_that_moved_apart_are_the_plant_not_the_sensor(tmp_path):
-    rows = [[WOOD_BERRY[0, 0] * 1.4, WOOD_BERRY[0, 1] * 0.7], list(WOOD_BERRY.elements[1])]
+    rows = [[WOOD_BERRY[0, 0] * 1.4, WOOD_BERRY[0, 1] * 0.6], list(WOOD_BERRY.elements[1])]
     written(tmp_path, wood_berry(36, SAMPLES, plant=TransferMatrix(tuple(map(tuple, rows)), "min")))
     named = causes(run(project(tmp_path, controller=CONTROLLERS)))
     assert named == {"cause-plant": ["reflux -> top; steam -> top"]}
