@@ -27,14 +27,15 @@ MOST_JOINED = 60
 """Segments in one piece: each costs a free response."""
 QUIET_SAMPLES = 20
 """A record starts at rest only if the inputs stood still for this many samples."""
-LARGEST_FREE_RESPONSE = 3.0
-"""Amplitude that a free response may have, in standard deviations of the forced response of its element."""
+LARGEST_FREE_RESPONSE = 30.0
+"""Standard deviation of what is expected of operating points, free responses and loads, in standard deviations of PV
+or of the forced response of their element: wide, so that it counts only where the record says nothing."""
 FREE_RESPONSE_GONE = 40.0
 """Time constants after which nothing is left of a free response, to rounding."""
 LOST = 1e-7
 """Directions whose singular value is below this share of the largest are lost in rounding."""
-LEVEL_SAMPLES = 5000
-"""Prediction errors from which their size is estimated: more of them change nothing."""
+LEVEL_SAMPLES = 1000
+"""Prediction errors from which their size is estimated for the priors of starts: to 5 %, and no more is needed."""
 NORMAL_MOVE = 0.95
 """Median of |e[k] - e[k - 1]| over the standard deviation of white normal e: 0.6745 sqrt(2)."""
 EXACT = 1e-24

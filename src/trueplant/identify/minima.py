@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import norm
@@ -44,12 +45,23 @@ class OpenMinima:
         rises = np.array([rise(self.best, one) for one in self.fits])
         return np.asarray(rises / self.factor[self.best.free].mean())
 
+    @cached_property
+    def _widths(self) -> tuple[Array, ...]:
+        """(n, n) of each its covariance, within what can be expected: parameters as large as those of the deepest.
+
+        A lag that has grown into an integrator, or a lead that makes up for a gain, leaves a valley without end, and
+        that must not make up for its height.
+        """
+        best = self.best
+        size = np.abs(best.theta) + best.row.lag_of_dead_times(best.theta) + np.sqrt(np.diag(best.covariance))
+        expected = np.diag(size**2)
+        return tuple(expected @ np.linalg.solve(expected + one.covariance, one.covariance) for one in self.fits)
+
     @property
     def shares(self) -> Array:
         """(n_minima,) probability of each, by its depth and its width (Laplace's approximation)."""
         free = np.ix_(self.best.free, self.best.free)
-        width = [np.linalg.slogdet(one.covariance[free])[1] for one in self.fits]
-        weights = (np.array(width) - self._rises) / 2
+        weights = (np.array([np.linalg.slogdet(width[free])[1] for width in self._widths]) - self._rises) / 2
         shares = np.exp(weights - weights.max())
         return np.asarray(shares / shares.sum())
 
@@ -57,7 +69,7 @@ class OpenMinima:
     def added(self) -> Array:
         """(n,) what the other minima add to the variances about the deepest: where they are, and how wide."""
         shifts = np.array([one.theta for one in self.fits]) - self.best.theta
-        widths = np.array([np.diag(one.covariance) for one in self.fits]) - np.diag(self.best.covariance)
+        widths = np.diagonal(self._widths, axis1=1, axis2=2) - np.diag(self._widths[0])
         return np.asarray(self.shares @ (shifts**2 + self.factor * widths))
 
     def widened(self, covariance: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from enum import StrEnum
 from typing import NamedTuple
@@ -168,6 +168,19 @@ class Segment:
     def holds(self) -> tuple[str, ...]:
         """Of the inputs, followed by the measured disturbances."""
         return self.hold + (self.d_hold or ("linear",) * self.d.shape[1])
+
+    def part(self, first: int, end: int | None = None) -> Segment:
+        """From one sample to before another."""
+        signals = {name: getattr(self, name)[first:end] for name in ("t", "r", "u", "y", "d", "free")}
+        last = len(self) if end is None else end
+        jumps = tuple(tuple(k - first for k in own if first < k < last) for own in self.jumps)
+        return replace(self, jumps=jumps, **signals)
+
+    def free_parts(self) -> tuple[Segment, ...]:
+        """The stretches in which no OP is at a limit or in manual: there the loop is linear from set-point to OP."""
+        free = np.concatenate([[False], self.free.all(axis=1), [False]])
+        begins, ends = np.flatnonzero(np.diff(free)).reshape(-1, 2).T
+        return tuple(self.part(int(a), int(b)) for a, b in zip(begins, ends, strict=True))
 
     def __len__(self) -> int:
         return int(self.t.size)

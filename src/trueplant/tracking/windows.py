@@ -311,6 +311,5 @@ def part_of(segments: Sequence[Segment], start: float, end: float) -> list[Segme
     for segment in segments:
         a, b = np.searchsorted(segment.t, [start - 1e-6 * segment.h, end - 1e-6 * segment.h])
         if b - a > 1:
-            whole = {name: getattr(segment, name)[a:b] for name in ("t", "r", "u", "y", "d", "free")}
-            out.append(replace(segment, **whole))
+            out.append(segment.part(int(a), int(b)))
     return out

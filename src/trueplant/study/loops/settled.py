@@ -45,18 +45,18 @@ def against_settled_loop(study: Study, identified: Identified, checks: Sequence[
 
 
 def _settled(study: Study, checks: Sequence[ControllerCheck]) -> Segment | None:
-    """The longest stretch of the experiment that stands for today's loop; None unless the declared controller ran it,
-    off its limits and without PV moving away from its set-point."""
+    """The longest stretch off all limits of the experiment that stands for today's loop; None unless the declared
+    controller ran it, without PV moving away from its set-point."""
     k = study.loop_experiment
     if k is None:
         return None
     own = [check for check in checks if check.experiment == study.project.experiments[k].name]
-    limited = study.screened[k].saturated
     if not own or not all(check.confirmed for check in own):
         return None
-    if limited.size and np.any(limited.mean(axis=0) > levels.MOST_AT_LIMIT):
+    parts = [part for s in study.segments if s.experiment == k for part in s.free_parts()]
+    segment = max(parts, key=len, default=None)
+    if segment is None or len(segment) < 2:
         return None
-    segment = max((s for s in study.segments if s.experiment == k), key=len)
     early, late = np.array_split(segment.y - segment.r, 2)
     with np.errstate(invalid="ignore"):
         grown = np.nanstd(late, axis=0) > np.sqrt(levels.RUNS_AWAY) * np.nanstd(early, axis=0)
