@@ -19,7 +19,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
+from trueplant.claims import claim, known_to
 from trueplant.errors import OutputError, UsageError
+from trueplant.printable import escaped_json
 from trueplant.project import Project, plant_project
 from trueplant.result import Curves, Result, build
 from trueplant.result.codec import plain
@@ -51,6 +53,15 @@ def prepare_output(path: str | os.PathLike[str]) -> Path:
             if parent.is_dir():
                 parent.rmdir()
     return folder
+
+
+def claim_results(folder: Path, project: Project, force: bool = False) -> None:
+    """Raise OutputError where results in the folder would replace a file that is not an earlier result.
+
+    Without `force` that is every file that no earlier run wrote, and with it what the project reads.
+    """
+    repair(folder)
+    claim([folder / name for name in (*BESIDE, RESULT)], project.files, force, known_to(folder / RESULT))
 
 
 def write_results(
@@ -205,7 +216,7 @@ def read_results(path: str | os.PathLike[str]) -> Result:
 
 def as_json(value: Any, indent: int | None = 1) -> str:
     """Plain Python as JSON text that ends with a line end."""
-    return json.dumps(value, indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+    return escaped_json(json.dumps(value, indent=indent, ensure_ascii=False, allow_nan=False)) + "\n"
 
 
 def _sha256(content: bytes) -> str:

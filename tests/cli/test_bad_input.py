@@ -281,7 +281,7 @@ def test_interrupted_run_leaves_nothing(moment, folder):
     # a record long enough that the work is not done when the signal comes
     text = PROJECT.replace("duration = 300", "duration = 100000")
     (folder / "project.toml").write_text(text)
-    assert main(["simulate", "project.toml", "--out", "record.csv"]) == 0
+    assert main(["simulate", "project.toml", "--out", "record.csv", "--force"]) == 0
     before = _files(folder)
     command = [sys.executable, "-m", "trueplant", "run", "project.toml", "--out", "out"]
     process = subprocess.Popen(

@@ -9,8 +9,9 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from trueplant.claims import claim, known_to
 from trueplant.errors import UsageError
-from trueplant.output import RESULT, prepare_output, write_files, write_results
+from trueplant.output import BESIDE, RESULT, claim_results, prepare_output, write_files, write_results
 from trueplant.project.project import Project
 from trueplant.result.status import Status
 
@@ -21,17 +22,18 @@ REFUSED, MISMATCH = 3, 1
 Say = Callable[[str], None]
 
 
-def run(path: Path, out: Path | None, json: bool, fail_on_mismatch: bool) -> int:
+def run(path: Path, out: Path | None, json: bool, fail_on_mismatch: bool, force: bool) -> int:
     """Analyse, write, and say what came out."""
     project = Project.load(path)
     folder = prepare_output(out or Path(f"{path.stem}-result"))
+    claim_results(folder, project, force)
     result = _analyse(project, folder, json)
     if result.status == Status.REFUSED:
         return REFUSED
     return MISMATCH if fail_on_mismatch and result.mismatch else 0
 
 
-def demo(name: str, out: Path | None, json: bool) -> int:
+def demo(name: str, out: Path | None, json: bool, force: bool) -> int:
     """Simulate a built-in case, then run the same analysis on it as on any record."""
     text = demo_text(name)
     folder = prepare_output(out or Path(f"demo-{name}"))
@@ -39,6 +41,8 @@ def demo(name: str, out: Path | None, json: bool) -> int:
 
     project = Project.from_toml(text, folder)
     record = project.data.files[0]
+    places = [folder / name for name in (record, "project.toml", *BESIDE, RESULT)]
+    claim(places, force=force, known=known_to(folder / RESULT))
     write_files(folder, {record: as_file(simulate_record(project), record), "project.toml": text})
     result = _analyse(Project.load(folder / "project.toml"), folder, json)
     return REFUSED if result.status == Status.REFUSED else 0

@@ -7,13 +7,23 @@ from typing import Annotated
 
 import typer
 
+from trueplant.errors import UsageError
 from trueplant.version import __version__
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
+
+def _path(text: str) -> Path:
+    """Of a file or folder to write; an empty one would be the folder one stands in."""
+    if not text.strip():
+        raise UsageError("--out is empty: name a place for the results, or leave it out")
+    return Path(text)
+
+
 ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT.toml", help="The project file.")]
-OutFolder = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
-OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="File to write.")]
+OutFolder = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.", parser=_path)]
+OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="File to write.", parser=_path)]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite files that no earlier run wrote.")]
 Json = Annotated[bool, typer.Option("--json", help="Print result.json, and nothing else.")]
 PaperJson = Annotated[bool, typer.Option("--json", help="Print paper.json, and nothing else.")]
 Seeds = Annotated[int, typer.Option("--seeds", min=2, help="Simulated records of the splitter for each kind of noise.")]
@@ -40,20 +50,30 @@ def trueplant(
 
 @app.command(short_help="Find what changed in the plant; write the results.")
 def run(
-    project: ProjectFile, out: OutFolder = None, json: Json = False, fail_on_mismatch: FailOnMismatch = False
+    project: ProjectFile,
+    out: OutFolder = None,
+    json: Json = False,
+    fail_on_mismatch: FailOnMismatch = False,
+    force: Force = False,
 ) -> int:
     """Analyse a project: writes result.json, report.html and plant.toml."""
     from trueplant.cli.analyse import run
 
-    return run(project, out, json, fail_on_mismatch)
+    return run(project, out, json, fail_on_mismatch, force)
 
 
 @app.command(short_help="Parameters over time: since when has the plant changed.")
-def track(project: ProjectFile, out: OutFolder = None, json: TrackJson = False, precision: Precision = 10.0) -> int:
+def track(
+    project: ProjectFile,
+    out: OutFolder = None,
+    json: TrackJson = False,
+    precision: Precision = 10.0,
+    force: Force = False,
+) -> int:
     """Follow the plant through a long record: writes track.json and track.html."""
     from trueplant.cli.track import track
 
-    return track(project, out, json, precision)
+    return track(project, out, json, precision, force)
 
 
 @app.command(short_help="Screen the data only: what can be used, and why not.")
@@ -68,7 +88,7 @@ def check(project: ProjectFile, json: CheckJson = False) -> int:
 def init(
     data: Annotated[Path, typer.Argument(metavar="DATA", help="A CSV, Parquet or XLSX file.")],
     out: OutFile = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the file if it is there.")] = False,
+    force: Force = False,
 ) -> int:
     """Write a commented project file from the columns of a data file."""
     from trueplant.cli.data import init
@@ -77,11 +97,11 @@ def init(
 
 
 @app.command(short_help="Write a simulated record of the declared loop.")
-def simulate(project: ProjectFile, out: OutFile = None) -> int:
+def simulate(project: ProjectFile, out: OutFile = None, force: Force = False) -> int:
     """Simulate the declared loop (table [simulate]) and write the record as CSV or Parquet."""
     from trueplant.cli.data import simulate
 
-    return simulate(project, out)
+    return simulate(project, out, force)
 
 
 @app.command(short_help="Run a built-in case end to end, no file needed.")
@@ -89,16 +109,17 @@ def demo(
     name: Annotated[str, typer.Argument(metavar="[NAME]", help="splitter, mill or wood-berry.")] = "splitter",
     out: OutFolder = None,
     json: Json = False,
+    force: Force = False,
 ) -> int:
     """Run a built-in simulated case end to end, no file needed."""
     from trueplant.cli.analyse import demo
 
-    return demo(name, out, json)
+    return demo(name, out, json, force)
 
 
 @app.command(short_help="Compute the paper: each value beside its print.")
-def paper(out: OutFolder = None, json: PaperJson = False, seeds: Seeds = 20) -> int:
+def paper(out: OutFolder = None, json: PaperJson = False, seeds: Seeds = 20, force: Force = False) -> int:
     """Compute every equation, table and figure of the paper that can be: writes paper.json and paper.html."""
     from trueplant.cli.paper import paper
 
-    return paper(out, json, seeds)
+    return paper(out, json, seeds, force)

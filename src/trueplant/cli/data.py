@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import sys
 from pathlib import Path
 
-from trueplant.errors import OutputError, UsageError
+from trueplant.claims import claim
+from trueplant.errors import UsageError
 from trueplant.output import as_json, write_files
 from trueplant.result import Check, Code, Status
 
@@ -56,8 +58,7 @@ def init(data: Path, out: Path | None, force: bool) -> int:
             f"on with: trueplant check {data}"
         )
     place = out or data.with_suffix(".toml")
-    if place.exists() and not force:
-        raise OutputError(f"{place} is there already: name another file with --out, or overwrite it with --force")
+    claim([place], [data], force)
     table = read_table(data)
     text = guess_project(Path(os.path.relpath(data, place.parent)).as_posix(), table.names, table.units)
     write_files(place.parent, {place.name: text})
@@ -65,7 +66,7 @@ def init(data: Path, out: Path | None, force: bool) -> int:
     return 0
 
 
-def simulate(path: Path, out: Path | None) -> int:
+def simulate(path: Path, out: Path | None, force: bool) -> int:
     """Write the record that the table [simulate] of a project asks for."""
     from trueplant.project.project import Project
     from trueplant.project.simulation import as_file, checked_format, simulate_record
@@ -73,7 +74,10 @@ def simulate(path: Path, out: Path | None) -> int:
     project = Project.load(path)
     place = out or Path(f"{path.stem}-simulated.csv")
     checked_format(place)
+    claim([place], [path], force=True)
     frame = simulate_record(project)
-    write_files(place.parent, {place.name: as_file(frame, place)})
+    content = as_file(frame, place)
+    claim([place], force=force, known=[hashlib.sha256(content).hexdigest()])
+    write_files(place.parent, {place.name: content})
     print(f"{place}: {frame.height} samples of {', '.join(frame.columns)}")
     return 0

@@ -5,6 +5,7 @@ It imports next to nothing itself, so that Ctrl-C is noticed from its first mome
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
@@ -12,7 +13,9 @@ import threading
 from collections.abc import Sequence
 from types import FrameType
 
-from trueplant.errors import TrueplantError
+from trueplant.cli.streams import ready_streams
+from trueplant.errors import OutputError, TrueplantError
+from trueplant.printable import printable
 from trueplant.version import __version__
 
 INTERNAL_ERROR, INTERRUPTED = 70, 130
@@ -20,23 +23,18 @@ INTERNAL_ERROR, INTERRUPTED = 70, 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; an error is one message on standard error."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")
+    ready_streams()
     interrupted = _noticed_interrupts()
     try:
         status = _command(None if arguments is None else list(arguments))
+        sys.stdout.flush()
         return _interrupted() if status == INTERRUPTED else status
     except TrueplantError as error:
         _say(str(error))
         return error.exit_status
     except KeyboardInterrupt:
         return _interrupted()
-    except BrokenPipeError:
-        # whoever read our output has seen enough; keep Python from trying to flush it once more
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except Exception as error:
+    except BaseException as error:  # libraries that are not written in Python report their panics so
         if interrupted:
             return _interrupted()
         if hasattr(error, "format_message"):
@@ -81,14 +79,19 @@ def _interrupted() -> int:
 
 
 def _say(message: str) -> None:
-    print(f"trueplant: {message}", file=sys.stderr)
+    with contextlib.suppress(OSError, OutputError):  # nobody is left to be told
+        print(printable(f"trueplant: {message}"), file=sys.stderr)
 
 
 def _write_details() -> str:
     import tempfile
     import traceback
 
-    handle, name = tempfile.mkstemp(prefix="trueplant-error-", suffix=".txt")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(f"trueplant {__version__}, Python {sys.version}\n{' '.join(sys.argv)}\n\n{traceback.format_exc()}")
+    text = f"trueplant {__version__}, Python {sys.version}\n{' '.join(sys.argv)}\n\n{traceback.format_exc()}"
+    try:
+        handle, name = tempfile.mkstemp(prefix="trueplant-error-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
+            file.write(text)
+    except OSError:
+        return f"no file, since none could be written: {traceback.format_exc(limit=-1)}"
     return name

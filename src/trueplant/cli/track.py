@@ -9,6 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
+from trueplant.claims import claim_pair
 from trueplant.cli.analyse import REFUSED, saying
 from trueplant.cli.show import console
 from trueplant.output import as_json, prepare_output, write_files
@@ -19,10 +20,11 @@ from trueplant.result.track_words import moved_words, off_words, refused_stretch
 JSON, PAGE = "track.json", "track.html"
 
 
-def track(path: Path, out: Path | None, json: bool, precision: float) -> int:
+def track(path: Path, out: Path | None, json: bool, precision: float, force: bool) -> int:
     """Follow the plant through the record, write track.json and track.html, and say what came out."""
     project = Project.load(path)
     folder = prepare_output(out or Path(f"{path.stem}-track"))
+    claim_pair(folder, JSON, PAGE, project.files, force)
     from trueplant.report.track import render
     from trueplant.tracking.track import track
 

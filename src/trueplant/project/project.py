@@ -13,6 +13,7 @@ from pydantic import PrivateAttr, ValidationError, model_validator
 
 from trueplant import loop
 from trueplant.errors import ProjectError
+from trueplant.files import contents
 from trueplant.lti import TransferFunction, TransferMatrix, tf, to_formula
 from trueplant.project.checks import check_project
 from trueplant.project.controllers import controller_of, layout_of
@@ -43,12 +44,7 @@ class Project(Declaration):
     def load(cls, path: str | os.PathLike[str]) -> Self:
         """Read a project file. Raises ProjectError (file, line, key, what to do)."""
         file = Path(path)
-        try:
-            content = file.read_bytes()
-        except FileNotFoundError:
-            raise ProjectError(f"{file} does not exist: correct the path, or make one with trueplant init") from None
-        except OSError as error:
-            raise ProjectError(f"{file} cannot be read ({error.strerror}): name a project file in TOML") from None
+        content = contents(file, ProjectError, "correct the path, or make one with trueplant init")
         try:
             text = content.decode("utf-8-sig")
         except UnicodeDecodeError as error:
@@ -91,6 +87,12 @@ class Project(Declaration):
     def sha256(self) -> str:
         """Of the project file, or of the TOML text of a project built in code."""
         return self._sha256 or _sha256(self.to_toml().encode())
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Its own, where it was read from one, and the records that it names."""
+        own = [Path(self._source)] if self._text else []
+        return (*own, *(self._folder / plan.name for plan in self.experiments if not plan.name.startswith("dataset:")))
 
     def model_matrix(self) -> TransferMatrix:
         """The model from the inputs, (n_y, n_u); zero where no element is declared."""

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from trueplant.errors import DataError
+from trueplant.files import contents
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,20 +35,9 @@ class Source:
 
 
 def source_of(path: str | Path, separator: str | None = None, sheet: str | None = None) -> Source:
-    """The bytes of a file. Raises DataError (what to do) where it is missing, empty or cannot be read."""
+    """The bytes of a file. Raises DataError (what to do) where it is missing, empty, no file or cannot be read."""
     file = Path(path)
-    try:
-        if file.is_dir():
-            raise DataError(f"{file} is a folder; name a file in it")
-        data = file.read_bytes()
-    except FileNotFoundError:
-        raise DataError(
-            f"{file} does not exist; correct the path (in a project file it is relative to that file)"
-        ) from None
-    except OSError as error:
-        raise DataError(
-            f"{file} cannot be read ({error.strerror or error}); check the file and its permissions"
-        ) from None
+    data = contents(file, DataError)
     if not data.strip():
         raise DataError(f"{file.name} is empty; export the data again")
     return Source(file.name, data, separator, sheet)
