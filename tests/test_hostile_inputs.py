@@ -10,12 +10,17 @@ import os
 import socket
 import subprocess
 import sys
+import zipfile
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import numpy as np
+import polars as pl
 import pytest
 
 import trueplant
 from trueplant.cli import main
+from trueplant.record import levels
 
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(trueplant.__file__).parents[1])}
 PROJECT = """\
@@ -205,3 +210,204 @@ def test_an_empty_place_is_no_place(command, folder, capsys):
 
 def test_a_very_long_path_is_not_echoed(folder, capsys):
     refused(["run", f"{'x/' * 2500}project.toml"], capsys, "project.toml")
+
+
+# -- numbers that are no measurements ----------------------------------------------------------------------------
+
+
+def column(folder: Path, name: str, change) -> None:
+    """Put change(k, value) for the cells of a column of the record."""
+    frame = pl.read_csv(folder / "record.csv")
+    cells = [str(change(k, value)) for k, value in enumerate(frame[name].to_list())]
+    frame.with_columns(pl.Series(name, cells)).write_csv(folder / "record.csv")
+
+
+CODES = ["inf", "-inf", "1e308", "3.4e38", "-9999", "32767", "I/O Timeout", "[-11059] No Good Data", "#N/A"]
+
+
+@pytest.mark.parametrize("code", CODES)
+@pytest.mark.parametrize("name", ["pv", "op", "sp"])
+def test_codes_among_measurements_are_missing_samples_with_a_finding(code, name, folder, capsys):
+    column(folder, name, lambda k, value: code if 100 <= k < 110 else value)
+    assert main(["check", "project.toml"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert out.count(f"{name}: ") == 1
+    assert f"10 rows, '{code}' (first: line 102)" in out
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_a_column_of_codes_is_an_error_that_shows_them(code, folder, capsys):
+    column(folder, "pv", lambda k, value: value if k % 5 == 0 else code)
+    refused(["check", "project.toml"], capsys, "'pv'", repr(code), "480 rows of 601")
+
+
+def test_a_measurement_that_looks_like_a_code_stays_one(folder, capsys):
+    column(folder, "pv", lambda k, value: 999 if k == 300 else 990 + 20 * value)
+    assert main(["check", "project.toml"]) == 0
+    assert "no measurement" not in capsys.readouterr().out
+
+
+def test_words_for_quality_that_nobody_knows_are_shown(folder, capsys):
+    wide = pl.read_csv(folder / "record.csv")
+    long = wide.unpivot(index="t", variable_name="tag").with_columns(pl.lit("Brauchbar").alias("quality"))
+    long.write_csv(folder / "record.csv")
+    refused(["check", "project.toml"], capsys, "'quality' says 'Brauchbar' (601)", "Good are the words good, ok")
+
+
+# -- times -------------------------------------------------------------------------------------------------------
+
+START = datetime(2024, 3, 1, 22, 0)
+
+
+def moment(k: int) -> datetime:
+    return START + timedelta(seconds=30 * k)
+
+
+SERIAL = datetime(1899, 12, 30)
+NOTATIONS = {
+    "20240301220000": lambda k: f"{moment(k):%Y%m%d%H%M%S}",
+    "202403012200": lambda k: f"{START + timedelta(minutes=k):%Y%m%d%H%M}",
+    "serial days": lambda k: (moment(k) - SERIAL) / timedelta(days=1),
+    "unix s": lambda k: int(moment(k).replace(tzinfo=UTC).timestamp()),
+    "unix ms": lambda k: int(moment(k).replace(tzinfo=UTC).timestamp()) * 10**3,
+    "unix us": lambda k: int(moment(k).replace(tzinfo=UTC).timestamp()) * 10**6,
+    "unix ns": lambda k: int(moment(k).replace(tzinfo=UTC).timestamp()) * 10**9,
+    "2024-03-01": lambda k: f"{moment(k):%Y-%m-%d %H:%M:%S}",
+}
+
+
+@pytest.mark.parametrize("notation", NOTATIONS)
+def test_numbers_that_are_moments_are_read_as_such_and_said(notation, folder, capsys):
+    column(folder, "t", lambda k, _: NOTATIONS[notation](k))
+    assert main(["check", "project.toml"]) == 0
+    out = capsys.readouterr().out
+    step = 60 if notation == "202403012200" else 30
+    last = START + timedelta(seconds=600 * step)
+    assert f"601 samples, 2024-03-01 22:00:00 to {last:%Y-%m-%d %H:%M:%S}" in out
+    assert f"one every {step} s" in out
+    assert ("were read as moments" in out) == (notation != "2024-03-01")
+
+
+@pytest.mark.parametrize(
+    ("cells", "unit", "words"),
+    [
+        (NOTATIONS["unix ms"], "s", ("2024-03-01 22:00:00 to 2024-03-02 03:00:00 (unix ms)", "'numbers'")),
+        (lambda k: 45352.5 + 0.00035 * k, None, ("(spreadsheet)", "'numbers'")),
+        (lambda k: f"24-03-01 {k // 60:02d}:{k % 60:02d}:00", None, ("2001-03-24 (dmy)", "2024-03-01 (ymd)")),
+        (lambda k: f"03/04/05 {k // 60:02d}:{k % 60:02d}:00", None, ("(dmy)", "data.time_format")),
+    ],
+)
+def test_times_that_can_be_read_in_two_ways_are_asked_for(cells, unit, words, folder, capsys):
+    column(folder, "t", lambda k, _: cells(k))
+    if unit:
+        text = PROJECT.replace('time = "t"', f'time = "t"\ntime_unit = "{unit}"')
+        (folder / "project.toml").write_text(text)
+    refused(["check", "project.toml"], capsys, "data.time_format", *words)
+
+
+@pytest.mark.parametrize(
+    ("cells", "said", "words"),
+    [
+        (lambda k: f"24-03-01 {k // 60:02d}:{k % 60:02d}:00", "ymd", "2024-03-01 00:00:00"),
+        (lambda k: f"24-03-01 {k // 60:02d}:{k % 60:02d}:00", "dmy", "2001-03-24 00:00:00"),
+        (lambda k: 45352.5 + 0.00035 * k, "spreadsheet", "2024-03-01 12:00:00"),
+        (lambda k: 45352.5 + 0.00035 * k, "numbers", "45352.5 to 45352.7 s"),
+        (NOTATIONS["unix ms"], "unix ms", "2024-03-01 22:00:00"),
+        (NOTATIONS["unix ms"], "numbers", "1.70933e+12"),
+    ],
+)
+def test_the_project_says_how_times_are_meant(cells, said, words, folder, capsys):
+    column(folder, "t", lambda k, _: cells(k))
+    (folder / "project.toml").write_text(PROJECT.replace('time = "t"', f'time = "t"\ntime_format = "{said}"'))
+    assert main(["check", "project.toml"]) == 0
+    assert words in capsys.readouterr().out
+
+
+TIMES = {
+    "before the year 1": (pl.Int64, -(2**63) + 5, pl.Datetime("us"), "years 1 to 9999"),
+    "after the year 9999": (pl.Int64, 253402300800 * 10**6, pl.Datetime("us"), "years 1 to 9999"),
+    "days beyond dates": (pl.Int32, 2**31 - 1, pl.Date, "dates that cannot be"),
+    "lists": (pl.List(pl.Int64), [1, 2], pl.List(pl.Int64), "no time"),
+    "bytes": (pl.Binary, b"12", pl.Binary, "no time"),
+    "durations": (pl.Int64, 5, pl.Duration("ms"), "without a date"),
+}
+
+
+@pytest.mark.parametrize("kind", TIMES)
+def test_columns_that_are_no_times_are_named(kind, folder, capsys):
+    stored, value, dtype, words = TIMES[kind]
+    frame = pl.read_csv(folder / "record.csv")
+    frame.with_columns(pl.Series("t", [value] * frame.height, dtype=stored).cast(dtype)).write_parquet("record.parquet")
+    (folder / "project.toml").write_text(PROJECT.replace("record.csv", "record.parquet"))
+    refused(["check", "project.toml"], capsys, "record.parquet", "'t'", words)
+
+
+def test_the_time_is_no_signal(folder, capsys):
+    (folder / "project.toml").write_text(PROJECT.replace('pv = "pv"', 'pv = "t"'))
+    refused(["check", "project.toml"], capsys, "'t' is named as time and as a signal")
+
+
+def test_times_that_stretch_without_end_take_no_memory(folder, capsys):
+    column(folder, "t", lambda k, _: 10 ** (k / 30))
+    assert main(["check", "project.toml"]) in (0, 3)
+    assert capsys.readouterr().err == ""
+
+
+# -- workbooks and Parquet files ---------------------------------------------------------------------------------
+
+
+def workbook(path: Path, more: bytes = b"") -> None:
+    """The record as a workbook, with `more` put after its last row."""
+    pl.read_csv(path.parent / "record.csv").write_excel(path)
+    with zipfile.ZipFile(path) as book:
+        parts = {part.filename: book.read(part) for part in book.infolist()}
+    sheet = "xl/worksheets/sheet1.xml"
+    parts[sheet] = parts[sheet].replace(b"</sheetData>", more + b"</sheetData>")
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as book:
+        for name, content in parts.items():
+            book.writestr(name, content)
+
+
+@pytest.mark.parametrize("cell", ["XFD1048576", "ALL100000"])
+def test_a_stray_cell_of_a_workbook_is_named(cell, folder, capsys):
+    row = cell.lstrip("XFDAL").encode()
+    workbook(folder / "record.xlsx", b'<row r="%s"><c r="%s"><v>1</v></c></row>' % (row, cell.encode()))
+    (folder / "project.toml").write_text(PROJECT.replace("record.csv", "record.xlsx"))
+    refused(["check", "project.toml"], capsys, "record.xlsx", f"row {int(row):,}", "delete stray cells")
+
+
+def test_a_workbook_that_unpacks_to_more_than_memory_is_refused(folder, capsys, monkeypatch):
+    workbook(folder / "record.xlsx", b" " * 10_000_000)
+    assert (folder / "record.xlsx").stat().st_size < 200_000
+    (folder / "project.toml").write_text(PROJECT.replace("record.csv", "record.xlsx"))
+    assert main(["check", "project.toml"]) == 0
+    monkeypatch.setattr(levels, "MOST_UNPACKED", 5_000_000)
+    refused(["check", "project.toml"], capsys, "unpacks to 0.0101 GB", "export it as CSV or Parquet")
+
+
+@pytest.mark.parametrize("ending", ["xlsx", "parquet"])
+def test_damaged_files_end_in_one_message(ending, folder, capfd):
+    """40 files with up to 30 bytes changed: what can still be read may be, and nothing else is printed."""
+    path = folder / f"record.{ending}"
+    workbook(path) if ending == "xlsx" else pl.read_csv(folder / "record.csv").write_parquet(path)
+    (folder / "project.toml").write_text(PROJECT.replace("record.csv", path.name))
+    whole, rng, refusals = path.read_bytes(), np.random.default_rng(0), 0
+    for _ in range(40):
+        damaged = bytearray(whole)
+        for place in rng.integers(4, len(whole), rng.integers(1, 30)):
+            damaged[place] = rng.integers(256)
+        path.write_bytes(damaged)
+        status = main(["check", "project.toml"])
+        err = capfd.readouterr().err
+        assert status in (0, 2, 3), err
+        assert err.count("\n") == (status == 2), err
+        refusals += status == 2
+    assert refusals >= 20
+
+
+def test_more_cells_than_are_meant_are_refused_before_they_are_read(folder, capsys):
+    pl.read_csv(folder / "record.csv").write_parquet(folder / "record.parquet")
+    text = PROJECT.replace("record.csv", "record.parquet").replace('time = "t"', 'time = "t"\nmax_samples = 1000')
+    (folder / "project.toml").write_text(text)
+    refused(["check", "project.toml"], capsys, "601 rows of 4 columns", "1,000 cells", "data.max_samples")

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trueplant.record import Channel, Layout, Screened, read_record, screen
+from trueplant.record.runs import hold_same
 
 LAYOUT = Layout((Channel("T", "pv", sp="sp"),), (Channel("Q", "op"),), (Channel("amb", "amb"),), project_time_unit="s")
 RNG = np.random.default_rng(7)
@@ -163,3 +164,10 @@ def test_a_measured_disturbance_comes_to_the_grid_as_it_runs(hold: str | None) -
         np.testing.assert_allclose(segment.d[:-1, 0], expected, atol=0.01)
     else:
         np.testing.assert_allclose(segment.d[:, 0], np.interp(segment.t, t, data["amb"]))
+
+
+def test_set_points_are_held_over_gaps_between_the_same_values() -> None:
+    nan = np.nan
+    x = np.array([[nan, 1, nan, nan, nan, 1, nan, 2, 2, nan], [1, 1, 1, nan, nan, nan, nan, 2, nan, 2]], dtype=float).T
+    expected = [[nan, 1, 1, 1, 1, 1, nan, 2, 2, nan], [1, 1, 1, nan, nan, nan, nan, 2, 2, 2]]
+    np.testing.assert_array_equal(hold_same(x), np.array(expected, dtype=float).T)

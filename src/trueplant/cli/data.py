@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
+from datetime import datetime, timedelta
 from pathlib import Path
 
 from trueplant.claims import claim
 from trueplant.errors import UsageError
 from trueplant.output import as_json, write_files
+from trueplant.record.times import unit_seconds
 from trueplant.result import Check, Code, Status
 
 REFUSED = 3
@@ -35,6 +37,10 @@ def show_check(found: Check) -> None:
     unit = found.provenance.time_unit
     for record in found.data:
         span = f"{record.span[0]:g} to {record.span[1]:g} {unit}"
+        if record.start:
+            begin = datetime.fromisoformat(record.start)
+            first, last = (begin + timedelta(seconds=s * unit_seconds(unit)) for s in record.span)
+            span = f"{first:%Y-%m-%d %H:%M:%S} to {last:%Y-%m-%d %H:%M:%S %Z}".rstrip()
         print(f"{record.name}: {record.samples} samples, {span}, one every {record.sample_time:g} {unit}")
         if record.refused:
             print(f"  cannot be used: {record.refused}")

@@ -103,6 +103,8 @@ def layout_of(project: Declaration) -> Layout:
         disturbances=tuple(Channel(e.name, e.column, unit=e.unit, hold=e.hold) for e in project.disturbances),
         time=data.time,
         time_unit=data.time_unit or project.time_unit,
+        time_unit_declared=data.time_unit is not None,
+        time_format=data.time_format,
         project_time_unit=project.time_unit,
         time_zone=data.time_zone,
         separator=data.separator,
@@ -110,4 +112,5 @@ def layout_of(project: Declaration) -> Layout:
         tag=data.tag,
         value=data.value,
         quality=data.quality,
+        most=data.max_samples or Layout.most,
     )

@@ -18,6 +18,10 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1)]
 TimeUnit = Literal["ms", "s", "min", "h", "d"]
+TimeFormat = Literal[
+    "dmy", "mdy", "ymd", "numbers", "calendar", "spreadsheet", "unix s", "unix ms", "unix us", "unix ns"
+]
+"""Those of `record.times.FORMATS`."""
 Moment = Finite | datetime
 """A point of a record's time axis: a number in data.time_unit, or a timestamp."""
 
@@ -104,12 +108,14 @@ class Data(Table):
     files: list[Name] = Field(default_factory=list)
     time: Name | None = None
     time_unit: TimeUnit | None = None
+    time_format: TimeFormat | None = None
     time_zone: Name | None = None
     separator: Name | None = None
     sheet: Name | None = None
     tag: Name = "tag"
     value: Name = "value"
     quality: Name = "quality"
+    max_samples: int | None = Field(default=None, gt=0)
     exclude: list[Exclude] = Field(default_factory=list)
 
 

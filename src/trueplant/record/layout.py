@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from trueplant.record import levels
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -37,6 +39,10 @@ class Layout:
     """None: a column with a usual name, else the first of increasing numbers or time stamps."""
     time_unit: str = "s"
     """Of numeric time in the file: ms, s, min, h or d."""
+    time_unit_declared: bool = False
+    """Did the project say so? If not, numbers that look like moments are taken for them."""
+    time_format: str | None = None
+    """One of `times.FORMATS`; None: to be found."""
     project_time_unit: str = "min"
     """Of `Record.t`."""
     time_zone: str | None = None
@@ -46,6 +52,8 @@ class Layout:
     tag: str = "tag"
     value: str = "value"
     quality: str = "quality"
+    most: int = levels.MOST_CELLS
+    """Cells of a file that are read."""
 
     @property
     def continuous(self) -> tuple[str, ...]:

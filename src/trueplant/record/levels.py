@@ -13,8 +13,31 @@ NORMAL_MAD = 1.4826
 
 FEWEST_ROWS = 10
 """Rows with OP and a PV, below which a file is no record. Judgement: a first-order element alone has 3 parameters."""
-LARGEST_VALUE = 1e300
-"""Larger numbers are error codes of a logger, and their squares are not finite."""
+LARGEST_VALUE = 1e30
+"""Larger numbers are error codes of a logger, such as the largest one of 4 bytes, 3.4e38."""
+SENTINELS = tuple(
+    float(sign * code) for code in (999, 9999, 99999, 999999, 32767, 32768, 65535, 2147483647) for sign in (1, -1)
+)
+"""Numbers that historians and control systems write where there is no value: nines, and the ends of integers."""
+SENTINEL_AWAY = 3.0
+"""Ranges of all other values by which such a number lies off them. Judgement: a measurement that happens to be 999
+has neighbours."""
+MOST_CELLS = 200_000_000
+"""Cells of a table that is read: 1.6 GB as numbers."""
+MOST_SHEET_CELLS = 50_000_000
+"""Cells of an Excel sheet that is read: they are laid out as text first, some 100 bytes each."""
+MOST_UNPACKED = 2_000_000_000
+"""Bytes that a workbook unpacks to."""
+YEARS = (1990, 2100)
+"""Between which the moments of a record lie."""
+SERIAL_STEP = 0.05
+"""Days between samples up to which numbers from 33,000 to 73,000 may be serial days. Judgement: an hour is 0.042."""
+ROUND_STEP = 0.01
+"""Millionths by which the steps of a count are off whole millionths. Eight bytes leave a hundred-thousandth of it."""
+MOST_INTERPOLATED = 50.0
+"""Median steps that an irregular record is interpolated over: a grid must not be a hundred times the record."""
+SHOWN_WORDS = 4
+"""Different words of a column that a message shows."""
 SNIFFED_LINES = 300
 """Lines from which separator and header are found. Judgement: logger headers have some tens of lines."""
 SAME_WIDTH_SHARE = 0.3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Sequence
 from datetime import datetime
 
@@ -87,12 +88,12 @@ def to_wide(table: Table, layout: Layout) -> tuple[Table, datetime | None]:
     wanted = list(dict.fromkeys([*layout.continuous, *layout.held]))
     code = _codes(table, tag, wanted)
     time = layout.time if layout.time is not None else find_time(table, frozenset({tag, value}))
-    times = parse_times(table, time, layout.time_unit, layout.time_zone, code)
+    times = parse_times(table, time, layout, code)
     notes = list(table.notes + times.notes)
     values = table.frame[value]
     if quality is not None:
         bad = bad_quality(table, quality)
-        notes += _bad_ones(bad, code, wanted)
+        notes += _bad_ones(table, quality, bad, code, wanted)
         values = pl.select(pl.when(pl.Series(bad)).then(None).otherwise(values)).to_series()
     stamps, rows = _sorted_stamps(table, times.seconds, code, wanted)
     base = max(range(len(wanted)), key=lambda k: (stamps[k].size, k < len(layout.continuous)))
@@ -132,11 +133,22 @@ def _codes(table: Table, column: str, wanted: Sequence[str]) -> NDArray[np.int64
     return code
 
 
-def _bad_ones(bad: BoolArray, code: NDArray[np.int64], wanted: Sequence[str]) -> list[Finding]:
-    """A finding for each tag with values of bad quality."""
+def _bad_ones(
+    table: Table, quality: str, bad: BoolArray, code: NDArray[np.int64], wanted: Sequence[str]
+) -> list[Finding]:
+    """A finding for each tag with values of bad quality. Raises DataError for a tag that has no others."""
     found = []
     for k, name in enumerate(wanted):
-        count = int(np.sum(bad & (code == k)))
+        own = bad & (code == k)
+        count = int(np.sum(own))
+        if count and count == np.sum(code == k):
+            words = Counter(str(word).strip()[:40] for word in table.frame[quality].filter(own).to_list())
+            seen = ", ".join(f"{word!r} ({n})" for word, n in words.most_common(levels.SHOWN_WORDS))
+            raise DataError(
+                f"{table.source}: no value of tag {name!r} is of good quality: column {quality!r} says {seen}. "
+                f"Good are the words {', '.join(_GOOD)}, 0, 192 to 255 (OPC) or 100 (per cent): leave the "
+                "column out of the export, or name another one as data.quality"
+            )
         if count:
             message = f"{name}: {counted(count, 'value')} with a bad quality code left out."
             found.append(Finding(Kind.BAD_QUALITY, name, message, samples=count, excludes=True))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.record import levels
 
 if TYPE_CHECKING:
     import polars as pl
@@ -63,6 +64,8 @@ def to_numbers(series: pl.Series, decimal: str) -> tuple[Array, BoolArray]:
     if series.dtype == pl.Boolean or series.dtype.is_numeric() or series.dtype == pl.Null:
         values = series.cast(pl.Float64).fill_null(float("nan")).to_numpy()
         return np.array(values, dtype=float), np.zeros(len(series), dtype=bool)
+    if series.dtype in (pl.Categorical, pl.Enum):
+        series = series.cast(pl.String)
     if series.dtype != pl.String:
         return np.full(len(series), np.nan), np.asarray(series.is_not_null().to_numpy(), dtype=bool)
     numbers = series.cast(pl.Float64, strict=False)
@@ -81,3 +84,16 @@ def to_numbers(series: pl.Series, decimal: str) -> tuple[Array, BoolArray]:
         rest = text.is_not_null() & numbers.is_null() & ~missing.fill_null(True)
     values = numbers.fill_null(float("nan")).to_numpy()
     return np.array(values, dtype=float), np.asarray(rest.to_numpy(), dtype=bool)
+
+
+def no_measurements(values: Array) -> BoolArray:
+    """Where numbers (N,) are infinite, larger than anything that is measured, or a code far off all others."""
+    with np.errstate(invalid="ignore"):
+        bad = np.isinf(values) | (np.abs(values) > levels.LARGEST_VALUE)
+    codes = np.isin(values, levels.SENTINELS)
+    others = values[np.isfinite(values) & ~bad & ~codes]
+    if not codes.any() or not others.size:
+        return np.asarray(bad)
+    low, high = float(others.min()), float(others.max())
+    away = levels.SENTINEL_AWAY * (high - low)
+    return np.asarray(bad | codes & ((values < low - away) | (values > high + away)))

@@ -17,7 +17,7 @@ from trueplant.record import levels
 from trueplant.record.frames import as_table
 from trueplant.record.layout import Channel, Layout
 from trueplant.record.long import is_long, to_wide
-from trueplant.record.numbers import counted
+from trueplant.record.numbers import counted, no_measurements
 from trueplant.record.readers import read_table
 from trueplant.record.runs import spans_of
 from trueplant.record.table import Table
@@ -35,7 +35,7 @@ def read_record(path_or_frame: Any, layout: Layout, *, name: str | None = None, 
     """
     is_file = isinstance(path_or_frame, (str, Path))
     if is_file:
-        table = read_table(path_or_frame, separator=layout.separator, sheet=layout.sheet)
+        table = read_table(path_or_frame, separator=layout.separator, sheet=layout.sheet, most=layout.most)
     else:
         table = as_table(path_or_frame, name or "frame")
     if not layout.outputs or not layout.inputs:
@@ -59,7 +59,9 @@ def _in_time(table: Table, layout: Layout) -> tuple[_Columns, datetime | None]:
             table.column(column, role)
         used = frozenset([*layout.continuous, *layout.held])
         time = layout.time if layout.time is not None else find_time(table, used)
-        times = parse_times(table, time, layout.time_unit, layout.time_zone)
+        if time in used:
+            raise DataError(f"{table.source}: column {time!r} is named as time and as a signal; correct one of them")
+        times = parse_times(table, time, layout)
         rows, ordered = put_in_order(table, times)
         t, start = times.seconds[rows], times.start
         notes = [*table.notes, *times.notes, *ordered]
@@ -142,36 +144,36 @@ class _Columns:
         table, rows = self.table, self.rows
         values, words = table.numbers(column)
         values, words = values[rows], words[rows]
-        with np.errstate(invalid="ignore"):
-            impossible = np.isinf(values) | (np.abs(values) > levels.LARGEST_VALUE)
-        if impossible.any():
-            row = int(rows[np.argmax(impossible)])
+        codes = no_measurements(values)
+        what = f"{table.source}: column {column!r} ({role})"
+        if words.mean() + codes.mean() > levels.MOSTLY:
+            count = counted(int(words.sum() + codes.sum()), "row")
             raise DataError(
-                f"{table.source}, {table.where(row)}, column {column!r}: {table.frame[column][row]} is not a "
-                "measurement; correct or empty that cell"
+                f"{what} holds {self._seen(column, words | codes)} in {count} of {values.size} instead of a "
+                "measurement; name another column, or export it again"
             )
         if not np.isfinite(values).any():
-            example = f" (for instance {self._word(column, words)!r})" if words.any() else ""
-            what = "holds only text" if words.any() else "is empty"
-            raise DataError(
-                f"{table.source}: column {column!r} ({role}) {what}{example}; name another column or leave it out"
-            )
-        if words.any():
-            count = int(words.sum())
-            first = table.where(int(rows[np.argmax(words)]))
-            shown = f"{self._word(column, words)!r} ({first})"
-            message = (
-                f"{column}: text instead of a number in {counted(count, 'row')}, first {shown}; counted as missing."
-            )
-            self.notes.append(Finding(Kind.TEXT, column, message, spans_of(self.t, words), count, excludes=True))
+            raise DataError(f"{what} is empty; name another column or leave it out")
+        for mask, kind in ((words, Kind.TEXT), (codes, Kind.CODE)):
+            if mask.any():
+                first = table.where(int(rows[np.argmax(mask)]))
+                found = "text instead of a number" if kind == Kind.TEXT else "a number that is no measurement"
+                shown = f"{self._seen(column, mask)} (first: {first})"
+                message = f"{column}: {found} in {counted(int(mask.sum()), 'row')}, {shown}; counted as missing."
+                spans = spans_of(self.t, mask)
+                self.notes.append(Finding(kind, column, message, spans, int(mask.sum()), excludes=True))
+        values[codes] = np.nan
         finite = values[np.isfinite(values)]
         if finite.size > 1 and finite.min() == finite.max():
             message = f"{column} ({role}) is constant at {finite[0]:g} throughout the record."
             self.notes.append(Finding(Kind.CONSTANT, column, message, samples=int(finite.size), value=float(finite[0])))
         return values
 
-    def _word(self, column: str, words: BoolArray) -> str:
-        return str(self.table.frame[column][int(self.rows[np.argmax(words)])]).strip()[:40]
+    def _seen(self, column: str, mask: BoolArray) -> str:
+        """The first few different cells among the rows marked."""
+        series = self.table.frame[column]
+        cells = (str(series[int(row)]).strip()[:40] for row in self.rows[mask][: levels.SNIFFED_LINES])
+        return ", ".join(map(repr, list(dict.fromkeys(cells))[: levels.SHOWN_WORDS]))
 
     def automatic(self, channel: Channel) -> BoolArray:
         """(N,) True where the mode column says automatic; a missing mode keeps the last one."""

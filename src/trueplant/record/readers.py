@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trueplant.errors import DataError
+from trueplant.record import levels
 from trueplant.record.parquet import read_parquet
 from trueplant.record.source import Source, source_of
 from trueplant.record.table import Table
@@ -40,13 +41,15 @@ FORMATS: dict[str, Format] = {
 """By name. What is none of these is read as text (CSV, TXT)."""
 
 
-def read_table(path: str | Path, *, separator: str | None = None, sheet: str | None = None) -> Table:
-    """Read a file of any of the `FORMATS`, or text, as raw columns.
+def read_table(
+    path: str | Path, *, separator: str | None = None, sheet: str | None = None, most: int = levels.MOST_CELLS
+) -> Table:
+    """Read a file of any of the `FORMATS`, or text, as raw columns, of at most `most` cells.
 
     Of a text file separator, decimal mark, encoding and header are found. Raises DataError (file, line, what to do)
     when the file is missing, empty, not a table, or ragged.
     """
-    source = source_of(path, separator, sheet)
+    source = source_of(path, separator, sheet, most)
     for known in FORMATS.values():
         if source.data.startswith(known.begins) if known.begins else source.ending in known.endings:
             return known.read(source)

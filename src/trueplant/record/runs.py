@@ -45,3 +45,15 @@ def hold_short(x: Array, longest: int) -> tuple[Array, BoolArray]:
             last = np.maximum.accumulate(np.where(where[:, j], 0, np.arange(x.shape[0])))
             filled[:, j] = x[last, j]
     return filled, where
+
+
+def hold_same(x: Array) -> Array:
+    """x (N, m) with NaN runs filled where the values before and after are the same, as those of a set-point are."""
+    filled = x.copy()
+    for j in range(x.shape[1]):
+        begin, length = true_runs(np.isnan(x[:, j]))
+        inner = (begin > 0) & (begin + length < x.shape[0])
+        begin, length = begin[inner], length[inner]
+        same = x[begin - 1, j] == x[begin + length, j]
+        filled[spread(begin[same], length[same], x.shape[0]), j] = np.repeat(x[begin[same] - 1, j], length[same])
+    return filled

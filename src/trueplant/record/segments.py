@@ -9,7 +9,7 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.record import levels
-from trueplant.record.runs import hold_short, true_runs
+from trueplant.record.runs import hold_same, hold_short, true_runs
 from trueplant.record.types import Record, Segment
 
 
@@ -42,9 +42,8 @@ def clock_of(t: Array) -> Clock:
     uniform = jitter < levels.JITTER or _rounded(t, steps, h, near)
     if uniform:
         return Clock(float(h), True, jitter, (levels.SHORT_GAP + 0.5) * h)
-    return Clock(
-        middle, False, jitter, (levels.SHORT_GAP + 0.5) * max(middle, float(np.quantile(steps, levels.LONG_STEP)))
-    )
+    longest = (levels.SHORT_GAP + 0.5) * max(middle, float(np.quantile(steps, levels.LONG_STEP)))
+    return Clock(middle, False, jitter, min(longest, levels.MOST_INTERPOLATED * middle))
 
 
 def _rounded(t: Array, steps: Array, h: float, near: BoolArray) -> bool:
@@ -66,7 +65,7 @@ def segments_of(
 
     u and d are held, y is NaN where it is not usable, each segment begins and ends with a usable PV.
     """
-    r, u, d = (hold_short(x, levels.SHORT_GAP)[0] for x in (record.r, record.u, record.d))
+    r, u, d = (hold_short(x, levels.SHORT_GAP)[0] for x in (hold_same(record.r), record.u, record.d))
     whole = _Signals(record.t, r, u, np.where(usable, record.y, np.nan), d, free)
     known = np.asarray(np.isfinite(np.hstack([u, d])).all(axis=1), dtype=bool)
     cut = np.concatenate([[False], np.diff(record.t) > clock.gap])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,11 @@ from numpy.typing import NDArray
 from trueplant.arrays import Array
 from trueplant.errors import DataError
 from trueplant.record import levels
+from trueplant.record.guard import foreign
+from trueplant.record.layout import Layout
 from trueplant.record.numbers import counted
+from trueplant.record.stamps import FORMATS as MOMENTS
+from trueplant.record.stamps import as_moments
 from trueplant.record.table import Table
 from trueplant.record.types import Finding, Kind
 
@@ -23,9 +27,18 @@ if TYPE_CHECKING:
 
 SECONDS = {"ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0, "hr": 3600.0, "d": 86400.0}
 """Length of each time unit."""
+ORDERS = ("dmy", "mdy", "ymd")
+"""Of day, month and year in dates."""
+FORMATS = (*ORDERS, *MOMENTS)
+"""What a project can say of its time column."""
 TIME_NAMES = ("t", "time", "timestamp", "datetime", "date", "zeit", "zeitstempel", "datum", "clock")
 _DATE = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}|\d{1,2}[- ][A-Za-z]{3}[- ]\d{2,4}"
 _ZONE = r"(:\d{2}(?:\.\d+)?(?: ?[AP]M)?) ?(Z|UTC|GMT|[+-]\d{2}:?\d{2}|[+-]\d{2})$"
+
+
+_YEAR_1 = -62135596800 * 10**6
+_YEAR_10000 = 253402300800 * 10**6
+"""In microseconds since 1970."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +49,10 @@ class Times:
     start: datetime | None = None
     """The moment at seconds = 0; None for numeric time."""
     notes: tuple[Finding, ...] = ()
+
+
+_Stamps = tuple["pl.Series", bool, tuple[Finding, ...]]
+"""Moments; are they in UTC; and what there is to say of them."""
 
 
 def unit_seconds(unit: str) -> float:
@@ -74,47 +91,82 @@ def find_time(table: Table, used: frozenset[str] = frozenset()) -> str:
     )
 
 
-def parse_times(table: Table, name: str, unit: str, zone: str | None, groups: NDArray[np.int64] | None = None) -> Times:
+def parse_times(table: Table, name: str, layout: Layout, groups: NDArray[np.int64] | None = None) -> Times:
     """Read a time column. `groups` tells rows of different tags apart, whose clocks run separately.
 
     Raises DataError (line and value) for stamps that cannot be read and for an unknown time zone.
     """
-    import polars as pl
-
     series = table.column(name, "time")
+    if series.dtype.is_nested() or str(series.dtype) in ("Binary", "Object", "Boolean"):
+        raise DataError(f"{table.source}: column {name!r} holds {series.dtype}: no time; name another as `time`")
     values, words = table.numbers(name)
-    if not series.dtype.is_temporal() and not words.any():
-        if np.isnan(values).all():
-            raise DataError(f"{table.source}: the time column {name!r} is empty; name another one as `time`")
-        if np.isinf(values).any():
-            raise DataError(
-                f"{table.source}, {table.where(int(np.argmax(np.isinf(values))))}: time is infinite; correct it"
-            )
-        return Times(values * unit_seconds(unit))
-    if series.dtype == pl.Time or series.dtype == pl.Duration:
-        raise DataError(f"{table.source}: {name!r} holds times without a date; give full time stamps or numbers")
     if series.dtype.is_temporal():
-        stamps = series.cast(pl.Datetime("us", getattr(series.dtype, "time_zone", None)))
-        if stamps.dtype.time_zone is not None:  # type: ignore[attr-defined]
-            return _since_start(stamps.dt.convert_time_zone("UTC").dt.replace_time_zone(None), True, ())
-        notes: tuple[Finding, ...] = ()
-    else:
+        stamps, utc, notes = _from_temporal(table, name)
+    elif words.any():
         if bool((np.isfinite(values) & ~words).mean() > levels.MOSTLY):
             _refuse(table, name, int(np.argmax(words)))
-        stamps, offsets, notes = _from_text(table, name)
-        if offsets is not None:
-            return _since_start(stamps - offsets, True, notes)
-    if zone is None:
-        return _since_start(stamps, False, notes)
-    return _since_start(_to_utc(table, stamps, zone, groups), True, notes)
+        stamps, utc, notes = _from_text(table, name, layout.time_format)
+    else:
+        read = _from_numbers(table, name, values, layout)
+        if isinstance(read, Times):
+            return read
+        stamps, utc, notes = read
+    if not utc and layout.time_zone is not None:
+        stamps, utc = _to_utc(table, stamps, layout.time_zone, groups), True
+    return _since_start(table, name, stamps, utc, notes)
 
 
-def _since_start(stamps: pl.Series, utc: bool, notes: tuple[Finding, ...]) -> Times:
+def _from_numbers(table: Table, name: str, values: Array, layout: Layout) -> Times | _Stamps:
+    """A count of time units, or moments that numbers stand for."""
+    import polars as pl
+
+    if np.isnan(values).all():
+        raise DataError(f"{table.source}: the time column {name!r} is empty; name another one as `time`")
+    if np.isinf(values).any():
+        row = int(np.argmax(np.isinf(values)))
+        raise DataError(f"{table.source}, {table.where(row)}: time is infinite; correct it")
+    unit = unit_seconds(layout.time_unit)
+    wanted = layout.time_format
+    where = f"{table.source}, column {name!r}"
+    moments = as_moments(values, wanted, unit if layout.time_unit_declared else None, where)
+    if moments is None:
+        return Times(values * unit)
+    known = np.isfinite(moments.seconds)
+    micro = np.round(np.where(known, moments.seconds, 0.0) * 1e6).astype(np.int64)
+    stamps = pl.select(pl.when(pl.Series(known)).then(pl.Series(micro)).otherwise(None)).to_series()
+    stamps = stamps.cast(pl.Datetime("us"))
+    message = f"{name}: numbers such as {values[known][0]:.15g} were read as moments ({moments.name})."
+    return stamps, moments.utc, (Finding(Kind.TIME, "time", message),)
+
+
+def _from_temporal(table: Table, name: str) -> _Stamps:
+    """Stamps of a column of dates and times."""
+    import polars as pl
+
+    series = table.frame[name]
+    if series.dtype == pl.Time or series.dtype == pl.Duration:
+        raise DataError(f"{table.source}: {name!r} holds times without a date; give full time stamps or numbers")
+    with foreign(f"{table.source}: column {name!r} holds dates that cannot be", "correct them"):
+        stamps = series.cast(pl.Datetime("us", getattr(series.dtype, "time_zone", None)))
+        if stamps.dtype.time_zone is None:  # type: ignore[attr-defined]
+            return stamps, False, ()
+        return stamps.dt.convert_time_zone("UTC").dt.replace_time_zone(None), True, ()
+
+
+def _since_start(table: Table, name: str, stamps: pl.Series, utc: bool, notes: tuple[Finding, ...]) -> Times:
     micro = stamps.dt.epoch("us")
+    strange = ((micro < _YEAR_1) | (micro >= _YEAR_10000)).fill_null(False)
+    if bool(strange.any()):
+        raise DataError(
+            f"{table.source}, {table.where(int(strange.arg_max() or 0))}, column {name!r}: a date outside of the years "
+            "1 to 9999; correct it"
+        )
     first = micro.min()
+    if first is None:
+        raise DataError(f"{table.source}: the time column {name!r} is empty; name another one as `time`")
     seconds = ((micro - first).cast(float) * 1e-6).fill_null(float("nan")).to_numpy()
     assert isinstance(first, int)
-    start = datetime.fromtimestamp(first // 10**6, UTC).replace(microsecond=first % 10**6)
+    start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=first)
     return Times(np.array(seconds), start if utc else start.replace(tzinfo=None), notes)
 
 
@@ -125,8 +177,8 @@ def _refuse(table: Table, name: str, row: int) -> None:
     )
 
 
-def _from_text(table: Table, name: str) -> tuple[pl.Series, pl.Series | None, tuple[Finding, ...]]:
-    """Naive stamps, their offsets from UTC if they bear any, and notes."""
+def _from_text(table: Table, name: str, order: str | None) -> _Stamps:
+    """Stamps of a column of text; in UTC where they bear offsets from it."""
     import polars as pl
 
     text = _with_date(table, name)
@@ -148,13 +200,13 @@ def _from_text(table: Table, name: str) -> tuple[pl.Series, pl.Series | None, tu
         offsets = (minutes * 60_000_000).cast(pl.Duration("us"))
         text = text.str.replace(_ZONE, "$1")
     text = text.str.replace(rf"^({_DATE})$", "$1 00:00:00").str.replace(r"( \d{1,2}:\d{2})( ?[AP]M)?$", "$1:00$2")
-    stamps, notes = _date_order(text, table.source)
+    stamps, notes = _date_order(text, f"{table.source}, column {name!r}", order)
     unread = stamps.is_null() & text.is_not_null()
     if bool(unread.any()):
         _refuse(table, name, int(unread.arg_max() or 0))
     if stamps.null_count() == len(stamps):
         raise DataError(f"{table.source}: the time column {name!r} is empty; name another one as `time`")
-    return stamps, offsets, notes
+    return (stamps, False, notes) if offsets is None else (stamps - offsets, True, notes)
 
 
 def _with_date(table: Table, name: str) -> pl.Series:
@@ -182,8 +234,12 @@ def _with_date(table: Table, name: str) -> pl.Series:
     return text
 
 
-def _date_order(text: pl.Series, source: str) -> tuple[pl.Series, tuple[Finding, ...]]:
-    """Parse by the notation that fits; where day and month could be swapped, take the smoother one and say so."""
+def _date_order(text: pl.Series, source: str, order: str | None) -> tuple[pl.Series, tuple[Finding, ...]]:
+    """Parse by the notation that fits; where day and month could be swapped, take the smoother one and say so.
+
+    Raises DataError where the year could be the first or the last of three pairs of digits.
+    """
+    dotted = bool(text.str.contains(r"^\d{1,2}\.\d{1,2}\.").any())
     text = text.str.replace(r"^(\d{1,4})[/.](\d{1,2}|[A-Z]{3})[/.](\d{1,4}) ", "$1-$2-$3 ")
     text = text.str.replace(r"^(\d{1,2})[ -]([A-Z]{3})[ -]", "$1-$2-")
     american = bool(text.str.contains(r"[AP]M$").any())
@@ -194,6 +250,10 @@ def _date_order(text: pl.Series, source: str) -> tuple[pl.Series, tuple[Finding,
     year_first = bool(text.str.contains(r"^\d{4}-").any())
     short = bool(text.str.contains(r"^\d{1,2}-[0-9A-Z]+-\d{2} ").any())
     formats = ["%Y-%m-%d"] if year_first else [d for d in dates if d.endswith("%y") == short]
+    if short and not dotted:
+        formats.append("%y-%m-%d")
+    if order in ORDERS:
+        formats = [f for f in formats if _order_of(f) == order] or formats
     read = {f: text.str.to_datetime(f"{f} {clock}", strict=False, time_unit="us", exact=True) for f in formats}
     fitting = {f: s for f, s in read.items() if s.null_count() == text.null_count()}
     if len(fitting) < 2:
@@ -206,12 +266,22 @@ def _date_order(text: pl.Series, source: str) -> tuple[pl.Series, tuple[Finding,
 
     ranked = sorted(fitting, key=lambda f: roughness(fitting[f]))
     same = np.isclose(roughness(fitting[ranked[0]]), roughness(fitting[ranked[1]]), rtol=1e-9)
+    alike = [f for f in ranked if np.isclose(roughness(fitting[f]), roughness(fitting[ranked[0]]), rtol=1e-9)]
+    if same and "%y-%m-%d" in alike:
+        readings = " or ".join(f"{fitting[f].drop_nulls()[0]:%Y-%m-%d} ({_order_of(f)})" for f in alike)
+        raise DataError(
+            f"{source}: {text.drop_nulls()[0]} can be {readings}: set data.time_format to the order that is meant"
+        )
     # with nothing else to go by, dots are written day first, and a 12-hour clock goes with month first
     chosen = ranked[0] if not same else next(f for f in fitting if f.startswith("%m" if american else "%d"))
     message = (
         f"{source}: dates such as {text.drop_nulls()[0]} were read as {'month' if chosen[1] == 'm' else 'day'} first."
     )
     return fitting[chosen], (Finding(Kind.DATE_ORDER, source, message),) if same else ()
+
+
+def _order_of(notation: str) -> str:
+    return "".join(c for c in notation.lower().replace("b", "m") if c in "dmy")
 
 
 def _to_utc(table: Table, stamps: pl.Series, zone: str, groups: NDArray[np.int64] | None) -> pl.Series:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import io
+import re
+import zipfile
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
 from trueplant.errors import DataError
+from trueplant.record import levels
+from trueplant.record.guard import foreign
 from trueplant.record.header import Cells, with_header
 from trueplant.record.source import Source
 from trueplant.record.table import Table
@@ -19,14 +24,28 @@ if TYPE_CHECKING:
 
 def read_workbook(source: Source) -> Table:
     """The sheet that was named, else the first. Raises DataError where there is none, or no rows of numbers in it."""
+    with foreign(f"{source.name} is not a readable Excel workbook", "save it as XLSX again"):
+        if source.data.startswith(b"PK"):
+            _check_extent(source)
+        frame, chosen, notes = _loaded(source)
+    numbered = _with_lines(frame)
+    frame = numbered.drop("line")
+    rows = [["" if c is None else c for c in row] for row in frame.head(100).rows()]
+    first = next(
+        (k for k, row in enumerate(rows) if sum(map(looks_like_data, row)) >= 1 and sum(map(bool, row)) > 1), None
+    )
+    if first is None:
+        raise DataError(f"{source.name}, sheet {chosen!r}: no rows of numbers; name the right sheet in `sheet`")
+    lines = numbered["line"].to_numpy()[first:].astype(np.int64)
+    return with_header(Cells(rows[:first], frame[first:], lines, notes=notes), source)
+
+
+def _loaded(source: Source) -> tuple[pl.DataFrame, str, tuple[Finding, ...]]:
+    """The cells of a sheet as text, its name, and what there is to say of the choice."""
     import fastexcel
     import polars as pl
 
-    try:
-        book = fastexcel.read_excel(source.data)
-    except Exception as error:
-        reason = str(error).splitlines()[0]
-        raise DataError(f"{source.name} is not a readable Excel workbook ({reason}); save it as XLSX again") from None
+    book = fastexcel.read_excel(source.data)
     names, sheet = list(book.sheet_names), source.sheet
     if sheet is not None and sheet not in names:
         raise DataError(f"{source.name} has no sheet {sheet!r}; it has: {', '.join(names)}")
@@ -38,17 +57,55 @@ def read_workbook(source: Source) -> Table:
     frame = book.load_sheet(chosen, header_row=None, skip_rows=0, dtypes="string").to_polars()
     # as text, numbers come rounded to nine decimals
     exact = book.load_sheet(chosen, header_row=None, skip_rows=0, dtypes="float").to_polars()
-    frame = pl.DataFrame([_exact(frame[c], exact[c]) for c in frame.columns])
-    numbered = frame.with_row_index("line", offset=1).filter(~pl.all_horizontal(pl.exclude("line").is_null()))
-    frame = numbered.drop("line")
-    rows = [["" if c is None else c for c in row] for row in frame.head(100).rows()]
-    first = next(
-        (k for k, row in enumerate(rows) if sum(map(looks_like_data, row)) >= 1 and sum(map(bool, row)) > 1), None
-    )
-    if first is None:
-        raise DataError(f"{source.name}, sheet {chosen!r}: no rows of numbers; name the right sheet in `sheet`")
-    lines = numbered["line"].to_numpy()[first:].astype(np.int64)
-    return with_header(Cells(rows[:first], frame[first:], lines, notes=notes), source)
+    return pl.DataFrame([_exact(frame[c], exact[c]) for c in frame.columns]), chosen, notes
+
+
+def _with_lines(frame: pl.DataFrame) -> pl.DataFrame:
+    """Without its empty rows, and with the line of each."""
+    import polars as pl
+
+    return frame.with_row_index("line", offset=1).filter(~pl.all_horizontal(pl.exclude("line").is_null()))
+
+
+def _check_extent(source: Source) -> None:
+    """Raise DataError for a workbook that would take all memory: the library lays out all cells up to the farthest."""
+    with zipfile.ZipFile(io.BytesIO(source.data)) as book:
+        unpacked = sum(part.file_size for part in book.infolist())
+        if unpacked > levels.MOST_UNPACKED:
+            raise DataError(
+                f"{source.name} unpacks to {unpacked / 1e9:.3g} GB, and {levels.MOST_UNPACKED / 1e9:.3g} GB are "
+                "the most that are read of a workbook: export it as CSV or Parquet"
+            )
+        for part in book.infolist():
+            if re.fullmatch(r"xl/worksheets/[^/]+\.xml", part.filename):
+                with book.open(part) as sheet:
+                    _check_sheet(source, part.filename, sheet)
+
+
+def _check_sheet(source: Source, name: str, sheet: IO[bytes]) -> None:
+    row, column, left = 0, 0, b""
+    while piece := sheet.read(1 << 22):
+        for letters, number in set(_CELL.findall(left + piece)):
+            row = max(row, int(number))
+            column = max(column, _column(letters))
+        left = piece[-32:]
+        if row * column > levels.MOST_SHEET_CELLS:
+            raise DataError(
+                f"{source.name} ({name}) has cells as far as row {row:,} and column {column:,}, and "
+                f"{levels.MOST_SHEET_CELLS:,} cells are the most that are read of a sheet: delete stray cells far from "
+                "the data, or export it as CSV or Parquet"
+            )
+
+
+_CELL = re.compile(rb'<c [^>]*?r="([A-Z]{1,3})(\d{1,7})"')
+
+
+def _column(letters: bytes) -> int:
+    """Number of the column A, B, ... XFD."""
+    number = 0
+    for letter in letters:
+        number = 26 * number + letter - 64
+    return number
 
 
 def _exact(text: pl.Series, value: pl.Series) -> pl.Series:

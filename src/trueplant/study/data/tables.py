@@ -43,7 +43,7 @@ def data_tables(study: Study) -> tuple[ExperimentData, ...]:
 
 def _table(study: Study, screened: Screened) -> ExperimentData:
     record = screened.record
-    findings = [*record.notes, *screened.findings]
+    findings = screened.findings
     return ExperimentData(
         name=record.name,
         loop="closed" if record.closed else "open",
