@@ -147,6 +147,94 @@ def test_what_is_no_file_is_refused_before_it_is_read(kind, given, folder, capsy
     refused(command[given], capsys, place.name, kind)
 
 
+# -- counted twice -----------------------------------------------------------------------------------------------
+
+
+def several(folder: Path, *names: str) -> None:
+    files = ", ".join(f'"{name}"' for name in names)
+    (folder / "project.toml").write_text(PROJECT.replace('"record.csv"', files))
+
+
+def dated(folder: Path) -> pl.DataFrame:
+    frame = pl.read_csv(folder / "record.csv")
+    stamps = pl.Series("t", [datetime(2024, 3, 1) + timedelta(seconds=0.5 * k) for k in range(frame.height)])
+    return frame.with_columns(stamps)
+
+
+def test_the_same_samples_in_two_files_are_an_error_that_names_both(folder, capsys):
+    frame = pl.read_csv(folder / "record.csv")
+    (folder / "again").mkdir()
+    (folder / "again" / "copy.csv").write_bytes((folder / "record.csv").read_bytes())
+    frame.write_parquet(folder / "other.parquet")
+    frame.with_columns(pl.col("t") + 1e5).write_csv(folder / "later.csv")
+    for other in ("record.csv", "again/copy.csv", "./again/../record.csv", "other.parquet", "later.csv"):
+        several(folder, "record.csv", other)
+        refused(["check", "project.toml"], capsys, f"record.csv and {other}", "the same samples")
+
+
+def test_parts_of_one_file_are_no_repeats(folder, capsys):
+    several(folder, "record.csv", "record.csv")
+    text = (folder / "project.toml").read_text()
+    experiments = """
+[[experiment]]
+file = "record.csv"
+[[experiment]]
+file = "copy.csv"
+"""
+    (folder / "copy.csv").write_bytes((folder / "record.csv").read_bytes())
+    parts = 'exclude = [{file = "record.csv", from = 150, to = 400}, {file = "copy.csv", from = 0, to = 150}]'
+    text = text.replace('files = ["record.csv", "record.csv"]', parts).replace(
+        "[[output]]", experiments + "[[output]]", 1
+    )
+    (folder / "project.toml").write_text(text)
+    assert main(["check", "project.toml"]) == 0
+    assert "left out here" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_exports_that_overlap_are_joined_once(stamped, folder, capsys):
+    frame = dated(folder) if stamped else pl.read_csv(folder / "record.csv")
+    frame[:400].write_csv(folder / "first.csv")
+    frame[300:].with_columns(pl.col("pv").round(6)).write_csv(folder / "second.csv")
+    several(folder, "first.csv", "second.csv")
+    assert main(["check", "project.toml", "--json"]) == 0
+    first, second = json.loads(capsys.readouterr().out)["data"]
+    assert (first["samples"], second["samples"]) == (400, 201)
+    assert [f["message"] for f in second["findings"] if f["kind"] == "overlap"] == [
+        "100 samples that first.csv holds too were counted there, and left out here."
+    ]
+    frame[100:200].write_csv(folder / "second.csv")
+    refused(["check", "project.toml"], capsys, "second.csv holds nothing that first.csv does not hold too")
+
+
+def test_exports_that_contradict_each_other_are_an_error(folder, capsys):
+    frame = dated(folder)
+    frame[:400].write_csv(folder / "first.csv")
+    frame[300:].with_columns(pl.col("pv") + 1).write_csv(folder / "second.csv")
+    several(folder, "first.csv", "second.csv")
+    refused(["check", "project.toml"], capsys, "first.csv and second.csv overlap in time from 0 to 49.5 s")
+    # the same instants in between, of another clock
+    frame[300:].with_columns(pl.col("t") + timedelta(milliseconds=200)).write_csv(folder / "second.csv")
+    refused(["check", "project.toml"], capsys, "first.csv and second.csv overlap in time")
+
+
+def test_tests_that_each_begin_at_0_are_several(folder, capsys):
+    (folder / "project.toml").write_text(PROJECT.replace("noise = 0.02", "noise = 0.02\nseed = 5"))
+    assert main(["simulate", "project.toml", "--out", "second.csv"]) == 0
+    several(folder, "record.csv", "second.csv")
+    assert main(["check", "project.toml"]) == 0
+    assert "left out here" not in capsys.readouterr().out
+
+
+def test_exports_that_follow_each_other_are_used_whole(folder, capsys):
+    frame = dated(folder)
+    frame[:300].write_csv(folder / "first.csv")
+    frame[300:].with_columns(pl.col("t") - timedelta(milliseconds=20)).write_csv(folder / "second.csv")
+    several(folder, "first.csv", "second.csv")
+    assert main(["check", "project.toml"]) == 0
+    assert "left out here" not in capsys.readouterr().out
+
+
 # -- the user's files --------------------------------------------------------------------------------------------
 
 

@@ -28,6 +28,8 @@ MOST_SHEET_CELLS = 50_000_000
 """Cells of an Excel sheet that is read: they are laid out as text first, some 100 bytes each."""
 MOST_UNPACKED = 2_000_000_000
 """Bytes that a workbook unpacks to."""
+SAME_INSTANT = 1e-3
+"""Share of a sample by which two stamps of one instant may differ."""
 YEARS = (1990, 2100)
 """Between which the moments of a record lie."""
 SERIAL_STEP = 0.05

@@ -83,6 +83,8 @@ class Kind(StrEnum):
     """Rows were not in the order of time."""
     DUPLICATE = "duplicate"
     """A row bears the time of the one before."""
+    OVERLAP = "overlap"
+    """Another record holds these samples too."""
     # of the clock
     GAP = "gap"
     """Rows are missing."""

@@ -16,6 +16,7 @@ from trueplant.project import Project
 from trueplant.project.controllers import check_signs
 from trueplant.record import Record, Screened, read_record, screen
 from trueplant.record.times import unit_seconds
+from trueplant.record.twice import counted_once
 from trueplant.result import Code, Reason
 from trueplant.study.data.scan import hidden_dynamics, written_between
 from trueplant.study.data.setpoints import computed_setpoints
@@ -54,15 +55,19 @@ def prepare(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
 
 
 def _screened(project: Project, say: Progress, frames: Sequence[Any] | None) -> tuple[Screened, ...]:
-    layout = project.layout()
-    found = []
-    for k, plan in enumerate(project.experiments):
+    layout, plans = project.layout(), project.experiments
+    records, excluded = [], []
+    for k, plan in enumerate(plans):
+        say(f"reading {plan.name}")
         source = plan.path if frames is None else frames[k]
         record = read_record(source, layout, name=plan.name, closed=plan.closed)
+        records.append(record)
+        excluded.append([(_moment(e.start, record, project), _moment(e.end, record, project)) for e in plan.exclude])
+    found = []
+    for k, (plan, record) in enumerate(zip(plans, counted_once(records, excluded), strict=True)):
         limits = {name: lim for name, lim in zip(project.input_names, plan.limits, strict=True) if lim is not None}
-        spans = [(_moment(e.start, record, project), _moment(e.end, record, project)) for e in plan.exclude]
         say(f"screening {plan.name}")
-        found.append(screen(record, layout, experiment=k, exclude=spans, limits=limits))
+        found.append(screen(record, layout, experiment=k, exclude=excluded[k], limits=limits))
     return tuple(found)
 
 
