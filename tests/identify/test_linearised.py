@@ -52,7 +52,7 @@ def row_of(names: tuple[str, ...], stride: int = 1, gaps: bool = False) -> Row:
 
 
 def plain_columns(row: Row, theta: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """What is linear and not known of one piece, and how large each is expected to be: 30 times what moves it."""
+    """What is linear and not known of one piece, and how large each is expected to be: 100 times what moves it."""
     piece, specs = row.pieces[k], row.specs
     at, span = np.arange(0, piece.y.size, row.stride), (piece.y.size - 1) * piece.h
     spread = max(np.std(one.y[one.valid]) for one in row.pieces)
@@ -73,7 +73,7 @@ def plain_columns(row: Row, theta: np.ndarray, k: int) -> tuple[np.ndarray, np.n
                 columns.append(began * (t / span if start == 0 else 1.0))
                 sizes.append(max(driven * span, spread))
     columns += [(at >= jump).astype(float) for jump in piece.jumps]
-    return np.column_stack(columns), 30 * np.array(sizes + [spread] * len(piece.jumps))
+    return np.column_stack(columns), 100 * np.array(sizes + [spread] * len(piece.jumps))
 
 
 def plain_errors(row: Row, theta: np.ndarray, ar: np.ndarray, k: int, known: np.ndarray | None = None) -> np.ndarray:

@@ -142,12 +142,15 @@ def test_record_without_moves_is_refused(tmp_path: Path, capsys: pytest.CaptureF
     assert printed.err == ""
 
 
+def columns_of(seed: int) -> dict[str, np.ndarray]:
+    sim = changing_wood_berry(seed, 300)
+    columns = {"sp1": sim.r[:, 0], "sp2": sim.r[:, 1], "op1": sim.u[:, 0], "op2": sim.u[:, 1]}
+    return columns | {"pv1": sim.y[:, 0], "pv2": sim.y[:, 1]}
+
+
 def two_files(folder: Path, second_time: list[float]) -> Project:
-    sim = changing_wood_berry(5, 300)
-    columns = {"sp1": sim.r[:, 0], "sp2": sim.r[:, 1]} | {"op1": sim.u[:, 0], "op2": sim.u[:, 1]}
-    columns |= {"pv1": sim.y[:, 0], "pv2": sim.y[:, 1]}
-    pl.DataFrame({"t": sim.t, **columns}).write_csv(folder / "a.csv")
-    pl.DataFrame({"t": second_time, **columns}).write_csv(folder / "b.csv")
+    for name, seed, t in (("a.csv", 5, range(300)), ("b.csv", 6, second_time)):
+        pl.DataFrame({"t": [float(one) for one in t], **columns_of(seed)}).write_csv(folder / name)
     return Project.from_toml(PROJECT.replace('["record.csv"]', '["a.csv", "b.csv"]'), folder)
 
 
@@ -167,13 +170,10 @@ def test_records_that_overlap_are_an_error(tmp_path: Path) -> None:
     from trueplant.study.data.prepare import prepare
     from trueplant.tracking.track import lay_out
 
-    sim = changing_wood_berry(5, 300)
-    columns = {"sp1": sim.r[:, 0], "sp2": sim.r[:, 1], "op1": sim.u[:, 0], "op2": sim.u[:, 1]}
-    columns |= {"pv1": sim.y[:, 0], "pv2": sim.y[:, 1]}
     for name, hours in (("a.csv", 0), ("b.csv", 2)):
         start = datetime(2024, 3, 1) + timedelta(hours=hours)
         stamps = [(start + timedelta(minutes=k)).isoformat() for k in range(300)]
-        pl.DataFrame({"t": stamps, **columns}).write_csv(tmp_path / name)
+        pl.DataFrame({"t": stamps, **columns_of(5 + hours)}).write_csv(tmp_path / name)
     project = Project.from_toml(PROJECT.replace('["record.csv"]', '["a.csv", "b.csv"]'), tmp_path)
     with pytest.raises(DataError, match=r"a\.csv and b\.csv overlap in time"):
         lay_out(prepare(project))

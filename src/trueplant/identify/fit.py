@@ -201,14 +201,14 @@ class _Amplitudes(NamedTuple):
     """(rank, n_used + n_z) what they span of the prediction errors and of these."""
 
 
-def _amplitudes(unknown: Unknown, v: Array, ar: Array, use: slice | BoolArray) -> _Amplitudes:
-    """The amplitudes that the output errors v (n,) tell beside their Gaussian priors.
+def _amplitudes(unknown: Unknown, v: Array, ar: Array, use: slice | BoolArray, share: float = 1.0) -> _Amplitudes:
+    """The amplitudes that the output errors v (n,) tell beside their Gaussian priors, a share of `largest` wide.
 
     A free response that the noise model cancels does not show in the prediction errors: by them alone it would take on
     any amplitude, and the output errors with it.
     """
     errors = whiten(ar, v)[use]
-    known = level_of(errors) / np.maximum(unknown.largest, np.finfo(float).tiny)
+    known = level_of(errors) / np.maximum(share * unknown.largest, np.finfo(float).tiny)
     rows = np.zeros((known.size, errors.size + known.size))
     _filter(np.concatenate([[1.0], ar]), unknown.rows, use, rows, errors.size)
     rows[:, errors.size :] = np.diag(known)
@@ -370,7 +370,8 @@ def residuals(fit: RowFit) -> list[tuple[Array, Array, BoolArray]]:
         e = np.full(y.size, np.nan)
         if y.size > order + 1 and (use := whitened_valid(order, valid)).any():
             unknown = row.unknown(fit.theta, k)
-            v = v - unknown.columns @ _amplitudes(unknown, v, fit.ar, use).values
+            # what hardly shows is not taken off: it would be read as a disturbance
+            v = v - unknown.columns @ _amplitudes(unknown, v, fit.ar, use, levels.SHOWN_SHARE).values
             e[order:][use] = whiten(fit.ar, np.where(valid, v, 0.0))[use]
         out.append((np.where(valid, v, np.nan), e, np.isfinite(e)))
     return out

@@ -27,9 +27,12 @@ MOST_JOINED = 60
 """Segments in one piece: each costs a free response."""
 QUIET_SAMPLES = 20
 """A record starts at rest only if the inputs stood still for this many samples."""
-LARGEST_FREE_RESPONSE = 30.0
+LARGEST_FREE_RESPONSE = 100.0
 """Standard deviation of what is expected of operating points, free responses and loads, in standard deviations of PV
-or of the forced response of their element: wide, so that it counts only where the record says nothing."""
+or of the forced response of their element. Wide, so that it counts only where the record says nothing: an oven that is
+held within a degree may have come from 60 of them."""
+SHOWN_SHARE = 0.03
+"""The share of it where the output errors are told from starts for their own sake: three standard deviations."""
 FREE_RESPONSE_GONE = 40.0
 """Time constants after which nothing is left of a free response, to rounding."""
 LOST = 1e-7
