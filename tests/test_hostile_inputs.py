@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
+import tomllib
 import zipfile
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -17,9 +19,12 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+import tomlkit
 
 import trueplant
+from trueplant import datasets
 from trueplant.cli import main
+from trueplant.errors import SourceError
 from trueplant.record import levels
 
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(trueplant.__file__).parents[1])}
@@ -499,3 +504,82 @@ def test_more_cells_than_are_meant_are_refused_before_they_are_read(folder, caps
     text = PROJECT.replace("record.csv", "record.parquet").replace('time = "t"', 'time = "t"\nmax_samples = 1000')
     (folder / "project.toml").write_text(text)
     refused(["check", "project.toml"], capsys, "601 rows of 4 columns", "1,000 cells", "data.max_samples")
+
+
+# -- names that steer ----------------------------------------------------------------------------------------------
+
+STRANGE = "a\x1b[31m\x07\x9b2J\u202eb\x7f\"'<script>alert(1)</script>%{x}"
+STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
+@pytest.fixture
+def strange(folder):
+    """The project with such names for its signals and columns."""
+    frame = pl.read_csv(folder / "record.csv").rename({"pv": STRANGE, "op": f"{STRANGE} 2"})
+    frame.write_parquet("record.parquet")
+    text = PROJECT.replace("record.csv", "record.parquet")
+    for key, old, new in (("pv", "pv", STRANGE), ("op", "op", f"{STRANGE} 2")):
+        text = text.replace(f'{key} = "{old}"', f"{key} = {tomlkit.item(new).as_string()}")
+    for key, name in (("output", "y"), ("input", "u"), ("name", "y"), ("name", "u")):
+        text = text.replace(f'{key} = "{name}"', f"{key} = {tomlkit.item(STRANGE + name).as_string()}")
+    text = text.split("[simulate]")[0]
+    (folder / "project.toml").write_text(text)
+    return folder
+
+
+def test_names_steer_neither_terminal_nor_page_and_stay_what_they_are(strange, capsys):
+    (strange / "record.csv").unlink()
+    assert main(["check", "project.toml"]) == 0
+    assert main(["run", "project.toml", "--out", "out"]) == 0
+    assert main(["init", "record.parquet", "--out", "new.toml"]) in (0, 2)
+    out, err = capsys.readouterr()
+    assert not STEERING.search(out + err)
+    assert "\\x1b[31m" in out
+    page = (strange / "out" / "report.html").read_text()
+    library = max(re.findall(r"<script.*?</script>", page, re.DOTALL), key=len)
+    page = page.replace(library, "")
+    assert not STEERING.search(page) and "<script>alert" not in page
+    for name in ("result.json", "curves.json"):
+        text = (strange / "out" / name).read_text()
+        assert not STEERING.search(text)
+    result = json.loads((strange / "out" / "result.json").read_text())
+    assert result["elements"][0]["output"] == STRANGE + "y"
+    plant = tomllib.loads((strange / "out" / "plant.toml").read_text())
+    assert plant["output"][0]["pv"] == STRANGE
+    assert main(["run", "out/plant.toml", "--out", "again"]) == 0
+    assert trueplant.load("again").headline.startswith("No change was found")
+
+
+def test_a_record_that_was_changed_is_not_taken_for_the_published_one(folder, monkeypatch):
+    monkeypatch.setenv("TRUEPLANT_DATA_DIR", str(folder))
+    (folder / "tclab_pid").mkdir()
+    (folder / "tclab_pid" / "openloop_01.csv").write_text("t,pv\n0,1\n")
+    with pytest.raises(SourceError, match="not the record that was published"):
+        datasets.path("tclab_pid/openloop_01.csv")
+
+
+# -- models beyond reason ------------------------------------------------------------------------------------------
+
+MODELS = {
+    "1e300/(10 s + 1)": "gain of about 1e+299",
+    "1e-300/(10 s + 1)": "gain of about 1e-301",
+    "2/(1e300 s + 1)": "time constant or dead time of about 1e+300",
+    "2/(1e-300 s + 1)": "time constant or dead time of about 1e-300",
+    "2 exp(-1e300 s)/(10 s + 1)": "time constant or dead time of about 1e+300",
+    "2/(10 s + 1)^500": "power 500 is too high",
+    "+".join(["2/(10 s + 1)"] * 200): "2000 is the most that is read",
+    "(" * 400 + "2" + ")" * 400 + "/(10 s + 1)": "nested deeper than",
+    "1e309/(10 s + 1)": "too large a number",
+    "2/0": "division by zero",
+    "exp(exp(-s))": "the argument of exp",
+}
+
+
+@pytest.mark.parametrize("formula", MODELS, ids=range(len(MODELS)))
+def test_models_beyond_reason_are_answered_at_once(formula, folder, capsys):
+    (folder / "project.toml").write_text(PROJECT.replace("2 exp(-2 s)/(10 s + 1)", formula))
+    before = contents(folder)
+    status = main(["run", "project.toml", "--out", "out"])
+    out, err = capsys.readouterr()
+    assert (status, out) == (2, "") and MODELS[formula] in err and len(err) < 1000, err
+    assert contents(folder) == before

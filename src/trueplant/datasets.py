@@ -142,6 +142,11 @@ def path(name: str) -> Path:
         file = Path(folder) / name
         if not file.is_file():
             raise SourceError(f"{name} is not in the folder {folder} that {VARIABLE} names: put it there, or unset it")
+        if _digest(file.read_bytes()) != REGISTRY[name].sha256:
+            raise SourceError(
+                f"{name} in the folder {folder} that {VARIABLE} names is not the record that was published: fetch it "
+                "again, or give it in the project as a file of your own"
+            )
         return file
     dataset = REGISTRY[name]
     if dataset.upstream is None or dataset.convert is None:

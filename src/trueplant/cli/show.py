@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from trueplant.printable import printable
 from trueplant.result import Element, Parameter, Result
 from trueplant.result.detectors_words import detector_lines
 from trueplant.result.methods_words import comparison_lines
@@ -30,21 +32,31 @@ def console() -> Console:
     return on_terminal if on_terminal.is_terminal else Console(highlight=False, soft_wrap=True, width=140)
 
 
+def say_lines(*lines: object) -> None:
+    """Print plain lines."""
+    print(*(printable(str(line)) for line in lines), sep="\n")
+
+
+def text(content: str, **style: Any) -> Text:
+    """For the terminal: names and messages may hold what came with the data."""
+    return Text(printable(content), **style)
+
+
 def show(result: Result, written: Sequence[Path]) -> None:
     """The headline, a table of the elements, what to know about the data, and the files written."""
     out = console()
-    out.print(Text(result.headline, style="bold"))
+    out.print(text(result.headline, style="bold"))
     if result.elements:
         out.print(elements_table(result))
-        out.print(Text(legend(result)))
+        out.print(text(legend(result)))
     for line in (loop_line(result), *settings_lines(result), *comparison_lines(result), *detector_lines(result)):
         if line:
-            out.print(Text(line))
+            out.print(text(line))
     for reason in (*result.reasons, *result.notes):
         where = f" ({reason.where})" if reason.where else ""
-        out.print(Text(f"{'refused' if reason in result.reasons else 'note'}{where}: {reason.message}"))
+        out.print(text(f"{'refused' if reason in result.reasons else 'note'}{where}: {reason.message}"))
     for path in written:
-        out.print(Text(str(path)))
+        out.print(text(str(path)))
 
 
 def elements_table(result: Result) -> Table:
@@ -75,13 +87,13 @@ def legend(result: Result) -> str:
 
 
 def _element_cells(element: Element) -> tuple[Text, Text, Text]:
-    name = Text(f"{element.input} -> {element.output}")
-    return name, Text(element.verdict, style=_STYLE.get(element.verdict, "")), Text(element.grade)
+    name = text(f"{element.input} -> {element.output}")
+    return name, text(element.verdict, style=_STYLE.get(element.verdict, "")), text(element.grade)
 
 
 def _parameter_cells(element: Element, parameter: Parameter | None) -> tuple[Text, ...]:
     if parameter is None:
-        return Text(""), Text(""), Text(element.reason), Text("")
+        return Text(""), Text(""), text(element.reason), Text("")
     unit = f" {parameter.unit}" if parameter.unit else ""
     model = "-" if parameter.model is None else number(parameter.model)
     if parameter.plant is None:
@@ -93,4 +105,4 @@ def _parameter_cells(element: Element, parameter: Parameter | None) -> tuple[Tex
     percent = "" if parameter.change_percent is None else f"{parameter.change_percent:+.1f} %"
     percent = f"{percent} *".strip() if parameter.changed else f"{percent}  "
     style = "bold" if parameter.changed else ""
-    return Text(parameter.name.replace("_", " ")), Text(model), Text(plant, style=style), Text(percent, style=style)
+    return text(parameter.name.replace("_", " ")), text(model), text(plant, style=style), text(percent, style=style)

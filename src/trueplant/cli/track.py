@@ -11,7 +11,7 @@ from rich.text import Text
 
 from trueplant.claims import claim_pair
 from trueplant.cli.analyse import REFUSED, saying
-from trueplant.cli.show import console
+from trueplant.cli.show import console, say_lines, text
 from trueplant.output import as_json, prepare_output, write_files
 from trueplant.project.project import Project
 from trueplant.result import Change, ElementHistory, Status, Track, TrackedElement
@@ -31,13 +31,13 @@ def track(path: Path, out: Path | None, json: bool, precision: float, force: boo
     with saying() as say:
         found = track(project, precision / 100, progress=say)
         say("writing the page")
-        text = as_json(found.to_dict())
-        written = write_files(folder, {JSON: text, PAGE: render(found)})
+        document = as_json(found.to_dict())
+        written = write_files(folder, {JSON: document, PAGE: render(found)})
     if json:
-        sys.stdout.write(text)
+        sys.stdout.write(document)
     else:
         show(found)
-        print(*written.values(), sep="\n")
+        say_lines(*written.values())
     return REFUSED if found.status == Status.REFUSED else 0
 
 
@@ -47,25 +47,25 @@ _STYLES = {ElementHistory.CONSTANT: "green", ElementHistory.NOT_IDENTIFIABLE: "y
 def show(track: Track) -> None:
     """The headline, a table of the elements, the refused stretches and what else to know."""
     out = console()
-    out.print(Text(track.headline, style="bold"))
+    out.print(text(track.headline, style="bold"))
     if track.elements:
         table = Table(box=SIMPLE_HEAD, pad_edge=False)
         for heading in ("element", "history", "windows", f"when ({track.time_unit})", "what changed"):
             table.add_column(heading, justify="right" if heading == "windows" else "left", overflow="fold")
         for element in track.elements:
             changes = [c for c in track.changes if (c.output, c.input) == (element.output, element.input)]
-            name = Text(f"{element.input} -> {element.output}")
+            name = text(f"{element.input} -> {element.output}")
             word = "step or drift" if element.history == ElementHistory.UNDECIDED else element.history
             style = _STYLES.get(element.history, "bold red")
-            cells = [_cells(c) for c in changes] or [(Text(""), Text(_standing(element) or element.reason))]
+            cells = [_cells(c) for c in changes] or [(Text(""), text(_standing(element) or element.reason))]
             for k, (when, what) in enumerate(cells):
-                first = (name, Text(word, style=style), Text(str(element.windows)))
+                first = (name, text(word, style=style), text(str(element.windows)))
                 table.add_row(*(first if k == 0 else (Text(""),) * 3), when, what)
         out.print(table)
     for names, file, spans, why in refused_stretches(track):
-        out.print(Text(f"refused: {names}, {file}, {spans} {track.time_unit}: {why}"))
+        out.print(text(f"refused: {names}, {file}, {spans} {track.time_unit}: {why}"))
     for reason in (*track.reasons, *track.notes):
-        out.print(Text(f"{'refused' if reason in track.reasons else 'note'}: {reason.message}"))
+        out.print(text(f"{'refused' if reason in track.reasons else 'note'}: {reason.message}"))
 
 
 def _standing(element: TrackedElement) -> str:
@@ -77,4 +77,4 @@ def _standing(element: TrackedElement) -> str:
 def _cells(change: Change) -> tuple[Text, Text]:
     low, high = map(time_text, change.interval)
     when = f"{low} to {high}" if change.time is None else f"{time_text(change.time)} ({low} to {high})"
-    return Text(when), Text(", ".join(moved_words(p) for p in change.parameters if p.changed))
+    return text(when), text(", ".join(moved_words(p) for p in change.parameters if p.changed))

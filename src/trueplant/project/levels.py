@@ -5,6 +5,12 @@ from __future__ import annotations
 MOST_SAMPLES = 50_000_000
 """Of a simulated record: one signal of it fills 0.4 GB of memory. More is a slip in duration or sample_time."""
 
+TIMES = (1e-9, 1e9)
+"""Time constants and dead times of a model, in its time unit: a nanosecond, and thirty years. Judgement."""
+
+GAINS = (1e-30, 1e30)
+"""Gains of a model: beyond, the squares of what a plant does are no numbers."""
+
 STEPS_PER_TIME_CONSTANT = 20
 """Steps of the simulator in the shortest time constant, where a continuous controller acts between the samples."""
 

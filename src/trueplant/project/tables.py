@@ -9,8 +9,9 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pydantic_core import PydanticCustomError
 
 from trueplant.errors import FormulaError
-from trueplant.lti import parse_pv, require_proper, tf
+from trueplant.lti import TransferFunction, parse_pv, require_proper, tf
 from trueplant.lti.structure import Structure
+from trueplant.project import levels
 from trueplant.tune import ALL_METHODS
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -47,10 +48,27 @@ Limits = Annotated[tuple[Finite, Finite], BeforeValidator(_as_tuple), AfterValid
 
 def _transfer_function(text: str | float) -> str | float:
     try:
-        require_proper(tf(text), "the transfer function")
+        system = tf(text)
+        require_proper(system, "the transfer function")
+        _require_reason(system)
     except FormulaError as error:
         raise problem(str(error)) from error
     return text
+
+
+def _require_reason(system: TransferFunction) -> None:
+    """Raise FormulaError for numbers that no plant has, and that arithmetic does not survive."""
+    times = [1 / abs(pole) for pole in system.poles if pole != 0] + [t.dead_time for t in system.terms if t.dead_time]
+    gains = [max(map(abs, term.num)) / max(map(abs, term.den)) for term in system.terms]
+    for name, values, (least, most) in (
+        ("time constant or dead time", times, levels.TIMES),
+        ("gain", gains, levels.GAINS),
+    ):
+        for value in values:
+            if not least <= value <= most:
+                raise FormulaError(
+                    f"a {name} of about {value:.3g} is beyond {least:g} to {most:g}: correct it, or choose other units"
+                )
 
 
 def _pv_formula(text: str) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trueplant.printable import printable
 from trueplant.report import known, levels, loops, retuned, tables, walk
 from trueplant.report.detected import detected
 from trueplant.report.frame import Book, Drawn, frame
@@ -78,6 +79,7 @@ def environment(*packages: str) -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        finalize=lambda value: printable(value) if type(value) is str else value,
     )
     made.filters |= {"number": number, "probability": probability, "label": label, "sentence": _sentence}
     made.filters |= {"entries": walk.entries, "as_table": walk.as_table}

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from trueplant.lti.structure import gain_unit
+from trueplant.printable import escaped_json
 from trueplant.report.loops import Cell, is_beyond
 from trueplant.report.numbers import MISSING, finite, number
 from trueplant.result import (
@@ -238,7 +239,7 @@ def _toml(loop: LoopRetuning, settings: ControllerSettings) -> str:
 def _toml_value(value: object) -> str | None:
     """None where there is nothing to write."""
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)  # a JSON string is a TOML string
+        return escaped_json(json.dumps(value, ensure_ascii=False))  # a JSON string is a TOML string
     return f"{value:.6g}" if isinstance(value, int | float) and math.isfinite(value) else None
 
 

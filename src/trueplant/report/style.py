@@ -13,6 +13,8 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from trueplant.printable import printable
+
 LIGHT = {
     "ink": "#1b1f24",
     "grid": "#dfe3e8",
@@ -66,7 +68,7 @@ LEFT, RIGHT, TOP, BOTTOM = 64, 14, 26, 48
 
 def inert(text: str) -> str:
     """User text for a figure: no pseudo-HTML and no hover-template fields."""
-    return html.escape(text, quote=False).replace("%{", "%&#123;")
+    return html.escape(printable(text), quote=False).replace("%{", "%&#123;")
 
 
 def shortened(text: str, length: int = 40) -> str:
