@@ -141,7 +141,7 @@ def test_two_delayed_terms_have_a_net_gain_although_neither_gain_is_known(tmp_pa
 
 
 def test_what_has_no_gain_has_no_delay(tmp_path):
-    """Of an element that the plant no longer has, the gain is known to be about zero, and its dynamics are not, for one reason or another."""
+    """Of an element that the plant no longer has the gain is known to be about zero; its dynamics are not known."""
     plant = two_loops.scaled(0, 1, 1e-4)
     two_loops.written(tmp_path, "record.csv", wood_berry(4, 2000, plant=plant))
     _, elements = known(two_loops.project(tmp_path, controller=two_loops.CONTROLLERS))
