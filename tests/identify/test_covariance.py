@@ -39,7 +39,7 @@ def fitted(seed: int, pole: float, order: int, samples: int = 600) -> RowFit:
 
 
 def test_variances_move_with_the_noise_model_as_finite_differences_say():
-    """To 8 %: with the noise model the initial states move as well, and the derivatives by lags with them."""
+    """To 6 %: with the noise model the initial states move as well, and the derivatives by lags with them."""
     fit = fitted(1, 0.9, 3)
     step = 1e-5
 
@@ -50,7 +50,7 @@ def test_variances_move_with_the_noise_model_as_finite_differences_say():
         return np.log(np.diag(np.linalg.inv(whole.information[:3, :3] + prior)))
 
     moves = [(log_variances(fit.ar + d) - log_variances(fit.ar - d)) / (2 * step) for d in step * np.eye(3)]
-    np.testing.assert_allclose(-2 * told_at(restriction_of(fit), fit.ar), np.column_stack(moves), rtol=0.08, atol=0.06)
+    np.testing.assert_allclose(-2 * told_at(restriction_of(fit), fit.ar), np.column_stack(moves), rtol=0.06, atol=0.06)
 
 
 def test_what_the_fit_takes_is_the_slope_of_a_log_determinant():
@@ -104,11 +104,8 @@ def test_restricted_likelihood_of_a_noise_model_is_that_of_dense_matrices():
 
     def dense(pole):
         white, left = lfilter([1, -pole], [1], columns, axis=0)[1:], lfilter([1, -pole], [1], errors)[1:]
-        prior = np.median(np.abs(np.diff(left))) / 0.95 * np.diag(np.sqrt(may_be / held.variance))
-        whole = np.vstack([white, prior])
-        both = np.append(left, np.zeros(2))
-        both = both - whole @ np.linalg.lstsq(whole, both, rcond=None)[0]
-        return len(left) * np.log(both @ both) + np.linalg.slogdet(white.T @ white + np.diag(may_be))[1]
+        left = left - white @ np.linalg.lstsq(white, left, rcond=None)[0]
+        return len(left) * np.log(left @ left) + np.linalg.slogdet(white.T @ white + np.diag(may_be))[1]
 
     def own(pole):
         point = evaluate(replace(held.row, restricted=restriction), TRUTH, np.array([-pole]), held.weights)
@@ -134,7 +131,7 @@ def test_restricted_likelihood_gives_slow_noise_back_what_the_fit_takes():
     """60 records of 300 samples with the pole 0.98, one loop: least squares forget it sooner."""
     fits = [fitted(seed, 0.98, 1, 300) for seed in range(60)]
     plain, given_back = (np.array([-fit.ar[0] for fit in some]) for some in (fits, [restricted(fit) for fit in fits]))
-    assert np.mean(given_back > plain) > 0.7
+    assert np.mean(given_back > plain) > 0.85
     assert abs(np.mean(given_back) - 0.98) < 0.8 * abs(np.mean(plain) - 0.98)
 
 

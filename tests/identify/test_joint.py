@@ -38,7 +38,7 @@ def crossed():
 def test_a_common_disturbance_foretold_by_one_output_helps_the_other(crossed):
     joint = fit_until_white([estimate.fit for estimate in crossed])
     assert joint is not None and joint.converged
-    assert whiteness_p(joint) > 0.01  # the order below it passes at 5 %
+    assert whiteness_p(joint) > 0.05
     z = [(t - true) / np.sqrt(np.diag(c)) for t, c, true in zip(joint.theta, joint.covariance, TRUTH, strict=True)]
     assert np.all(np.abs(z) < 3.5)
     alone = np.concatenate([(e.theta - true) / true for e, true in zip(crossed, TRUTH, strict=True)])

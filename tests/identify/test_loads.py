@@ -131,9 +131,7 @@ def test_what_a_load_gains_is_what_least_squares_gains():
             x = x / np.linalg.norm(x, axis=0)
             return np.sum((e - x @ np.linalg.lstsq(x, e, rcond=None)[0]) ** 2)
 
-        moved = np.zeros(whitening.errors.size)
-        moved[: whitening.count] = whitening.weight * whiten(fit.ar, answer)[whitening.use]
-        gain = (left() - left(moved)) / (left() / fit.left)
+        gain = (left() - left(whitening.weight * whiten(fit.ar, answer)[whitening.use])) / (left() / fit.left)
         assert best.gain == pytest.approx(gain, rel=1e-6)
 
 

@@ -276,8 +276,8 @@ def _alone(fit: RowFit, pieces: Sequence[Piece]) -> RowFit | None:
     if sum(int(row.measured(k)[1].sum()) for k in range(len(pieces))) <= _fewest(fit):
         return None
     row = row.without_unseen(fit.theta)
-    # There can be a minimum with a noise model that cancels a free response, and one without: hence one start from the
-    # noise of the whole record, and one from that of the stretch.
+    # A free response that a noise model cancels is left out (`identifiable_columns`): there can be a minimum with it
+    # and one without. Hence one start from the noise of the whole record, and one from that of the stretch.
     still = fit_row(row, fit.theta, np.zeros(0), free=np.zeros(fit.theta.size, dtype=bool))
     order = fit.ar.size
     starts = [fit.ar, fit_noise(still, order, order)]

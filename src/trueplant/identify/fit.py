@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +17,8 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.descent import Problem, descend
 from trueplant.identify.initial_state import Unknown
-from trueplant.identify.linear_algebra import eliminated_rows, inverse, remove
-from trueplant.identify.noise import filter_rows, level_of, whiten, whitened_valid
+from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse, remove
+from trueplant.identify.noise import filter_rows, whiten, whitened_valid
 from trueplant.identify.restricted import Moved, Restriction
 from trueplant.identify.row import Row
 
@@ -111,7 +110,7 @@ def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
     information, slope = np.zeros((size, size)), np.zeros(size)
     power = np.zeros((len(row.pieces), 2))
     for piece in linearised(row, theta, ar, weights):
-        power[piece.number] = piece.errors @ piece.errors, piece.count
+        power[piece.number] = piece.errors @ piece.errors, piece.errors.size
         information += piece.jacobian @ piece.jacobian.T
         slope += piece.jacobian @ piece.errors
     squares, count = float(power[:, 0].sum()), int(power[:, 1].sum())
@@ -136,20 +135,18 @@ class Linearised:
     """Of the piece."""
     use: slice | BoolArray
     """The prediction errors that there are."""
-    count: int
-    """Prediction errors: n_used."""
     errors: Array
-    """(n_used + n_z,) prediction errors, and then how far each unknown is off what it is expected to be."""
+    """(n_used,)"""
     jacobian: Array
-    """(size + order, n_used + n_z) of both by theta and ar."""
+    """(size + order, n_used) by theta and ar."""
     basis: Array
-    """(n_used + n_z, rank) what operating points and initial states span of both."""
+    """(n_used, rank) what operating points and initial states span."""
     moved: Array
     """(size, n) the output by theta."""
     unknown: Array
-    """(n_z, n) responses to operating points and initial states."""
+    """(n_z, n) responses to operating points and initial states, as far as they can be told."""
     largest: Array
-    """(n_z,) amplitude that each of them may have: the standard deviation of its prior."""
+    """(n_z,) amplitude that each of them may have."""
 
 
 def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[Linearised]:
@@ -165,55 +162,38 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[Li
         response, gradient = row.response_and_gradient(theta, k)
         unknown = row.unknown(theta, k)
         v = np.where(valid, y - response, 0.0)
-        amplitudes = _amplitudes(unknown, v, ar, use)
-        v = np.where(valid, v - unknown.columns @ amplitudes.values, 0.0)
-        errors = weights[k] * np.append(whiten(ar, v)[use], amplitudes.errors)
+        coefficients, basis = _weights_of_unknowns(unknown, v, ar, use)
+        v = np.where(valid, v - unknown.columns @ coefficients, 0.0)
+        errors = weights[k] * whiten(ar, v)[use]
         moved = np.ascontiguousarray(gradient.T)
-        unknown.add_gradient(amplitudes.values, moved)
-        jacobian = np.zeros((theta.size + order, errors.size))
-        count = errors.size - amplitudes.errors.size
-        _filter(-weights[k] * np.concatenate([[1.0], ar]), moved, use, jacobian[: theta.size, :], count)
-        for lag in range(1, order + 1):
-            jacobian[theta.size + lag - 1, :count] = weights[k] * v[order - lag : v.size - lag][use]
-        remove(amplitudes.basis, jacobian)
-        basis = amplitudes.basis.T
-        yield Linearised(k, use, count, errors, jacobian, basis, moved, unknown.rows, unknown.largest)
+        unknown.add_gradient(coefficients, moved)
+        jacobian = _jacobian(moved, v, weights[k], ar, use)
+        remove(basis.T, jacobian)
+        told = coefficients != 0
+        yield Linearised(k, use, errors, jacobian, basis, moved, unknown.rows[told], unknown.largest[told])
 
 
-def _filter(taps: Array, rows: Array, use: slice | BoolArray, out: Array, count: int) -> None:
-    """Rows (m, n) filtered, at the prediction errors that `use` picks, into the first `count` columns of `out`."""
-    if isinstance(use, slice):
-        filter_rows(taps, rows, use.start, count, out)
-        return
-    whole = np.empty((len(rows), use.size))
-    filter_rows(taps, rows, 0, use.size, whole)
-    out[:, :count] = np.compress(use, whole, axis=1)
+def _jacobian(moved: Array, v: Array, weight: float, ar: Array, use: slice | BoolArray) -> Array:
+    """(size + order, n_used) of the weighted prediction errors; `moved` (size, n) is what theta does to the output."""
+    order, size = ar.size, len(moved)
+    first = use.start if isinstance(use, slice) else 0
+    out = np.empty((size + order, v.size - order - first))
+    filter_rows(-weight * np.concatenate([[1.0], ar]), moved, first, out[:size])
+    for lag in range(1, order + 1):
+        out[size + lag - 1] = weight * v[order + first - lag : v.size - lag]
+    return out if isinstance(use, slice) else np.compress(use, out, axis=1)
 
 
-class _Amplitudes(NamedTuple):
-    """Of the unknowns of a piece, the most probable ones."""
+def _weights_of_unknowns(unknown: Unknown, v: Array, ar: Array, use: slice | BoolArray) -> tuple[Array, Array]:
+    """Weights (n_z,) of the unknowns in the output errors v (n,), 0 where not identifiable, and what they span.
 
-    values: Array
-    """(n_z,)"""
-    errors: Array
-    """(n_z,) how far each is off its prior, as a prediction error would count."""
-    basis: Array
-    """(rank, n_used + n_z) what they span of the prediction errors and of these."""
-
-
-def _amplitudes(unknown: Unknown, v: Array, ar: Array, use: slice | BoolArray, share: float = 1.0) -> _Amplitudes:
-    """The amplitudes that the output errors v (n,) tell beside their Gaussian priors, a share of `largest` wide.
-
-    A free response that the noise model cancels does not show in the prediction errors: by them alone it would take on
-    any amplitude, and the output errors with it.
+    The basis (n_used, rank) is that of the unknowns in the prediction errors that `use` picks.
     """
-    errors = whiten(ar, v)[use]
-    known = level_of(errors) / np.maximum(share * unknown.largest, np.finfo(float).tiny)
-    rows = np.zeros((known.size, errors.size + known.size))
-    _filter(np.concatenate([[1.0], ar]), unknown.rows, use, rows, errors.size)
-    rows[:, errors.size :] = np.diag(known)
-    values, basis = eliminated_rows(rows, np.append(errors, np.zeros(known.size)))
-    return _Amplitudes(values, -known * values, basis)
+    columns, errors = whiten(ar, unknown.columns)[use], whiten(ar, v)[use]
+    identifiable = identifiable_columns(columns, errors, unknown.largest)
+    weights = np.zeros(identifiable.size)
+    weights[identifiable], basis = eliminated(columns.T[identifiable].T, errors)
+    return weights, basis
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,14 +203,12 @@ class Whitening:
     ar: Array
     weight: float
     use: slice | BoolArray
-    count: int
-    """Prediction errors: n_used."""
     basis: Array
-    """(n_used + n_z, rank) what operating points and initial states span of prediction errors and prior."""
+    """(n_used, rank) what operating points and initial states span."""
     jacobian: Array
-    """(size + order, n_used + n_z) of both, without what those span."""
+    """(size + order, n_used) of the prediction errors, without what those span."""
     errors: Array
-    """(n_used + n_z,)"""
+    """(n_used,)"""
 
     @classmethod
     def of(cls, fit: RowFit) -> tuple[Whitening | None, ...]:
@@ -238,14 +216,12 @@ class Whitening:
         found: list[Whitening | None] = [None] * len(fit.row.pieces)
         for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
             weight = float(fit.weights[piece.number])
-            of_piece = piece.use, piece.count, piece.basis, piece.jacobian, piece.errors
-            found[piece.number] = cls(fit.ar, weight, *of_piece)
+            found[piece.number] = cls(fit.ar, weight, piece.use, piece.basis, piece.jacobian, piece.errors)
         return tuple(found)
 
     def __call__(self, responses: Array) -> Array:
-        """(m, n_used + n_z) what each of the responses (m, n), subtracted from PV, takes off the errors."""
-        filtered = np.zeros((len(responses), self.errors.size))
-        filtered[:, : self.count] = self.weight * whiten(self.ar, responses.T)[self.use].T
+        """(m, n_used) what each of the responses (m, n), subtracted from PV, takes off the prediction errors."""
+        filtered = self.weight * whiten(self.ar, responses.T)[self.use].T
         return np.asarray(filtered - (filtered @ self.basis) @ self.basis.T)
 
 
@@ -370,8 +346,7 @@ def residuals(fit: RowFit) -> list[tuple[Array, Array, BoolArray]]:
         e = np.full(y.size, np.nan)
         if y.size > order + 1 and (use := whitened_valid(order, valid)).any():
             unknown = row.unknown(fit.theta, k)
-            # what hardly shows is not taken off: it would be read as a disturbance
-            v = v - unknown.columns @ _amplitudes(unknown, v, fit.ar, use, levels.SHOWN_SHARE).values
+            v = v - unknown.columns @ _weights_of_unknowns(unknown, v, fit.ar, use)[0]
             e[order:][use] = whiten(fit.ar, np.where(valid, v, 0.0))[use]
         out.append((np.where(valid, v, np.nan), e, np.isfinite(e)))
     return out

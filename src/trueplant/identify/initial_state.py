@@ -95,9 +95,9 @@ class Past(NamedTuple):
     every: int
     h: float
     spread: float
-    """Standard deviation of PV, in the piece where it moves most."""
+    """Standard deviation of PV."""
     input_spread: Array
-    """(n_elements,) of the input of each element, likewise."""
+    """(n_elements,) of the input of each element."""
 
     @property
     def span(self) -> float:
@@ -117,7 +117,7 @@ def _unknown(theta: Array, modes: Modes, past: Past, span: float) -> tuple[Array
     n = -(-past.size // past.every)
     rows, derivatives = np.zeros((1 + starts * count + jumps, n)), np.zeros((starts * moved, n))
     of, by = np.empty(starts * moved, dtype=np.int64), np.empty(starts * moved, dtype=np.int64)
-    largest = np.full(rows.shape[0], levels.LARGEST_FREE_RESPONSE * past.spread)
+    largest = np.full(rows.shape[0], past.spread)
     rows[0] = 1.0
     for k in range(starts):
         row, derivative = 1 + k * count, k * moved
@@ -137,7 +137,7 @@ def _unknown(theta: Array, modes: Modes, past: Past, span: float) -> tuple[Array
             # At the start OP's operating point is not known; after a gap the level.
             rows[row, seen:] = np.ones(t.size) if past.starts[k] > 0 else t / span
             row += 1
-        largest[1 + k * count : row] = np.maximum(_largest(theta, modes, past, span), largest[0])
+        largest[1 + k * count : row] = np.maximum(_largest(theta, modes, past, span), past.spread)
     for k in range(jumps):
         rows[1 + starts * count + k, -(-past.jumps[k] // past.every) :] = 1.0
     return rows, largest, derivatives, of, by
@@ -159,7 +159,7 @@ def _largest(theta: Array, modes: Modes, past: Past, span: float) -> Array:
     for k, place in enumerate(modes.pairs):
         out[modes.lags.size + 2 * k : modes.lags.size + 2 * k + 2] *= driven[modes.element[place]]
     for k, element in enumerate(modes.integrating):
-        out[modes.lags.size + 2 * modes.pairs.size + k] *= driven[element] * span
+        out[modes.lags.size + 2 * modes.pairs.size + k] = driven[element] * span
     return out
 
 

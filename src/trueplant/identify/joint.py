@@ -19,7 +19,7 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.descent import Descent, Problem, descend
 from trueplant.identify.fit import RowFit, residuals
-from trueplant.identify.linear_algebra import eliminated, inverse
+from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse
 from trueplant.identify.noise import lagged, whitened_valid
 from trueplant.identify.portmanteau import correlogram
 from trueplant.identify.row import Row
@@ -51,8 +51,6 @@ class _Errors:
     plain: tuple[Array, ...]
     """(n - order, n_y) of each piece, 0 where they do not exist."""
     exist: tuple[BoolArray, ...]
-    prior: float
-    """What operating points and initial states off their priors add to -2 log likelihood."""
     information: Array
     """(size, size) of theta and ar, one after the other."""
     slope: Array
@@ -92,7 +90,7 @@ class _Point:
     def cost(self) -> float:
         """-2 log likelihood up to a constant."""
         prior = sum(row.prior.penalty(part) for row, part in zip(self.rows, self._parts, strict=True))
-        return float(self.count * np.linalg.slogdet(self.sigma)[1] + prior + self.errors.prior)
+        return float(self.count * np.linalg.slogdet(self.sigma)[1] + prior)
 
     @property
     def _parts(self) -> list[Array]:
@@ -142,7 +140,7 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
         return _Point.at(rows, x[: theta.size], x[theta.size :].reshape(ar.shape), root)
 
     initial = np.concatenate([theta, ar.ravel()])
-    point = at(initial, np.diag([max(fit.variance, np.finfo(float).tiny) ** -0.5 for fit in fits]))
+    point = at(initial, np.eye(n))
     if point.count < 2 * size:
         return None
     problem = Problem(
@@ -163,7 +161,7 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
     places = [slice(int(end) - row.size, int(end)) for row, end in zip(rows, ends, strict=True)]
     size = theta.size + ar.size
     information, slope = np.zeros((size, size)), np.zeros(size)
-    errors, exist, prior = [], [], 0.0
+    errors, exist = [], []
     for k in range(len(rows[0].pieces)):
         measured = [row.measured(k) for row in rows]
         whole = np.all([ok for _, ok in measured], axis=0)
@@ -181,11 +179,10 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
         filtered = [_filtered(ar, z, i) for i, z in enumerate(nuisance)]
         columns = _stacked(root, np.concatenate(filtered, axis=2), use)
         e = _stacked(root, _prediction_errors(ar, v)[:, :, None], use)[:, 0]
-        known = 1 / np.maximum(np.concatenate([of_row.largest for of_row in unknown]), np.finfo(float).tiny)
-        values, basis = eliminated(np.vstack([columns, np.diag(known)]), np.append(e, np.zeros(known.size)))
-        off_prior = -known * values
-        prior += float(off_prior @ off_prior)
-        weights = np.split(values, np.cumsum([z.shape[1] for z in nuisance])[:-1])
+        identifiable = identifiable_columns(columns, e[::n_y], np.concatenate([of_row.largest for of_row in unknown]))
+        columns, all_weights = columns[:, identifiable], np.zeros(identifiable.size)
+        all_weights[identifiable], basis = eliminated(columns, e)
+        weights = np.split(all_weights, np.cumsum([z.shape[1] for z in nuisance])[:-1])
         v -= np.column_stack([z @ w for z, w in zip(nuisance, weights, strict=True)])
         v[~whole] = 0.0
         plain = _prediction_errors(ar, v)
@@ -202,11 +199,11 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
         for i in range(n_y):
             of_ar[:, i, :, i, :] = past
         jacobian[:, :, theta.size :] = of_ar.reshape(n - order, n_y, -1)
-        J = np.vstack([_stacked(root, jacobian, use), np.zeros((known.size, size))])
+        J = _stacked(root, jacobian, use)
         J -= basis @ (basis.T @ J)
         information += J.T @ J
-        slope += J.T @ np.append(_stacked(root, plain[:, :, None], use)[:, 0], off_prior)
-    return _Errors(tuple(errors), tuple(exist), prior, information, slope)
+        slope += J.T @ _stacked(root, plain[:, :, None], use)[:, 0]
+    return _Errors(tuple(errors), tuple(exist), information, slope)
 
 
 def _finished(rows: Sequence[Row], found: Descent[_Point]) -> JointFit:

@@ -27,18 +27,14 @@ MOST_JOINED = 60
 """Segments in one piece: each costs a free response."""
 QUIET_SAMPLES = 20
 """A record starts at rest only if the inputs stood still for this many samples."""
-LARGEST_FREE_RESPONSE = 100.0
-"""Standard deviation of what is expected of operating points, free responses and loads, in standard deviations of PV
-or of the forced response of their element. Wide, so that it counts only where the record says nothing: an oven that is
-held within a degree may have come from 60 of them."""
-SHOWN_SHARE = 0.03
-"""The share of it where the output errors are told from starts for their own sake: three standard deviations."""
+LARGEST_FREE_RESPONSE = 3.0
+"""Amplitude that a free response may have, in standard deviations of the forced response of its element."""
 FREE_RESPONSE_GONE = 40.0
 """Time constants after which nothing is left of a free response, to rounding."""
 LOST = 1e-7
 """Directions whose singular value is below this share of the largest are lost in rounding."""
-LEVEL_SAMPLES = 1000
-"""Prediction errors from which their size is estimated for the priors of starts: to 5 %, and no more is needed."""
+LEVEL_SAMPLES = 5000
+"""Prediction errors from which their size is estimated: more of them change nothing."""
 NORMAL_MOVE = 0.95
 """Median of |e[k] - e[k - 1]| over the standard deviation of white normal e: 0.6745 sqrt(2)."""
 EXACT = 1e-24

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 
 
@@ -39,12 +39,12 @@ def orthonormal(columns: Array) -> Array:
 
 def eliminated(columns: Array, target: Array) -> tuple[Array, Array]:
     """Least-squares weights (m,) of the columns (n, m) for the target (n,), and a basis (n, rank) of what they span."""
-    weights, basis = eliminated_rows(np.array(columns.T, dtype=float, order="C"), np.ascontiguousarray(target))
+    weights, basis = _eliminated(np.array(columns.T, dtype=float, order="C"), np.ascontiguousarray(target))
     return weights, basis.T
 
 
 @njit(cache=True)
-def eliminated_rows(rows: Array, target: Array) -> tuple[Array, Array]:
+def _eliminated(rows: Array, target: Array) -> tuple[Array, Array]:
     """The same with rows (m, n), which it overwrites, and a basis (rank, n)."""
     m = rows.shape[0]
     norms = np.array([np.sqrt(_dot(rows[k], rows[k])) for k in range(m)])
@@ -104,3 +104,24 @@ def _dot(a: Array, b: Array) -> float:
     for k in range(a.size):
         total += a[k] * b[k]
     return total
+
+
+def identifiable_columns(columns: Array, errors: Array, largest: Array) -> BoolArray:
+    """Which columns (n, m) have an amplitude that the errors (n,) determine to better than its largest value (m,).
+
+    A free response that the noise model cancels does not show in the prediction errors: left in, it would take on any
+    amplitude, and the output errors with it.
+    """
+    found: BoolArray = _identifiable(np.ascontiguousarray(columns.T), np.ascontiguousarray(errors), largest)
+    return found
+
+
+@njit(cache=True)
+def _identifiable(rows: Array, errors: Array, largest: Array) -> BoolArray:
+    """The same of rows (m, n)."""
+    moves = np.abs(np.diff(errors)[:: 1 + max(errors.size - 1, 0) // levels.LEVEL_SAMPLES])
+    level = np.median(moves) / levels.NORMAL_MOVE if moves.size else 0.0
+    out = np.empty(rows.shape[0], dtype=np.bool_)
+    for m in range(rows.shape[0]):
+        out[m] = np.sqrt(_dot(rows[m], rows[m])) * largest[m] > level
+    return out

@@ -113,8 +113,8 @@ class _Piece:
     """One piece of a fit, ready for what loads would explain of its prediction errors."""
 
     def __init__(self, fit: RowFit, number: int, whitening: Whitening, part: slice, explained: Array) -> None:
-        """`part` of all errors are its own, and orthonormal rows `explained` (m, n_used + n_z) explained otherwise."""
-        self._part, self._use, self._errors = part, whitening.use, whitening.count
+        """`part` of all errors are its own, and orthonormal rows `explained` (m, n_used) explained otherwise."""
+        self._part, self._use = part, whitening.use
         row, piece = fit.row, fit.row.pieces[number]
         self._experiment, self._start, self._h = piece.experiment, piece.start, piece.h * row.stride
         self._taps = np.concatenate([[1.0], fit.ar])
@@ -137,9 +137,9 @@ class _Piece:
             self._shapes[spec.column] = spectrum, np.where(told, left, 0.0)
 
     def _laid(self, rows: Array) -> Array:
-        """Rows (m, n_used + n_z): the prediction errors where they belong among all samples (m, n)."""
+        """Rows (m, n_used) of prediction errors where they belong among all samples (m, n)."""
         out = np.zeros((len(rows), self._count))
-        out[:, self._taps.size - 1 :][:, self._use] = rows[:, : self._errors]
+        out[:, self._taps.size - 1 :][:, self._use] = rows
         return out
 
     def seen(self, e: Array, variance: float) -> list[_Seen]:
@@ -151,7 +151,7 @@ class _Piece:
         return found
 
     def single(self, e: Array, least: float) -> Array:
-        """(n_used + n_z,) what single samples, misread or hit, explain; more than `least` each."""
+        """(n_used,) what single samples, misread or hit by an error of their own, explain; more than `least` each."""
         whole, out = self._laid(e[None, self._part])[0], np.zeros(self._count)
         for taps in (np.ones(1), self._taps):
             size = float(taps @ taps)
@@ -159,6 +159,4 @@ class _Piece:
             squares = sizes**2 * size
             peak = (squares > least) & (squares == maximum_filter1d(squares, 2 * taps.size - 1))
             out += np.convolve(np.where(peak, sizes, 0.0), taps)[: self._count]
-        explained = np.zeros(self._part.stop - self._part.start)
-        explained[: self._errors] = out[self._taps.size - 1 :][self._use]
-        return explained
+        return np.asarray(out[self._taps.size - 1 :][self._use])

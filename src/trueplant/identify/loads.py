@@ -85,8 +85,7 @@ def found_loads(fits: Fits) -> list[FoundLoad]:
             unknown = fit.row.unknown(fit.theta, k).columns
             y, valid = fit.row.measured(k)
             output = np.where(valid, y - fit.row.response(fit.theta, k), 0.0)
-            moved = -part.jacobian[:, : part.count].T
-            columns = fit.weights[k] * np.column_stack([whiten(fit.ar, unknown)[part.use], moved])
+            columns = fit.weights[k] * np.column_stack([whiten(fit.ar, unknown)[part.use], -part.jacobian.T])
             weights = np.linalg.lstsq(columns, fit.weights[k] * whiten(fit.ar, output)[part.use], rcond=1e-10)[0]
             variances = fit.variance * np.diag(inverse(columns.T @ columns))
             first = unknown.shape[1] - len(loads)

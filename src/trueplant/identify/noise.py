@@ -9,7 +9,6 @@ import numpy as np
 from numba import njit
 
 from trueplant.arrays import Array, BoolArray
-from trueplant.identify import levels
 
 BLOCK = 1024
 """Samples that are filtered at a time."""
@@ -19,17 +18,17 @@ def whiten(ar: Array, x: Array) -> Array:
     """``x[k] + a1 x[k-1] + ... `` along the first axis of x (n,) or (n, m), without the first len(ar) samples."""
     rows = np.ascontiguousarray(x.T, dtype=float).reshape(-1, len(x))
     out = np.empty((len(rows), max(rows.shape[1] - len(ar), 0)))
-    filter_rows(np.concatenate([[1.0], ar]), rows, 0, out.shape[1], out)
+    filter_rows(np.concatenate([[1.0], ar]), rows, 0, out)
     return out[0] if x.ndim == 1 else out.T
 
 
 @njit(cache=True)
-def filter_rows(taps: Array, rows: Array, first: int, n: int, out: Array) -> None:
-    """``taps[0] x[k] + taps[1] x[k-1] + ...`` of rows x (m, N) for n samples from k = len(taps) - 1 + first on.
+def filter_rows(taps: Array, rows: Array, first: int, out: Array) -> None:
+    """``taps[0] x[k] + taps[1] x[k-1] + ...`` of rows x (m, N) into (m, n), from sample k = len(taps) - 1 + first on.
 
-    Into the first n columns of `out`. In blocks that stay in the fastest cache, tap by tap.
+    In blocks that stay in the fastest cache, tap by tap.
     """
-    p = taps.size - 1
+    p, n = taps.size - 1, out.shape[1]
     for i in range(out.shape[0]):
         for begin in range(0, n, BLOCK):
             end = min(begin + BLOCK, n)
@@ -39,12 +38,6 @@ def filter_rows(taps: Array, rows: Array, first: int, n: int, out: Array) -> Non
                 past = rows[i, begin + first + p - tap : end + first + p - tap]
                 for k in range(block.size):
                     block[k] += taps[tap] * past[k]
-
-
-def level_of(errors: Array) -> float:
-    """Standard deviation of white errors (n,), by how they move: levels and slow responses do not touch it."""
-    moves = np.abs(np.diff(errors)[:: 1 + max(errors.size - 1, 0) // levels.LEVEL_SAMPLES])
-    return float(np.median(moves)) / levels.NORMAL_MOVE if moves.size else 0.0
 
 
 @njit(cache=True)

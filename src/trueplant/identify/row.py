@@ -173,7 +173,7 @@ class Row:
             structure = self.specs[m].structure
             answers.append(structure.response_and_gradient(theta[part], course, piece.h, hold, self.stride))
             places.append(part)
-            largest.append(levels.LARGEST_FREE_RESPONSE * self._input_spread[load.column])
+            largest.append(levels.LARGEST_FREE_RESPONSE * float(piece.input_spread[load.column]))
         return found.including(answers, places, largest)
 
     def loads(self, k: int) -> list[tuple[Load, int]]:
@@ -203,15 +203,9 @@ class Row:
         )
 
     @cached_property
-    def _input_spread(self) -> Array:
-        """(n_columns,) standard deviation of each input in the piece where it moves most."""
-        return np.asarray(np.max([piece.input_spread for piece in self.pieces], axis=0))
-
-    @cached_property
     def _pasts(self) -> tuple[Past, ...]:
         """Of each piece."""
         columns = [spec.column for spec in self.specs]
-        spread = max((piece.spread for piece in self.pieces), default=0.0)
         return tuple(
             Past(
                 np.array([*([] if self.rests(k) else [0]), *piece.restarts], dtype=np.int64),
@@ -219,8 +213,8 @@ class Row:
                 piece.y.size,
                 self.stride,
                 piece.h,
-                spread,
-                self._input_spread[columns],
+                piece.spread,
+                piece.input_spread[columns],
             )
             for k, piece in enumerate(self.pieces)
         )
