@@ -22,40 +22,11 @@ import pytest
 import tomlkit
 
 import trueplant
+from support.command import ENVIRONMENT, PROJECT
 from trueplant import datasets
 from trueplant.cli import main
 from trueplant.errors import SourceError
 from trueplant.record import levels
-
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(trueplant.__file__).parents[1])}
-PROJECT = """\
-time_unit = "s"
-[data]
-files = ["record.csv"]
-time = "t"
-[[output]]
-name = "y"
-pv = "pv"
-sp = "sp"
-[[input]]
-name = "u"
-op = "op"
-[[model]]
-output = "y"
-input = "u"
-tf = "2 exp(-2 s)/(10 s + 1)"
-[[controller]]
-input = "u"
-output = "y"
-Kc = 0.8
-Ti = 8.0
-sample_time = 0.5
-[simulate]
-duration = 300
-sample_time = 0.5
-noise = 0.02
-setpoints = [{time = 5, output = "y", value = 1}, {time = 100, output = "y", value = -1}]
-"""
 
 
 @pytest.fixture(scope="module")

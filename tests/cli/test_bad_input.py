@@ -14,38 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import trueplant
+from support.command import ENVIRONMENT, PROJECT
 from trueplant.cli import main
 
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(trueplant.__file__).parents[1])}
-PROJECT = """\
-time_unit = "s"
-[data]
-files = ["record.csv"]
-time = "t"
-[[output]]
-name = "y"
-pv = "pv"
-sp = "sp"
-[[input]]
-name = "u"
-op = "op"
-[[model]]
-output = "y"
-input = "u"
-tf = "2 exp(-2 s)/(10 s + 1)"
-[[controller]]
-input = "u"
-output = "y"
-Kc = 0.8
-Ti = 8.0
-sample_time = 0.5
-[simulate]
-duration = 300
-sample_time = 0.5
-noise = 0.02
-setpoints = [{time = 5, output = "y", value = 1}, {time = 100, output = "y", value = -1}]
-"""
 Change = Callable[[Path], None]
 
 
