@@ -23,9 +23,7 @@ import tomlkit
 
 import trueplant
 from support.command import ENVIRONMENT, PROJECT
-from trueplant import datasets
 from trueplant.cli import main
-from trueplant.errors import SourceError
 from trueplant.record import levels
 
 
@@ -519,14 +517,6 @@ def test_names_steer_neither_terminal_nor_page_and_stay_what_they_are(strange, c
     assert plant["output"][0]["pv"] == STRANGE
     assert main(["run", "out/plant.toml", "--out", "again"]) == 0
     assert trueplant.load("again").headline.startswith("No change was found")
-
-
-def test_a_record_that_was_changed_is_not_taken_for_the_published_one(folder, monkeypatch):
-    monkeypatch.setenv("TRUEPLANT_DATA_DIR", str(folder))
-    (folder / "tclab_pid").mkdir()
-    (folder / "tclab_pid" / "openloop_01.csv").write_text("t,pv\n0,1\n")
-    with pytest.raises(SourceError, match="not the record that was published"):
-        datasets.path("tclab_pid/openloop_01.csv")
 
 
 # -- models beyond reason ------------------------------------------------------------------------------------------

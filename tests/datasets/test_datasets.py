@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from hashlib import sha256
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import unquote
@@ -55,10 +56,15 @@ def _url(name: str) -> str:
 
 
 def test_folder_comes_first(tmp_path, monkeypatch):
+    name = "refinery/FIC10201_1018.csv"
     (tmp_path / "refinery").mkdir()
-    (tmp_path / "refinery" / "FIC10201_1018.csv").write_text("t\n")
+    (tmp_path / name).write_text("t\n")
     monkeypatch.setenv(datasets.VARIABLE, str(tmp_path))
-    assert datasets.path("refinery/FIC10201_1018.csv") == tmp_path / "refinery" / "FIC10201_1018.csv"
+    with pytest.raises(tp.SourceError, match="not the record that was published"):
+        datasets.path(name)
+    published = replace(datasets.REGISTRY[name], sha256=sha256(b"t\n").hexdigest())
+    monkeypatch.setitem(datasets.REGISTRY, name, published)
+    assert datasets.path(name) == tmp_path / name
     with pytest.raises(tp.SourceError, match=f"{OVEN} is not in the folder"):
         datasets.path(OVEN)
 
