@@ -439,6 +439,13 @@ def test_a_stray_cell_of_a_workbook_is_named(cell, folder, capsys):
     refused(["check", "project.toml"], capsys, "record.xlsx", f"row {int(row):,}", "delete stray cells")
 
 
+@pytest.mark.parametrize("place", ["Atrue157", "AAAAAAAAAA1", "A99999999999", "A-1", ""])
+def test_a_place_that_is_none_does_not_end_the_process(place, folder, capsys):
+    workbook(folder / "record.xlsx", b'<row><c r="%s"><v>1</v></c></row>' % place.encode())
+    (folder / "project.toml").write_text(PROJECT.replace("record.csv", "record.xlsx"))
+    refused(["check", "project.toml"], capsys, "not a readable Excel workbook", "no place of a cell")
+
+
 def test_a_workbook_that_unpacks_to_more_than_memory_is_refused(folder, capsys, monkeypatch):
     workbook(folder / "record.xlsx", b" " * 10_000_000)
     assert (folder / "record.xlsx").stat().st_size < 200_000

@@ -83,12 +83,16 @@ def _check_extent(source: Source) -> None:
 
 
 def _check_sheet(source: Source, name: str, sheet: IO[bytes]) -> None:
+    """Raise DataError for a sheet with cells too far away, ValueError for places that are none: the library trusts all."""
     row, column, left = 0, 0, b""
     while piece := sheet.read(1 << 22):
-        for letters, number in set(_CELL.findall(left + piece)):
-            row = max(row, int(number))
-            column = max(column, _column(letters))
-        left = piece[-32:]
+        for place in set(_PLACE.findall(left + piece)):
+            found = _REFERENCE.fullmatch(place)
+            if found is None:
+                raise ValueError(f"{place[:20].decode(errors='replace')!r} is no place of a cell")
+            row = max(row, int(found["row"]))
+            column = max(column, _column(found["column"] or b""))
+        left = piece[-256:]
         if row * column > levels.MOST_SHEET_CELLS:
             raise DataError(
                 f"{source.name} ({name}) has cells as far as row {row:,} and column {column:,}, and "
@@ -97,7 +101,8 @@ def _check_sheet(source: Source, name: str, sheet: IO[bytes]) -> None:
             )
 
 
-_CELL = re.compile(rb'<c [^>]*?r="([A-Z]{1,3})(\d{1,7})"')
+_PLACE = re.compile(rb"""<(?:\w+:)?(?:c|row|dimension)\b[^<>]{0,200}?\s(?:r|ref)\s*=\s*["']([^"'<>]*)["']""")
+_REFERENCE = re.compile(rb"(?:[A-Z]{1,3}\d{1,7}:)?(?P<column>[A-Z]{1,3})?(?P<row>\d{1,7})")
 
 
 def _column(letters: bytes) -> int:
