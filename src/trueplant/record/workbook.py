@@ -83,7 +83,7 @@ def _check_extent(source: Source) -> None:
 
 
 def _check_sheet(source: Source, name: str, sheet: IO[bytes]) -> None:
-    """Raise DataError for a sheet with cells too far away, ValueError for places that are none: the library trusts all."""
+    """Raise DataError for cells too far away, ValueError for places that are none: the library trusts them all."""
     row, column, left = 0, 0, b""
     while piece := sheet.read(1 << 22):
         for place in set(_PLACE.findall(left + piece)):
