@@ -405,6 +405,15 @@ def test_columns_that_are_no_times_are_named(kind, folder, capsys):
     refused(["check", "project.toml"], capsys, "record.parquet", "'t'", words)
 
 
+@pytest.mark.parametrize("cell", ["", "1e300", "99999999999999999999"])
+def test_a_moment_that_is_none_is_one_row_or_one_message(cell, folder, capsys):
+    column(folder, "t", lambda k, _: cell if k == 5 else NOTATIONS["20240301220000"](k))
+    status = main(["check", "project.toml"])
+    out, err = capsys.readouterr()
+    assert status == (2 if cell else 0), out + err
+    assert "1 row without a time" in out if status == 0 else err.count("\n") == 1
+
+
 def test_the_time_is_no_signal(folder, capsys):
     (folder / "project.toml").write_text(PROJECT.replace('pv = "pv"', 'pv = "t"'))
     refused(["check", "project.toml"], capsys, "'t' is named as time and as a signal")

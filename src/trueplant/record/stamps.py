@@ -85,16 +85,18 @@ def _plausible(read: Callable[[Array], Array], known: Array) -> bool:
 
 def _calendar(values: Array) -> Array:
     """Seconds of numbers such as 20240301001500, 202403010015 and 20240301; NaN where the digits are no date."""
-    digits = np.log10(np.maximum(np.abs(values), 1.0)).astype(int) + 1
-    length = int(digits[np.isfinite(values)][0]) if np.isfinite(values).any() else 0
-    if length not in _LENGTHS or np.any(values[np.isfinite(values)] % 1 != 0):
+    known = np.isfinite(values)
+    digits = np.floor(np.log10(np.where(known, np.maximum(np.abs(values), 1.0), 1.0))) + 1
+    length = int(digits[known][0]) if known.any() else 0
+    if length not in _LENGTHS or np.any(values[known] % 1 != 0):
         return np.full(values.shape, np.nan)
-    padded = np.where(np.isfinite(values), values, 0.0).astype(np.int64) * 10 ** (14 - length)
+    known &= digits == length
+    padded = np.where(known, values, 0.0).astype(np.int64) * 10 ** (14 - length)
     parts = [padded // 10**k % 100 for k in (0, 2, 4, 6, 8)]
     second, minute, hour, day, month = parts
     year = padded // 10**10
     good = (month >= 1) & (month <= 12) & (day >= 1) & (hour < 24) & (minute < 60) & (second < 60)
-    good &= (year >= 1900) & (year < 2200) & (digits == length) & np.isfinite(values)
+    good &= (year >= 1900) & (year < 2200) & known
     months = (12 * (np.where(good, year, 1970) - 1970) + np.where(good, month, 1) - 1).astype("datetime64[M]")
     days = months.astype("datetime64[D]") + (np.where(good, day, 1) - 1)
     good &= days.astype("datetime64[M]") == months
