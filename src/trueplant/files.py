@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from trueplant.errors import TrueplantError
 
@@ -12,21 +15,35 @@ MISSING = "correct the path (in a project file it is relative to that file)"
 
 
 def contents(file: Path, error: type[TrueplantError], missing: str = MISSING) -> bytes:
-    """All of a regular file, opened once. Raises `error` (what it is, what to do) for anything else.
+    """All of a regular file. Raises what `opened` raises."""
+    with opened(file, error, missing) as handle:
+        return handle.read()
+
+
+@contextmanager
+def opened(file: Path, error: type[TrueplantError], missing: str = MISSING) -> Iterator[BinaryIO]:
+    """A regular file, opened once to be read. Raises `error` (what it is, what to do) for anything else.
 
     A pipe would be waited for, and a device might never end.
     """
     try:
         _check(file, os.stat(file), error)
-        handle = os.open(file, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-        with os.fdopen(handle, "rb") as opened:
-            _check(file, os.fstat(handle), error)  # it may have been exchanged meanwhile
-            return opened.read()
+        number = os.open(file, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except FileNotFoundError:
         raise error(f"{shortened(file)} does not exist; {missing}") from None
-    except (OSError, ValueError) as failed:
-        reason = getattr(failed, "strerror", None) or failed
-        raise error(f"{shortened(file)} cannot be read ({reason}); check the file and its permissions") from None
+    except (OSError, ValueError) as failed:  # a path with a zero in it is a wrong value
+        raise _unreadable(file, error, failed) from None
+    with os.fdopen(number, "rb") as handle:
+        _check(file, os.fstat(number), error)  # it may have been exchanged meanwhile
+        try:
+            yield handle
+        except OSError as failed:
+            raise _unreadable(file, error, failed) from None
+
+
+def _unreadable(file: Path, error: type[TrueplantError], failed: Exception) -> TrueplantError:
+    reason = getattr(failed, "strerror", None) or failed
+    return error(f"{shortened(file)} cannot be read ({reason}); check the file and its permissions")
 
 
 def _check(file: Path, status: os.stat_result, error: type[TrueplantError]) -> None:

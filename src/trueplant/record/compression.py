@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
@@ -19,29 +21,42 @@ def filled_in(t: Array, y: Array, step: float = 0.0, steered: BoolArray | None =
     """
     if y.size < levels.SLOPES:
         return 0.0
-    unit = max(resolution(y), step)
-    steps, rises = np.diff(t), np.diff(y)
-    slope = rises / steps
-    # on an even grid the second difference: twice the distance from the chord between the neighbours
-    bend = np.abs(np.diff(slope)) * 2 * steps[1:] * steps[:-1] / (steps[1:] + steps[:-1])
-    rising = np.minimum(np.abs(rises[1:]), np.abs(rises[:-1])) > levels.FLAT * unit
-    line = (bend <= levels.ON_LINE * unit) & rising
+    rising, bent, corner, steepest = _shape(t, y, max(resolution(y), step))
+    line = rising & ~bent
     begin, length = true_runs(line)
-    corner = np.concatenate([[True], bend > levels.CORNER * unit, [True]])
-    sharp = corner[begin] & corner[begin + length + 1]
+    ends = np.concatenate([[True], corner, [True]])
+    sharp = ends[begin] & ends[begin + length + 1]
     begin, length = begin[sharp], length[sharp]
-    if begin.size == 0 or np.unique(np.round(slope[begin] / np.max(np.abs(slope)), 4)).size < levels.SLOPES:
+    slope = (y[begin + 1] - y[begin]) / (t[begin + 1] - t[begin])
+    if begin.size == 0 or np.unique(np.round(slope / steepest, 4)).size < levels.SLOPES:
         return 0.0
-    found, near = (
-        spread(begin, length, line.size),
-        (bend > levels.ON_LINE * unit) & (bend <= levels.CORNER * unit) & rising,
-    )
+    found, near = spread(begin, length, line.size), rising & bent & ~corner
     if steered is not None:
         near &= steered[1:] & steered[:-1]
         found, rising = found & _unexplained(line, steered), rising & (steered[1:] | steered[:-1])
     # so many bends would be below ON_LINE by chance if bends were spread evenly up to CORNER
     expected = np.sum(near) * levels.ON_LINE / (levels.CORNER - levels.ON_LINE)
     return float(np.sum(found) / np.sum(rising)) if np.sum(found) > levels.ABOVE_CHANCE * expected else 0.0
+
+
+def _shape(t: Array, y: Array, unit: float) -> tuple[BoolArray, BoolArray, BoolArray, float]:
+    """At the inner samples (N - 2,) of y: does it rise or fall there, is it bent, and so much that it is a corner?
+
+    And its steepest slope.
+    """
+    rising, bent, corner = np.empty((3, y.size - 2), dtype=bool)
+    steepest = 0.0
+    for first in range(0, y.size - 2, levels.BLOCK):
+        own = slice(first, first + levels.BLOCK)
+        seen = slice(first, first + levels.BLOCK + 2)
+        steps, rises = np.diff(t[seen]), np.diff(y[seen])
+        slope = rises / steps
+        # on an even grid the second difference: twice the distance from the chord between the neighbours
+        bend = np.abs(np.diff(slope)) * 2 * steps[1:] * steps[:-1] / (steps[1:] + steps[:-1])
+        rising[own] = np.minimum(np.abs(rises[1:]), np.abs(rises[:-1])) > levels.FLAT * unit
+        bent[own], corner[own] = bend > levels.ON_LINE * unit, bend > levels.CORNER * unit
+        steepest = max(steepest, float(np.max(np.abs(slope))))
+    return rising, bent, corner, steepest
 
 
 def _unexplained(line: BoolArray, steered: BoolArray) -> BoolArray:
@@ -57,7 +72,7 @@ def _unexplained(line: BoolArray, steered: BoolArray) -> BoolArray:
     return out
 
 
-def moves(y: Array) -> BoolArray:
-    """(N - 1,) whether every PV (N, n_y) moved from one sample to the next."""
+def moves(outputs: Sequence[Array]) -> BoolArray:
+    """(N - 1,) whether every PV (N,) moved from one sample to the next."""
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.all(np.abs(np.diff(y, axis=0)) > 0, axis=1), dtype=bool)
+        return np.asarray(np.logical_and.reduce([np.abs(np.diff(y)) > 0 for y in outputs]), dtype=bool)

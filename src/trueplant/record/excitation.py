@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Literal
@@ -67,22 +67,20 @@ def excitation(segments: Sequence[Segment], which: Literal["r", "u"] = "r", name
     n = signals[0].shape[1]
     shown = tuple(names) if names else tuple(f"{'set-point' if which == 'r' else 'OP'} {k + 1}" for k in range(n))
     moves = [np.nan_to_num(np.diff(x, axis=0)) for x in signals]
-    joined = np.concatenate(moves)
-    changes = np.sum(joined != 0, axis=0)
-    pooled = np.concatenate([x - np.nanmean(x, axis=0) if np.isfinite(x).any() else x for x in signals])
-    std = np.where(changes > 0, np.sqrt(np.nan_to_num(np.nanmean(np.nan_to_num(pooled) ** 2, axis=0))), 0.0)
+    changes = np.sum([np.sum(m != 0, axis=0) for m in moves], axis=0)
+    std = np.where(changes > 0, np.array([_std(x.T[k] for x in signals) for k in range(n)]), 0.0)
     q = np.array([_quantum(signals, k) for k in range(n)])
     with np.errstate(divide="ignore", invalid="ignore"):
         quanta = np.where(q > 0, std / q, np.where(std > 0, np.inf, 0.0))
     w, spectrum = _spectral_matrix(moves, h)
     noise = _pv_noise(segments, n) if which == "r" else q**2 / 12
     bands, share = _bands(w, spectrum, noise, h, changes)
-    sentences, rank = _directions(joined, changes, shown, which)
+    sentences, rank = _directions(sum(m.T @ m for m in moves), changes, shown, which)
     return Excitation(
         which=which,
         names=shown,
         changes=changes,
-        total_variation=np.sum(np.abs(joined), axis=0),
+        total_variation=np.sum([np.sum(np.abs(m), axis=0) for m in moves], axis=0),
         std=std,
         quanta=quanta,
         power_share=share,
@@ -92,6 +90,15 @@ def excitation(segments: Sequence[Segment], which: Literal["r", "u"] = "r", name
         rank=rank,
         sentences=sentences,
     )
+
+
+def _std(stretches: Iterable[Array]) -> float:
+    """Root mean square of a signal about its mean in each stretch; samples that are missing count as on it."""
+    squares = samples = 0.0
+    for x in stretches:
+        known = x[np.isfinite(x)]
+        squares, samples = squares + known.size * float(np.var(known)) if known.size else squares, samples + x.size
+    return float(np.sqrt(squares / samples))
 
 
 def _quantum(signals: list[Array], k: int) -> float:
@@ -132,10 +139,10 @@ def _condition(spectrum: ComplexArray) -> Array:
 
 def _pv_noise(segments: Sequence[Segment], n: int) -> Array:
     """(n,) variance of each PV's white noise, from the median absolute second difference (6 times as much variance)."""
-    second = np.concatenate([np.diff(g.y, 2, axis=0) for g in segments])
     out = np.zeros(n)
-    for k in range(min(n, second.shape[1])):
-        d = second[np.isfinite(second[:, k]), k]
+    for k in range(min(n, segments[0].y.shape[1])):
+        d = np.concatenate([np.diff(g.y[:, k], 2) for g in segments])
+        d = d[np.isfinite(d)]
         out[k] = (levels.NORMAL_MAD * float(np.median(np.abs(d)))) ** 2 / 6 if d.size else 0.0
     return out
 
@@ -163,9 +170,9 @@ def _bands(
 
 
 def _directions(
-    moves: Array, changes: NDArray[np.int64], names: tuple[str, ...], which: str
+    products: Array, changes: NDArray[np.int64], names: tuple[str, ...], which: str
 ) -> tuple[tuple[str, ...], int]:
-    """What is missing, in words, and the rank of the moves."""
+    """What is missing, in words, and the rank of the moves, from the sums of their `products` (n, n)."""
     sentences = []
     word = "set-point" if which == "r" else "OP"
     still = [names[k] for k in np.flatnonzero(changes == 0)]
@@ -174,12 +181,12 @@ def _directions(
     moving = np.flatnonzero(changes > 0)
     if moving.size == 0:
         return tuple(sentences), 0
-    scaled = moves[:, moving] / np.sqrt(np.sum(moves[:, moving] ** 2, axis=0))
-    singular = np.linalg.svd(scaled.T @ scaled, compute_uv=False, hermitian=True)
+    size = np.sqrt(np.diag(products)[moving])
+    gram = products[np.ix_(moving, moving)] / np.outer(size, size)
+    singular = np.linalg.svd(gram, compute_uv=False, hermitian=True)
     rank = int(np.sum(np.sqrt(singular / singular[0]) > levels.SAME_PROPORTION))
     if rank == moving.size:
         return tuple(sentences), rank
-    gram = scaled.T @ scaled
     pairs = [(a, b) for a, b in combinations(range(moving.size), 2) if abs(gram[a, b]) > 1 - levels.SAME_PROPORTION**2]
     for a, b in pairs:
         sentences.append(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trueplant.errors import DataError
-from trueplant.record.table import Table, named
+from trueplant.record.table import Table, check_names
 
 if TYPE_CHECKING:
     import polars as pl
@@ -43,7 +43,8 @@ def as_table(data: Any, name: str) -> Table:
             if series.dtype.is_numeric()
             else "\n".join(map(str, series.to_list())).encode()
         )
-    return Table(tuple(frame.columns), named(frame, frame.columns, name), name, digest.hexdigest())
+    check_names(frame.columns, name)
+    return Table(tuple(frame.columns), frame, name, digest.hexdigest())
 
 
 def _series(name: str, values: Any) -> pl.Series:

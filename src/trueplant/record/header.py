@@ -1,4 +1,4 @@
-"""The header of a table of text: names and units among the lines above the data, and the decimal mark."""
+"""The header of a table of text: names and units among the lines above the data."""
 
 from __future__ import annotations
 
@@ -6,13 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trueplant.errors import DataError
-from trueplant.record.numbers import decimal_mark
-from trueplant.record.source import Source
-from trueplant.record.table import Table, named
+from trueplant.record.table import check_names
 from trueplant.record.types import Finding, Kind
 
 if TYPE_CHECKING:
@@ -20,52 +15,46 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
-    """A file cut into cells of text."""
+class Header:
+    """What the lines above the data say of its columns."""
 
-    head: Sequence[Sequence[str]]
-    """The lines above the data."""
-    frame: pl.DataFrame
-    """All rows of data as text."""
-    lines: NDArray[np.int64]
-    """Line in the file of each row of `frame`."""
-    separator: str | None = None
-    encoding: str | None = None
-    notes: tuple[Finding, ...] = ()
+    names: tuple[str, ...]
+    places: tuple[int, ...]
+    """Place of each in the rows: columns without name and content are no columns."""
+    units: dict[str, str]
+
+    def frame_of(self, frame: pl.DataFrame) -> pl.DataFrame:
+        """All fields of the rows, as the columns that have names."""
+        kept = frame.select([frame.columns[k] for k in self.places])
+        return kept.rename(dict(zip(kept.columns, self.names, strict=True)))
 
 
-def with_header(cells: Cells, source: Source) -> Table:
-    """The table of a file of text cells. Raises DataError where no names fit its columns."""
-    frame, width, notes = cells.frame, cells.frame.width, cells.notes
-    names, units = _names_and_units(cells, source.name)
+def header_of(head: Sequence[Sequence[str]], frame: pl.DataFrame, source: str) -> Header:
+    """The header of rows of text cells, given the lines above them. Raises DataError where no names fit."""
+    names, units = _names_and_units(head, frame, source)
     empty = [k for k, n in enumerate(names) if not n and frame.to_series(k).null_count() == frame.height]
-    kept = [k for k in range(width) if k not in empty]
-    frame = frame.select([frame.columns[k] for k in kept])
-    names = [names[k] or f"column {k + 1}" for k in kept]
-    decimal, guessed = decimal_mark(frame, cells.separator)
-    if guessed:
-        message = (
-            f"{source.name}: numbers such as 1,234 can be read in two ways; "
-            f"the comma was taken as {'the decimal mark' if decimal == ',' else 'a thousands separator'}."
-        )
-        notes = (*notes, Finding(Kind.DECIMAL, source.name, message))
-    return Table(
-        tuple(names),
-        named(frame, names, source.name),
-        source.name,
-        source.sha256,
-        lines=cells.lines,
-        decimal=decimal,
-        separator=cells.separator,
-        encoding=cells.encoding,
-        units=units,
-        notes=notes,
+    places = tuple(k for k in range(frame.width) if k not in empty)
+    shown = tuple(names[k] or f"column {k + 1}" for k in places)
+    check_names(shown, source)
+    return Header(shown, places, units)
+
+
+def decimal_note(source: str, decimal: str, guessed: bool) -> tuple[Finding, ...]:
+    """What there is to say of a decimal mark that was guessed."""
+    if not guessed:
+        return ()
+    message = (
+        f"{source}: numbers such as 1,234 can be read in two ways; "
+        f"the comma was taken as {'the decimal mark' if decimal == ',' else 'a thousands separator'}."
     )
+    return (Finding(Kind.DECIMAL, source, message),)
 
 
-def _names_and_units(cells: Cells, source: str) -> tuple[list[str], dict[str, str]]:
+def _names_and_units(
+    head: Sequence[Sequence[str]], frame: pl.DataFrame, source: str
+) -> tuple[list[str], dict[str, str]]:
     """A name for each column, empty where there is none, and the units of the rows below the names."""
-    head, frame, width = cells.head, cells.frame, cells.frame.width
+    width = frame.width
     filled = max((k + 1 for k, c in enumerate(frame.iter_columns()) if c.null_count() < frame.height), default=width)
     rows = [row for row in head if filled <= len(row) <= width]
     plain = [r for r in rows if not r[0].lstrip().startswith(("#", "//", "% "))]

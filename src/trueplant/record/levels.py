@@ -28,6 +28,14 @@ MOST_SHEET_CELLS = 50_000_000
 """Cells of an Excel sheet that is read: they are laid out as text first, some 100 bytes each."""
 MOST_UNPACKED = 2_000_000_000
 """Bytes that a workbook unpacks to."""
+BLOCK = 1 << 18
+"""Samples that are looked at at once where that bounds memory."""
+HEAD_BYTES = 4096
+"""Bytes of a file by which its format and encoding are known."""
+BLOCK_BYTES = 1 << 24
+"""Bytes of a text file that are cut into cells at once: some ten times as much memory is needed for that."""
+START_ROWS = 1000
+"""Rows of a table by which is decided what of it will be used."""
 SAME_INSTANT = 1e-3
 """Share of a sample by which two stamps of one instant may differ."""
 YEARS = (1990, 2100)
@@ -161,6 +169,8 @@ MOST_QUANTA = 10
 """Moves of up to so many quanta are used: with larger ones an error of the quantum grows into half of it."""
 FEWEST_QUANTA = 10
 """Moves needed for it. Judgement."""
+QUANTUM_MOVES = 1_000_000
+"""Moves, spread evenly over longer records, that are looked at: more tell no more."""
 WHOLE_QUANTUM, WHOLE_QUANTUM_SHARE = 0.12, 0.95
 """So many of the moves must lie so near to whole quanta: chance reaches the distance with a probability of 0.24."""
 DISTINCT_MOVES = 0.5

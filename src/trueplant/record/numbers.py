@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,13 +35,15 @@ def _plain(text: pl.Series) -> pl.Series:
     return text.str.replace("−", "-", literal=True).str.replace_all(r"(\d)[\x{00a0}\x{202f} '](\d{3})", "$1$2")
 
 
-def decimal_mark(frame: pl.DataFrame, separator: str | None) -> tuple[str, bool]:
-    """The decimal mark of a table of text, and whether it had to be guessed."""
+def decimal_mark(columns: Iterable[pl.Series], separator: str | None, dots: bool = False) -> tuple[str, bool]:
+    """The decimal mark of a table of text, and whether it had to be guessed.
+
+    `dots`: was a decimal point seen in columns that are numbers already?
+    """
     import polars as pl
 
     sure = against = unsure = 0
-    dots = False
-    for series in frame.iter_columns():
+    for series in columns:
         if series.dtype != pl.String:
             continue
         bad = series.is_not_null() & series.cast(pl.Float64, strict=False).is_null()

@@ -6,9 +6,10 @@ import io
 from typing import TYPE_CHECKING
 
 from trueplant.errors import DataError
+from trueplant.record import levels
 from trueplant.record.guard import foreign
 from trueplant.record.source import Source
-from trueplant.record.table import Table, named
+from trueplant.record.table import Table, check_names
 
 if TYPE_CHECKING:
     import polars as pl
@@ -17,16 +18,27 @@ if TYPE_CHECKING:
 def read_parquet(source: Source) -> Table:
     """All columns of a Parquet file, of any type. Raises DataError where it is damaged, too large or has no rows."""
     with foreign(f"{source.name} is not a readable Parquet file", "export it again"):
-        frame = _read(source)
+        names, frame = _read(source)
     if frame.height == 0:
         raise DataError(f"{source.name} has columns but no rows; export the data again")
-    return Table(tuple(frame.columns), named(frame, frame.columns, source.name), source.name, source.sha256)
+    return Table(names, frame, source.name, source.sha256)
 
 
-def _read(source: Source) -> pl.DataFrame:
+def _read(source: Source) -> tuple[tuple[str, ...], pl.DataFrame]:
+    """The names of all columns, and those columns that are wanted."""
     import polars as pl
 
     whole = pl.scan_parquet(io.BytesIO(source.data))
+    names = tuple(whole.collect_schema())
+    check_names(names, source.name)
     rows = int(whole.select(pl.len()).collect().item())
-    source.within_limit(rows, len(whole.collect_schema()))
-    return pl.read_parquet(io.BytesIO(source.data))
+    wanted = names if source.wanted is None else source.columns(Table(names, _first(source, names), source.name))
+    used = [name for name in names if wanted is None or name in wanted]
+    source.within_limit(rows, len(used))
+    return names, pl.read_parquet(io.BytesIO(source.data), columns=used)
+
+
+def _first(source: Source, names: tuple[str, ...]) -> pl.DataFrame:
+    import polars as pl
+
+    return pl.read_parquet(io.BytesIO(source.data), n_rows=levels.START_ROWS)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +22,29 @@ from trueplant.record.numbers import counted, no_measurements
 from trueplant.record.readers import read_table
 from trueplant.record.runs import spans_of
 from trueplant.record.table import Table
-from trueplant.record.times import find_time, parse_times, put_in_order, unit_seconds
+from trueplant.record.times import find_time, parse_times, partners, put_in_order, unit_seconds
 from trueplant.record.types import Finding, Kind, Record
 
 Rows = NDArray[np.int64]
 
 
-def read_record(path_or_frame: Any, layout: Layout, *, name: str | None = None, closed: bool = True) -> Record:
+def read_record(
+    path_or_frame: Any,
+    layout: Layout,
+    *,
+    name: str | None = None,
+    closed: bool = True,
+    say: Callable[[str], None] = lambda what: None,
+) -> Record:
     """Read a file of any of the `readers.FORMATS`, a polars or pandas frame, or a dict of arrays, as one experiment.
 
-    Nothing is filled in or altered: cells without a number become NaN and are noted. Raises DataError with file,
-    line, column and remedy for everything that cannot be used as it is.
+    Nothing is filled in or altered: cells without a number become NaN and are noted. `say` is told how far it is.
+    Raises DataError with file, line, column and remedy for everything that cannot be used as it is.
     """
     is_file = isinstance(path_or_frame, (str, Path))
     if is_file:
-        table = read_table(path_or_frame, separator=layout.separator, sheet=layout.sheet, most=layout.most)
+        said = {"separator": layout.separator, "sheet": layout.sheet, "most": layout.most, "say": say}
+        table = read_table(path_or_frame, wanted=partial(_wanted, layout), **said)
     else:
         table = as_table(path_or_frame, name or "frame")
     if not layout.outputs or not layout.inputs:
@@ -45,6 +54,18 @@ def read_record(path_or_frame: Any, layout: Layout, *, name: str | None = None, 
     record = _record(columns, layout, name)
     source = str(path_or_frame) if is_file else ""
     return replace(record, closed=closed, start=start, source=source, sha256=table.sha256, notes=tuple(columns.notes))
+
+
+def _wanted(layout: Layout, start: Table) -> list[str] | None:
+    """The columns of a table that are used, given its first rows; None where that does not show in its header."""
+    used = {column for _, column in _roles(layout)} & set(start.names)
+    if not used:
+        return None
+    try:
+        time = layout.time or find_time(start, frozenset([*layout.continuous, *layout.held]))
+    except DataError:
+        return None
+    return [*used, time, *partners(start, time)]
 
 
 def _in_time(table: Table, layout: Layout) -> tuple[_Columns, datetime | None]:
@@ -172,7 +193,7 @@ class _Columns:
     def _seen(self, column: str, mask: BoolArray) -> str:
         """The first few different cells among the rows marked."""
         series = self.table.frame[column]
-        cells = (str(series[int(row)]).strip()[:40] for row in self.rows[mask][: levels.SNIFFED_LINES])
+        cells = (_as_text(series[int(row)]) for row in self.rows[mask][: levels.SNIFFED_LINES])
         return ", ".join(map(repr, list(dict.fromkeys(cells))[: levels.SHOWN_WORDS]))
 
     def automatic(self, channel: Channel) -> BoolArray:
@@ -194,6 +215,11 @@ class _Columns:
         state = np.array([-1 if c is None else int(distinct[c]) for c in cells])
         known = np.maximum.accumulate(np.where(state >= 0, np.arange(state.size), -1))
         return np.asarray(np.where(known >= 0, state[np.maximum(known, 0)] == 1, True), dtype=bool)
+
+
+def _as_text(cell: object) -> str:
+    """A cell as it may have been written."""
+    return f"{cell:.15g}".replace("e+", "e") if isinstance(cell, float) else str(cell).strip()[:40]
 
 
 def _is_number(value: object) -> bool:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from trueplant.errors import DataError
-from trueplant.record import levels
 from trueplant.record.parquet import read_parquet
 from trueplant.record.source import Source, source_of
 from trueplant.record.table import Table
@@ -41,21 +41,20 @@ FORMATS: dict[str, Format] = {
 """By name. What is none of these is read as text (CSV, TXT)."""
 
 
-def read_table(
-    path: str | Path, *, separator: str | None = None, sheet: str | None = None, most: int = levels.MOST_CELLS
-) -> Table:
-    """Read a file of any of the `FORMATS`, or text, as raw columns, of at most `most` cells.
+def read_table(path: str | Path, **said: Any) -> Table:
+    """Read a file of any of the `FORMATS`, or text, as raw columns.
 
-    Of a text file separator, decimal mark, encoding and header are found. Raises DataError (file, line, what to do)
-    when the file is missing, empty, not a table, or ragged.
+    `said` are fields of `Source`: the separator or sheet, the most cells, the columns that are wanted. Of a text file
+    separator, decimal mark, encoding and header are found. Raises DataError (file, line, what to do) when the file is
+    missing, empty, not a table, or ragged.
     """
-    source = source_of(path, separator, sheet, most)
-    for known in FORMATS.values():
-        if source.data.startswith(known.begins) if known.begins else source.ending in known.endings:
-            return known.read(source)
-    if source.data.startswith(COMPRESSED):
-        raise DataError(f"{source.name} is compressed; unpack it first")
-    if any(source.ending in known.endings for known in FORMATS.values()):
-        ending = Path(source.name).suffix
-        raise DataError(f"{source.name} is not the {ending} file that its name says; export it again")
-    return read_text(source)
+    with source_of(path, **said) as source:
+        for known in FORMATS.values():
+            if source.head.startswith(known.begins) if known.begins else source.ending in known.endings:
+                return known.read(source)
+        if source.head.startswith(COMPRESSED):
+            raise DataError(f"{source.name} is compressed; unpack it first")
+        if any(source.ending in known.endings for known in FORMATS.values()):
+            ending = Path(source.name).suffix
+            raise DataError(f"{source.name} is not the {ending} file that its name says; export it again")
+        return read_text(source)

@@ -73,13 +73,18 @@ def without_rounding(record: Record) -> tuple[Record, tuple[Finding, ...]]:
     found: list[Finding] = []
 
     def columns(x: Array, names: tuple[str, ...], step: Callable[[Array, int], float]) -> Array:
-        out = np.array(x)
+        out = x
         for k, name in enumerate(names):
             v = x[np.isfinite(x[:, k]), k]
             if v.size == 0 or np.ptp(v) == 0:
                 continue
-            out[:, k] = settled(x[:, k], step(v, k))
-            if np.nanmin(out[:, k]) == np.nanmax(out[:, k]):
+            column = x[:, k]
+            at_rest = settled(column, step(v, k))
+            if at_rest is column:
+                continue
+            out = x.copy() if out is x else out
+            out[:, k] = at_rest
+            if np.nanmin(at_rest) == np.nanmax(at_rest):
                 message = f"{name} never moves by more than the record resolves ({np.ptp(v):.2g}); taken as constant."
                 found.append(Finding(Kind.CONSTANT, name, message, samples=int(v.size), value=float(v[0])))
         return out

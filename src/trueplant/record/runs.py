@@ -35,10 +35,17 @@ def spans_of(t: Array, mask: BoolArray) -> tuple[tuple[float, float], ...]:
 
 
 def hold_short(x: Array, longest: int) -> tuple[Array, BoolArray]:
-    """x (N, m) with NaN runs of up to `longest` samples filled by the value before; and where that was done."""
-    filled, where = x.copy(), np.zeros(x.shape, dtype=bool)
+    """x (N, m) with NaN runs of up to `longest` samples filled by the value before; and where that was done.
+
+    It is x itself where nothing is missing.
+    """
+    where = np.zeros(x.shape, dtype=bool)
+    missing = np.isnan(x)
+    if not missing.any():
+        return x, where
+    filled = x.copy()
     for j in range(x.shape[1]):
-        begin, length = true_runs(np.isnan(x[:, j]))
+        begin, length = true_runs(missing[:, j])
         short = (length <= longest) & (begin > 0)
         if short.any():
             where[:, j] = spread(begin[short], length[short], x.shape[0])
@@ -48,10 +55,16 @@ def hold_short(x: Array, longest: int) -> tuple[Array, BoolArray]:
 
 
 def hold_same(x: Array) -> Array:
-    """x (N, m) with NaN runs filled where the values before and after are the same, as those of a set-point are."""
+    """x (N, m) with NaN runs filled where the values before and after are the same, as those of a set-point are.
+
+    It is x itself where nothing is missing.
+    """
+    missing = np.isnan(x)
+    if not missing.any():
+        return x
     filled = x.copy()
     for j in range(x.shape[1]):
-        begin, length = true_runs(np.isnan(x[:, j]))
+        begin, length = true_runs(missing[:, j])
         inner = (begin > 0) & (begin + length < x.shape[0])
         begin, length = begin[inner], length[inner]
         same = x[begin - 1, j] == x[begin + length, j]

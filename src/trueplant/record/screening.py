@@ -241,7 +241,7 @@ def _output(
         if lost:
             return bad | np.isfinite(y), every * clock.h
     stuck, spike = np.zeros(y.size, dtype=bool), np.zeros(y.size, dtype=bool)
-    stuck[at] = sensor.frozen(v, np.nan_to_num(record.u[at]))
+    stuck[at] = sensor.frozen(v, record.u, at)
     if stuck.any():
         message = f"{name} stood still for {_count(stuck)} while OP moved: frozen; left out."
         log.add(Kind.FROZEN, name, message, stuck, True, float(np.mean(stuck)))
@@ -264,17 +264,21 @@ def _report_sensor(every: float, q: float, name: str, clock: Clock, unit: str, l
 def _report_compressed_op(record: Record, j: int, channel: Channel, log: _Log) -> None:
     """Of closed loops only: a person may well move OP along straight lines, a controller does not."""
     at = np.flatnonzero(np.isfinite(record.u[:, j]))
-    alive = [i for i, y in enumerate(record.y[at].T) if np.unique(y[np.isfinite(y)]).size > 1]
+    alive = [i for i, y in enumerate(record.y.T) if np.isfinite(y[at]).any() and _span(y[at]) > 0]
     if not record.closed or at.size < levels.FEWEST_USABLE or not alive:
         return
     u = record.u[at, j]
-    share = filled_in(record.t[at], u, sensor.quantum(u), moves(record.y[at][:, alive]))
+    share = filled_in(record.t[at], u, sensor.quantum(u), moves([record.y[at, i] for i in alive]))
     if share > levels.COMPRESSED:
         message = (
             f"OP of {channel.name} was compressed by its historian: {100 * share:.3g} % of its samples, where it "
             "moves, lie on straight lines between the others, and what OP really did there is not in the record."
         )
         log.add(Kind.COMPRESSED, channel.name, message, value=1 - share)
+
+
+def _span(x: Array) -> float:
+    return float(np.nanmax(x) - np.nanmin(x))
 
 
 def _report_outliers(y: Array, known: BoolArray, name: str, log: _Log) -> None:

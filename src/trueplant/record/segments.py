@@ -66,8 +66,9 @@ def segments_of(
     u and d are held, y is NaN where it is not usable, each segment begins and ends with a usable PV.
     """
     r, u, d = (hold_short(x, levels.SHORT_GAP)[0] for x in (hold_same(record.r), record.u, record.d))
-    whole = _Signals(record.t, r, u, np.where(usable, record.y, np.nan), d, free)
-    known = np.asarray(np.isfinite(np.hstack([u, d])).all(axis=1), dtype=bool)
+    lost = np.isfinite(record.y) & ~usable
+    whole = _Signals(record.t, r, u, np.where(lost, np.nan, record.y) if lost.any() else record.y, d, free)
+    known = np.logical_and(np.isfinite(u).all(axis=1), np.isfinite(d).all(axis=1))
     cut = np.concatenate([[False], np.diff(record.t) > clock.gap])
     out: list[Segment] = []
     for begin, length in zip(*true_runs(known), strict=True):
@@ -104,7 +105,10 @@ def _on_grid(own: _Signals, clock: Clock, record: Record, experiment: int) -> Se
     t, h = own.t, clock.h
     if clock.uniform:
         # cumulated rounding of single steps follows a clock that drifts against its own mean step
-        place = np.concatenate([[0], np.cumsum(np.maximum(np.round(np.diff(t) / h), 1))]).astype(np.int64)
+        step = np.maximum(np.round(np.diff(t) / h), 1)
+        if np.all(step == 1):
+            return _segment(own, t[0] + h * np.arange(t.size), clock, record, experiment)
+        place = np.concatenate([[0], np.cumsum(step)]).astype(np.int64)
         grid = t[0] + h * np.arange(place[-1] + 1)
         latest = np.searchsorted(place, np.arange(place[-1] + 1), side="right") - 1
         placed = np.full((grid.size, own.y.shape[1]), np.nan)
@@ -120,15 +124,20 @@ def _on_grid(own: _Signals, clock: Clock, record: Record, experiment: int) -> Se
         for k, x in enumerate(own.d.T):
             held = record.d_hold[k : k + 1] == ("zoh",)
             d[:, k] = _mean_held(grid, h, t, x[:, None], latest)[:, 0] if held else np.interp(grid, t, x)
+    return _segment(_Signals(t, r, u, placed, d, own.free[latest]), grid, clock, record, experiment)
+
+
+def _segment(own: _Signals, grid: Array, clock: Clock, record: Record, experiment: int) -> Segment:
+    """Signals that are on a grid already."""
     return Segment(
         experiment=experiment,
-        h=h,
+        h=clock.h,
         t=grid,
-        r=r,
-        u=u,
-        y=placed,
-        d=d,
-        free=own.free[latest],
+        r=own.r,
+        u=own.u,
+        y=own.y,
+        d=own.d,
+        free=own.free,
         hold=record.hold,
         closed=record.closed,
         d_hold=tuple(hold or "linear" for hold in record.d_hold),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
-from trueplant.arrays import Array, BoolArray
+from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.record import levels
 from trueplant.record.runs import equal_runs, spread
 
@@ -31,6 +33,7 @@ def quantum(y: Array) -> float:
     """The smallest increment of which nearly all small changes of y are whole multiples; 0 if there is none."""
     d = np.abs(np.diff(y))
     d = d[d > levels.SETTLED_MOVE * np.max(np.abs(y), initial=0.0)]
+    d = d[:: max(1, d.size // levels.QUANTUM_MOVES)]
     if d.size < levels.FEWEST_UPDATES:
         return 0.0
     low = float(np.quantile(d, levels.SMALLEST_MOVES, method="lower"))
@@ -64,8 +67,8 @@ def spikes(y: Array, every: float, q: float) -> BoolArray:
     change = np.abs(np.diff(v))
     floor = max(levels.SPIKE_SCALE * levels.NORMAL_MAD * float(np.median(change)), levels.SPIKE_QUANTA * q)
     longest = max(levels.SPIKE_SAMPLES, round(levels.SPIKE_HELD * every))
-    for m in (1, 2, 3):
-        a = np.arange(3, v.size - m - 2)
+    for m, first in product((1, 2, 3), range(3, v.size, levels.BLOCK)):
+        a = np.arange(first, min(first + levels.BLOCK, v.size - m - 2))
         before, after = v[a - 1], v[a + m]
         left = _middle(before, v[a - 2], v[a - 3])
         right = _middle(after, v[a + m + 1], v[a + m + 2])
@@ -87,8 +90,10 @@ def _middle(a: Array, b: Array, c: Array) -> Array:
     return np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
 
 
-def frozen(y: Array, u: Array) -> BoolArray:
-    """Where y stays at one value far longer than it ever does otherwise, although OP (N, n_u) moves.
+def frozen(y: Array, u: Array, at: IntArray) -> BoolArray:
+    """Where y (n,), the samples `at` of a record, stays at one value far longer than ever else, although OP moves.
+
+    u (N, n_u) is OP of the whole record; where it is missing it counts as 0.
 
     Only a stop that cannot be a real rest counts: before it (after it, at the start of a record) y was noisy or was
     moving in large steps, so that a simulated or coarsely rounded loop at rest is not taken for a dead sensor.
@@ -99,6 +104,9 @@ def frozen(y: Array, u: Array) -> BoolArray:
         return out
     usual = float(np.quantile(length, levels.FROZEN_USUAL))
     candidates = np.flatnonzero(length > max(levels.FROZEN_SAMPLES, levels.FROZEN_TIMES * usual))
+    if candidates.size == 0:
+        return out
+    u = np.nan_to_num(u[at])
     v, span = y[begin], np.ptp(u, axis=0)
     change = np.diff(v)
     smallest = float(np.min(np.abs(change)))

@@ -8,13 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
 from trueplant.record import levels
 from trueplant.record.numbers import to_numbers
+from trueplant.record.pieces import Lines
 from trueplant.record.types import Finding
 
 if TYPE_CHECKING:
@@ -26,10 +24,12 @@ class Table:
     """Raw columns of one file or frame; text stays text until `numbers` is asked for a column."""
 
     names: tuple[str, ...]
+    """Of all its columns."""
     frame: pl.DataFrame
+    """Those columns that were asked for."""
     source: str
     sha256: str = ""
-    lines: NDArray[np.int64] | None = None
+    lines: Lines | None = None
     """Line in the file of each row, None where there are no lines."""
     decimal: str = "."
     separator: str | None = None
@@ -66,9 +66,8 @@ def did_you_mean(name: str, names: Sequence[str]) -> str:
     return f"; did you mean {lower[near[0]]!r}?" if near else "."
 
 
-def named(frame: pl.DataFrame, names: Sequence[str], source: str) -> pl.DataFrame:
-    """The frame with these column names. Raises DataError where two are the same."""
+def check_names(names: Sequence[str], source: str) -> None:
+    """Raise DataError where two columns are called the same."""
     repeated = [n for n, k in Counter(names).items() if k > 1]
     if repeated:
         raise DataError(f"{source} has the column {repeated[0]!r} more than once; rename one of them")
-    return frame.rename(dict(zip(frame.columns, names, strict=True)))

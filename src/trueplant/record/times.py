@@ -33,6 +33,7 @@ FORMATS = (*ORDERS, *MOMENTS)
 """What a project can say of its time column."""
 TIME_NAMES = ("t", "time", "timestamp", "datetime", "date", "zeit", "zeitstempel", "datum", "clock")
 _DATE = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}|\d{1,2}[- ][A-Za-z]{3}[- ]\d{2,4}"
+_CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?"
 _ZONE = r"(:\d{2}(?:\.\d+)?(?: ?[AP]M)?) ?(Z|UTC|GMT|[+-]\d{2}:?\d{2}|[+-]\d{2})$"
 
 
@@ -75,10 +76,10 @@ def find_time(table: Table, used: frozenset[str] = frozenset()) -> str:
     for usual in TIME_NAMES:
         if usual in bare:
             return bare[usual]
-    for name in table.names:
+    for name in table.frame.columns:
         if name in used:
             continue
-        series = table.frame[name].head(1000)
+        series = table.frame[name].head(levels.START_ROWS)
         if series.dtype.is_temporal():
             return name
         values, _ = table.numbers(name)
@@ -211,27 +212,32 @@ def _from_text(table: Table, name: str, order: str | None) -> _Stamps:
 
 def _with_date(table: Table, name: str) -> pl.Series:
     """The stamps as upper-case text; a date and a clock in two columns are joined."""
+    text, others = _upper(table, name), partners(table, name)
+    if _all_match(table, name, _CLOCK):
+        if not others:
+            raise DataError(f"{table.source}: {name!r} holds times without a date; give full time stamps or numbers")
+        return _upper(table, others[0]) + " " + text
+    return text + " " + _upper(table, others[0]) if others else text
+
+
+def partners(table: Table, name: str) -> list[str]:
+    """The columns that hold the clock to a column of dates alone, or the dates to one of clocks."""
+    for own, other in ((_CLOCK, _DATE), (_DATE, _CLOCK)):
+        if _all_match(table, name, own):
+            return [c for c in table.frame.columns if c != name and _all_match(table, c, other)]
+    return []
+
+
+def _upper(table: Table, name: str) -> pl.Series:
+    return table.frame[name].str.strip_chars().str.to_uppercase()
+
+
+def _all_match(table: Table, name: str, pattern: str) -> bool:
+    """Is a column text that matches throughout?"""
     import polars as pl
 
-    clock = r"^\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?$"
-
-    def upper(column: str) -> pl.Series:
-        return table.frame[column].str.strip_chars().str.to_uppercase()
-
-    def partner(pattern: str) -> pl.Series | None:
-        texts = (c for c in table.names if c != name and table.frame[c].dtype == pl.String)
-        return next((upper(c) for c in texts if upper(c).str.contains(pattern).all()), None)
-
-    text = upper(name)
-    if bool(text.str.contains(clock).all()):
-        dates = partner(rf"^({_DATE})$")
-        if dates is None:
-            raise DataError(f"{table.source}: {name!r} holds times without a date; give full time stamps or numbers")
-        return dates + " " + text
-    if bool(text.str.contains(rf"^({_DATE})$").all()):
-        clocks = partner(clock)
-        return text if clocks is None else text + " " + clocks
-    return text
+    known = name in table.frame.columns and table.frame[name].dtype == pl.String
+    return known and bool(_upper(table, name).str.contains(rf"^({pattern})$").all())
 
 
 def _date_order(text: pl.Series, source: str, order: str | None) -> tuple[pl.Series, tuple[Finding, ...]]:

@@ -11,11 +11,12 @@ import numpy as np
 
 from trueplant.errors import DataError
 from trueplant.record import levels
+from trueplant.record.cut import looks_like_data
 from trueplant.record.guard import foreign
-from trueplant.record.header import Cells, with_header
+from trueplant.record.header import decimal_note, header_of
+from trueplant.record.numbers import decimal_mark
 from trueplant.record.source import Source
 from trueplant.record.table import Table
-from trueplant.record.text import looks_like_data
 from trueplant.record.types import Finding, Kind
 
 if TYPE_CHECKING:
@@ -37,7 +38,19 @@ def read_workbook(source: Source) -> Table:
     if first is None:
         raise DataError(f"{source.name}, sheet {chosen!r}: no rows of numbers; name the right sheet in `sheet`")
     lines = numbered["line"].to_numpy()[first:].astype(np.int64)
-    return with_header(Cells(rows[:first], frame[first:], lines, notes=notes), source)
+    header = header_of(rows[:first], frame[first:], source.name)
+    columns = header.frame_of(frame[first:])
+    decimal, guessed = decimal_mark(columns.iter_columns(), None)
+    return Table(
+        header.names,
+        columns,
+        source.name,
+        source.sha256,
+        lines=lines,
+        decimal=decimal,
+        units=header.units,
+        notes=(*notes, *decimal_note(source.name, decimal, guessed)),
+    )
 
 
 def _loaded(source: Source) -> tuple[pl.DataFrame, str, tuple[Finding, ...]]:

@@ -13,6 +13,9 @@ from trueplant.record.sensor import quantum
 from trueplant.study import levels
 from trueplant.study.study import Records
 
+_Column = tuple[Array, bool]
+"""Samples (N,), and whether they are given from outside and not measured."""
+
 
 def written_from_samples(records: Records, k: int, i: int, close: float = levels.CONFIRMED) -> bool:
     """Could a linear law have written input i of experiment k from the recorded samples, whatever its tuning?
@@ -27,9 +30,17 @@ def written_from_samples(records: Records, k: int, i: int, close: float = levels
     segments = [s for s in screened.segments if len(s) > levels.LAW_PAST]
     if not segments:
         return True
-    columns = [_columns(controller, s, i) for s in segments]
-    rows = np.concatenate([_windows(c, s.free[:, i]) for c, s in zip(columns, segments, strict=True)])
-    rows = rows[: levels.LAW_SAMPLES]
+    columns: list[list[_Column]] = []
+    found: list[Array] = []
+    left = levels.LAW_SAMPLES
+    for segment in segments:
+        own, windows = _windows(_columns(controller, segment, i), segment.free[:, i], left)
+        columns.append(own)
+        found.append(windows)
+        left -= len(windows)
+        if left <= 0:
+            break
+    rows = np.concatenate(found)
     if len(rows) < levels.FEWEST_PER_COEFFICIENT * rows.shape[1] or np.mean(rows[:, 0] != rows[:, 1]) < 0.5:
         return True
     joined = [np.concatenate([c[m][0] for c in columns]) for m in range(len(columns[0]))]
@@ -52,8 +63,8 @@ def _left(rows: Array, quanta: Array, close: float) -> float:
     return float(np.std(rows[:, 0] - rows[:, 1:] @ coefficients) / max(close, levels.LAW_ROUNDED * rounding))
 
 
-def _columns(controller: Controller | None, segment: Segment, i: int) -> list[tuple[Array, bool]]:
-    """OP and what it may act on, (N,) each; True for what is given from outside and not measured."""
+def _columns(controller: Controller | None, segment: Segment, i: int) -> list[_Column]:
+    """OP and what it may act on."""
     columns = [(segment.u[:, i], False)]
     if controller is None:
         columns += [(x, True) for x in (*segment.r.T, *segment.d.T) if np.isfinite(x).any()]
@@ -65,10 +76,15 @@ def _columns(controller: Controller | None, segment: Segment, i: int) -> list[tu
     return columns
 
 
-def _windows(columns: Sequence[tuple[Array, bool]], free: BoolArray) -> Array:
-    """(n, m) of all columns the samples now and before, where OP is free and none is missing."""
-    signals = np.column_stack([x for x, _ in columns])
-    windows = np.lib.stride_tricks.sliding_window_view(signals, levels.LAW_PAST + 1, axis=0)[..., ::-1]
-    untouched = np.lib.stride_tricks.sliding_window_view(free, levels.LAW_PAST + 1).all(axis=1)
-    rows = windows.reshape(len(windows), -1)
-    return np.asarray(rows[untouched & np.isfinite(rows).all(axis=1)])
+def _windows(columns: Sequence[_Column], free: BoolArray, most: int) -> tuple[list[_Column], Array]:
+    """The columns as far as they are looked at, and (n, m) of all of them the samples now and before.
+
+    These are the first n <= `most` where OP is free and none is missing.
+    """
+    known = free & np.logical_and.reduce([np.isfinite(x) for x, _ in columns])
+    at = np.flatnonzero(np.lib.stride_tricks.sliding_window_view(known, levels.LAW_PAST + 1).all(axis=1))[:most]
+    end = int(at[-1]) + levels.LAW_PAST + 1 if at.size == most else len(free)
+    seen = [(x[:end], given) for x, given in columns]
+    signals = np.column_stack([x for x, _ in seen])
+    windows = np.lib.stride_tricks.sliding_window_view(signals, levels.LAW_PAST + 1, axis=0)[at, :, ::-1]
+    return seen, windows.reshape(len(at), -1)

@@ -60,7 +60,7 @@ def _screened(project: Project, say: Progress, frames: Sequence[Any] | None) -> 
     for k, plan in enumerate(plans):
         say(f"reading {plan.name}")
         source = plan.path if frames is None else frames[k]
-        record = read_record(source, layout, name=plan.name, closed=plan.closed)
+        record = read_record(source, layout, name=plan.name, closed=plan.closed, say=say)
         records.append(record)
         excluded.append([(_moment(e.start, record, project), _moment(e.end, record, project)) for e in plan.exclude])
     found = []
