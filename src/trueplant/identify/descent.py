@@ -111,6 +111,7 @@ def descend(problem: Problem[P], x: Array, point: P, iterations: int) -> Descent
     return Descent(x, point, False)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of a start far off nothing may be finite: then no step is found
 def _downhill(problem: Problem[P], x: Array, point: P, active: BoolArray, damping: float) -> _Step[P] | None:
     """A damped Gauss-Newton step of the active parameters that does not raise the cost; None if there is none."""
     if not active.any():

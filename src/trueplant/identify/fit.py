@@ -101,10 +101,12 @@ class Point:
         return self.cost / max(self.count, 1)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
     """Cost and normal equations at theta and ar, operating points and initial states projected out.
 
-    The prior of theta is in both: the fit is the most probable plant.
+    The prior of theta is in both: the fit is the most probable plant. Trials may be far off enough that numbers
+    overflow: the cost is then not finite, and the descent refuses them.
     """
     size = theta.size + ar.size
     information, slope = np.zeros((size, size)), np.zeros(size)

@@ -16,6 +16,7 @@ from trueplant.arrays import BoolArray
 from trueplant.errors import DataError
 from trueplant.record import levels
 from trueplant.record.numbers import counted
+from trueplant.record.pieces import Lines
 
 if TYPE_CHECKING:
     import polars as pl
@@ -112,7 +113,7 @@ class Block:
                 return k, usual
         raise DataError(f"{self.source} holds no rows of numbers below its header; export the data again")
 
-    def cells(self, begin: int, usual: int, columns: list[int]) -> tuple[pl.DataFrame, NDArray[np.int64] | range]:
+    def cells(self, begin: int, usual: int, columns: list[int]) -> tuple[pl.DataFrame, Lines]:
         """Some of the columns as text, and the line in the file of each row, from line `begin` on.
 
         Raises DataError for lines with another than the `usual` number of fields.
@@ -123,9 +124,11 @@ class Block:
         keep &= (self._raw[first] != ord("#")) | (width == usual)
         rows = np.flatnonzero(keep)
         self._check_ragged(rows, usual)
-        whole = rows.size == len(self)
-        body = self.data if whole else self._raw[np.repeat(keep, last - first + 1)].tobytes()
-        lines = range(self.before + 1, self.before + len(self) + 1) if whole else rows + 1 + self.before
+        if rows.size and rows[-1] - rows[0] + 1 == rows.size:
+            body = self.data[first[rows[0]] : last[rows[-1]] + 1]
+            lines: Lines = range(int(rows[0]) + 1 + self.before, int(rows[-1]) + 2 + self.before)
+        else:
+            body, lines = self._raw[np.repeat(keep, last - first + 1)].tobytes(), rows + 1 + self.before
         return self._parse(body, columns), lines
 
     def _check_ragged(self, rows: NDArray[np.int64], usual: int) -> None:

@@ -111,7 +111,7 @@ def _spectral_matrix(moves: list[Array], h: float) -> tuple[Array, ComplexArray]
     total = sum(m.shape[0] for m in moves)
     longest = max(m.shape[0] for m in moves)
     n = moves[0].shape[1]
-    size = min(longest, max(8, 2 * total // (max(levels.WELCH_WINDOWS, 2 * n) + 1)))
+    size = min(longest, levels.LONGEST_WINDOW, max(8, 2 * total // (max(levels.WELCH_WINDOWS, 2 * n) + 1)))
     taper = np.hanning(size + 2)[1:-1]
     sums, count = np.zeros((size // 2 + 1, n, n), dtype=complex), 0
     for m in moves:

@@ -247,6 +247,8 @@ estimate in that direction has 50 times the standard error of the others."""
 WELCH_WINDOWS = 8
 """Windows of the averaged spectral matrix, at least twice the number of signals: its condition number needs more
 averages than signals. Judgement."""
+LONGEST_WINDOW = 1 << 18
+"""Samples of a window, however long the record: finer frequencies tell no more, and memory stays bounded."""
 
 # -- transforms -----------------------------------------------------------------------------------------------
 

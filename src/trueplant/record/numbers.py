@@ -65,8 +65,7 @@ def to_numbers(series: pl.Series, decimal: str) -> tuple[Array, BoolArray]:
     import polars as pl
 
     if series.dtype == pl.Boolean or series.dtype.is_numeric() or series.dtype == pl.Null:
-        values = series.cast(pl.Float64).fill_null(float("nan")).to_numpy()
-        return np.array(values, dtype=float), np.zeros(len(series), dtype=bool)
+        return _array(series.cast(pl.Float64)), np.zeros(len(series), dtype=bool)
     if series.dtype in (pl.Categorical, pl.Enum):
         series = series.cast(pl.String)
     if series.dtype != pl.String:
@@ -85,14 +84,18 @@ def to_numbers(series: pl.Series, decimal: str) -> tuple[Array, BoolArray]:
         numbers = text.cast(pl.Float64, strict=False)
         missing = text.str.to_lowercase().is_in(list(MISSING))
         rest = text.is_not_null() & numbers.is_null() & ~missing.fill_null(True)
-    values = numbers.fill_null(float("nan")).to_numpy()
-    return np.array(values, dtype=float), np.asarray(rest.to_numpy(), dtype=bool)
+    return _array(numbers), np.asarray(rest.to_numpy(), dtype=bool)
+
+
+def _array(numbers: pl.Series) -> Array:
+    """Float64 values in an array of its own, NaN where there are none."""
+    return np.asarray(numbers.fill_null(float("nan")).to_numpy(writable=True), dtype=float)
 
 
 def no_measurements(values: Array) -> BoolArray:
     """Where numbers (N,) are infinite, larger than anything that is measured, or a code far off all others."""
     with np.errstate(invalid="ignore"):
-        bad = np.isinf(values) | (np.abs(values) > levels.LARGEST_VALUE)
+        bad = (values > levels.LARGEST_VALUE) | (values < -levels.LARGEST_VALUE)
     codes = np.isin(values, levels.SENTINELS)
     others = values[np.isfinite(values) & ~bad & ~codes]
     if not codes.any() or not others.size:

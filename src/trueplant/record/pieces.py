@@ -1,7 +1,11 @@
-"""Columns of a text file put together from its blocks: numbers become numbers at once, as text takes more memory."""
+"""Columns of a text file put together from its blocks.
+
+Numbers, and stamps that can be read in one way only, become that at once: as text they take several times the memory.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -15,6 +19,10 @@ Lines = NDArray[np.int64] | range
 """Line in the file of each row."""
 
 
+_ISO = {f"%Y-%m-%d{t}%H:%M:%S%.f": rf"\d{{4}}-\d\d-\d\d{t}\d\d:\d\d:\d\d(\.\d+)?" for t in " T"}
+"""Notations of a moment, and what they look like."""
+
+
 class Pieces:
     """Collects the blocks of a table; as text throughout if `as_text`."""
 
@@ -26,17 +34,13 @@ class Pieces:
 
     def add(self, frame: pl.DataFrame, lines: Lines) -> None:
         """One block, all of it text."""
-        import polars as pl
-
         self.rows += len(lines)
         self._lines.append(lines)
         for k, text in enumerate(frame.iter_columns()):
-            numbers = text if self.as_text else text.cast(pl.Float64, strict=False)
-            if not self.as_text and numbers.null_count() == text.null_count():
+            piece = text if self.as_text else _recognised(text)
+            if piece.dtype.is_float():
                 self._dots[k] = self._dots[k] or bool(text.str.contains(".", literal=True).any())
-                self._columns[k].append(numbers)
-            else:
-                self._columns[k].append(text)
+            self._columns[k].append(piece)
 
     @property
     def columns(self) -> list[pl.Series]:
@@ -49,24 +53,40 @@ class Pieces:
         return any(self._dots)
 
     def misread(self, decimal: str) -> bool:
-        """Would numbers with a point mean something else beside the words of their column?"""
-        mixed = (len({piece.dtype for piece in pieces}) > 1 for pieces in self._columns)
-        return decimal == "," and any(dots and both for dots, both in zip(self._dots, mixed, strict=True))
+        """Would some of what was recognised mean something else beside the other cells of its column?"""
+        for pieces, dots in zip(self._columns, self._dots, strict=True):
+            kinds = {piece.dtype for piece in pieces}
+            if len(kinds) > 1 and ((decimal == "," and dots) or any(kind.is_temporal() for kind in kinds)):
+                return True
+        return False
 
     def frame(self) -> pl.DataFrame:
-        """All blocks in one; a column is numbers if all of it is. What was collected is given away."""
+        """All blocks in one; a column is text if not all of it was recognised. What was collected is given away."""
         import polars as pl
 
         whole = {}
         for name, pieces in zip(self.names, self._columns, strict=True):
-            numbers = all(piece.dtype == pl.Float64 for piece in pieces)
-            whole[name] = pl.concat([p if numbers else p.cast(pl.String) for p in pieces], rechunk=True)
+            alike = len({piece.dtype for piece in pieces}) == 1
+            whole[name] = pl.concat([p if alike else p.cast(pl.String) for p in pieces], rechunk=True)
             pieces.clear()
         return pl.DataFrame(whole)
 
     def lines(self) -> Lines:
         """Of all rows."""
-        first, last = self._lines[0], self._lines[-1]
-        if all(isinstance(lines, range) for lines in self._lines) and last[-1] - first[0] + 1 == self.rows:
-            return range(int(first[0]), int(last[-1]) + 1)
+        filled = [lines for lines in self._lines if len(lines)]
+        if all(isinstance(lines, range) for lines in filled) and filled[-1][-1] - filled[0][0] + 1 == self.rows:
+            return range(int(filled[0][0]), int(filled[-1][-1]) + 1)
         return np.concatenate([np.asarray(lines, dtype=np.int64) for lines in self._lines])
+
+
+def _recognised(text: pl.Series) -> pl.Series:
+    """Numbers or stamps, where all cells are that."""
+    import polars as pl
+
+    numbers = text.cast(pl.Float64, strict=False)
+    if numbers.null_count() == text.null_count():
+        return numbers
+    first = text.drop_nulls()[0]
+    form = next((form for form, shape in _ISO.items() if re.fullmatch(shape, first)), None)
+    stamps = numbers if form is None else text.str.to_datetime(form, strict=False, time_unit="us", exact=True)
+    return stamps if stamps.null_count() == text.null_count() else text

@@ -84,10 +84,10 @@ def _in_time(table: Table, layout: Layout) -> tuple[_Columns, datetime | None]:
             raise DataError(f"{table.source}: column {time!r} is named as time and as a signal; correct one of them")
         times = parse_times(table, time, layout)
         rows, ordered = put_in_order(table, times)
-        t, start = times.seconds[rows], times.start
+        t, start = times.seconds if _is_all(rows, len(table)) else times.seconds[rows], times.start
         notes = [*table.notes, *times.notes, *ordered]
     _enough(table, rows)
-    return _Columns(table, rows, t / per_unit, notes), start
+    return _Columns(table, rows, t if per_unit == 1 else t / per_unit, notes), start
 
 
 def _record(columns: _Columns, layout: Layout, name: str) -> Record:
@@ -96,8 +96,7 @@ def _record(columns: _Columns, layout: Layout, name: str) -> Record:
     u = columns.numbers("op", layout.inputs, [c.column for c in layout.inputs])
     r = columns.numbers("sp", layout.outputs, [c.sp for c in layout.outputs])
     d = columns.numbers("column", layout.disturbances, [c.column for c in layout.disturbances])
-    slave_sp = columns.numbers("slave_sp", layout.inputs, [c.slave_sp for c in layout.inputs])
-    slave_pv = columns.numbers("slave_pv", layout.inputs, [c.slave_pv for c in layout.inputs])
+    slaves = [c for c in layout.inputs if c.slave_sp or c.slave_pv]
     automatic = np.ones(u.shape, dtype=bool)
     for j, channel in enumerate(layout.inputs):
         if channel.mode is not None:
@@ -122,8 +121,8 @@ def _record(columns: _Columns, layout: Layout, name: str) -> Record:
         time_unit=layout.project_time_unit,
         hold=tuple(c.hold or "zoh" for c in layout.inputs),
         d_hold=tuple(c.hold for c in layout.disturbances),
-        slave_sp=slave_sp if any(c.slave_sp for c in layout.inputs) else None,
-        slave_pv=slave_pv if any(c.slave_pv for c in layout.inputs) else None,
+        slave_sp=columns.numbers("slave_sp", layout.inputs, [c.slave_sp for c in layout.inputs]) if slaves else None,
+        slave_pv=columns.numbers("slave_pv", layout.inputs, [c.slave_pv for c in layout.inputs]) if slaves else None,
     )
 
 
@@ -164,7 +163,8 @@ class _Columns:
     def _one(self, column: str, role: str) -> Array:
         table, rows = self.table, self.rows
         values, words = table.numbers(column)
-        values, words = values[rows], words[rows]
+        if not _is_all(rows, values.size):
+            values, words = values[rows], words[rows]
         codes = no_measurements(values)
         what = f"{table.source}: column {column!r} ({role})"
         if words.mean() + codes.mean() > levels.MOSTLY:
@@ -173,7 +173,9 @@ class _Columns:
                 f"{what} holds {self._seen(column, words | codes)} in {count} of {values.size} instead of a "
                 "measurement; name another column, or export it again"
             )
-        if not np.isfinite(values).any():
+        values[codes] = np.nan
+        samples = int(np.sum(np.isfinite(values)))
+        if samples == 0:
             raise DataError(f"{what} is empty; name another column or leave it out")
         for mask, kind in ((words, Kind.TEXT), (codes, Kind.CODE)):
             if mask.any():
@@ -183,11 +185,10 @@ class _Columns:
                 message = f"{column}: {found} in {counted(int(mask.sum()), 'row')}, {shown}; counted as missing."
                 spans = spans_of(self.t, mask)
                 self.notes.append(Finding(kind, column, message, spans, int(mask.sum()), excludes=True))
-        values[codes] = np.nan
-        finite = values[np.isfinite(values)]
-        if finite.size > 1 and finite.min() == finite.max():
-            message = f"{column} ({role}) is constant at {finite[0]:g} throughout the record."
-            self.notes.append(Finding(Kind.CONSTANT, column, message, samples=int(finite.size), value=float(finite[0])))
+        level = float(np.nanmin(values))
+        if samples > 1 and level == np.nanmax(values):
+            message = f"{column} ({role}) is constant at {level:g} throughout the record."
+            self.notes.append(Finding(Kind.CONSTANT, column, message, samples=samples, value=level))
         return values
 
     def _seen(self, column: str, mask: BoolArray) -> str:
@@ -215,6 +216,11 @@ class _Columns:
         state = np.array([-1 if c is None else int(distinct[c]) for c in cells])
         known = np.maximum.accumulate(np.where(state >= 0, np.arange(state.size), -1))
         return np.asarray(np.where(known >= 0, state[np.maximum(known, 0)] == 1, True), dtype=bool)
+
+
+def _is_all(rows: Rows, size: int) -> bool:
+    """Are these all rows as they stand?"""
+    return rows.size == size and bool(np.all(rows[1:] > rows[:-1]))
 
 
 def _as_text(cell: object) -> str:

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, BoolArray
+from trueplant.record import levels
 from trueplant.record.sensor import quantum
 from trueplant.record.types import Finding, Kind, Record
 
@@ -15,7 +16,7 @@ from trueplant.record.types import Finding, Kind, Record
 def resolution(y: Array) -> float:
     """The last place in which y was written down: a power of ten, or that of its floating-point numbers."""
     rounding = _rounding(y)
-    digits = (d for d in range(-2, 16) if _printed(y[:1000], d, rounding) and _printed(y, d, rounding))
+    digits = (d for d in range(-2, 16) if _printed(y, d, rounding))
     printed = next((10.0**-d for d in digits), 0.0)
     place = _place(y)
     return printed if printed >= place else place + printed
@@ -23,20 +24,28 @@ def resolution(y: Array) -> float:
 
 def _rounding(y: Array) -> float:
     """What some steps of arithmetic leave of numbers of this size."""
-    return 4 * float(np.finfo(float).eps) * float(np.max(np.abs(y), initial=0.0))
+    return 4 * float(np.finfo(float).eps) * _largest(y)
+
+
+def _largest(y: Array) -> float:
+    return max(float(np.max(y, initial=0.0)), -float(np.min(y, initial=0.0)))
+
+
+def _in_blocks(y: Array, fits: Callable[[Array], BoolArray]) -> bool:
+    """Do all values fit? Looked at in blocks, until one does not."""
+    return all(bool(np.all(fits(y[k : k + levels.BLOCK]))) for k in range(0, y.size, levels.BLOCK))
 
 
 def _printed(y: Array, digits: int, rounding: float) -> bool:
-    return bool(np.all(np.abs(np.round(y, digits) - y) <= rounding))
+    return _in_blocks(y, lambda some: np.abs(np.round(some, digits) - some) <= rounding)
 
 
 def _place(y: Array) -> float:
     """The last place of the floating-point numbers that y is, or was before it was printed."""
     rounding = _rounding(y)
-    single = y.astype(np.float32)
     # Nine digits tell single-precision numbers apart: half of the ninth is at most so much of a number.
-    if np.all(np.abs(single - y) <= np.maximum(5e-9 * np.abs(y), rounding)):
-        return float(np.spacing(np.max(np.abs(single), initial=np.float32(0))))
+    if _in_blocks(y, lambda some: np.abs(some.astype(np.float32) - some) <= np.maximum(5e-9 * np.abs(some), rounding)):
+        return float(np.spacing(np.float32(_largest(y))))
     return 0.5 * rounding
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from trueplant.arrays import Array, BoolArray
+from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.errors import DataError
 from trueplant.record import levels, sensor
 from trueplant.record.compression import filled_in, moves
@@ -217,10 +217,10 @@ def _output(
         if bad.any():
             message = f"{name} was at or beyond its range {limits[0]:g} to {limits[1]:g} in {_count(bad)}; left out."
             log.add(Kind.OUT_OF_RANGE, name, message, bad, True, float(np.mean(bad)))
-    at = np.flatnonzero(np.isfinite(y) & ~bad)
-    if at.size < levels.FEWEST_USABLE:
-        return bad, clock.h
+    at = _places(np.isfinite(y) & ~bad)
     v = y[at]
+    if v.size < levels.FEWEST_USABLE:
+        return bad, clock.h
     if np.ptp(v) == 0:
         if np.any(np.nanmax(record.u, axis=0) > np.nanmin(record.u, axis=0)):
             stuck = np.isfinite(y)
@@ -263,11 +263,11 @@ def _report_sensor(every: float, q: float, name: str, clock: Clock, unit: str, l
 
 def _report_compressed_op(record: Record, j: int, channel: Channel, log: _Log) -> None:
     """Of closed loops only: a person may well move OP along straight lines, a controller does not."""
-    at = np.flatnonzero(np.isfinite(record.u[:, j]))
-    alive = [i for i, y in enumerate(record.y.T) if np.isfinite(y[at]).any() and _span(y[at]) > 0]
-    if not record.closed or at.size < levels.FEWEST_USABLE or not alive:
-        return
+    at = _places(np.isfinite(record.u[:, j]))
     u = record.u[at, j]
+    alive = [i for i, y in enumerate(record.y.T) if np.isfinite(y[at]).any() and _span(y[at]) > 0]
+    if not record.closed or u.size < levels.FEWEST_USABLE or not alive:
+        return
     share = filled_in(record.t[at], u, sensor.quantum(u), moves([record.y[at, i] for i in alive]))
     if share > levels.COMPRESSED:
         message = (
@@ -275,6 +275,11 @@ def _report_compressed_op(record: Record, j: int, channel: Channel, log: _Log) -
             "moves, lie on straight lines between the others, and what OP really did there is not in the record."
         )
         log.add(Kind.COMPRESSED, channel.name, message, value=1 - share)
+
+
+def _places(where: BoolArray) -> IntArray | slice:
+    """Indices of True; all of them as a slice, which copies nothing."""
+    return slice(None) if where.all() else np.flatnonzero(where)
 
 
 def _span(x: Array) -> float:

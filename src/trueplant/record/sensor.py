@@ -61,12 +61,12 @@ def spikes(y: Array, every: float, q: float) -> BoolArray:
     """
     begin, length = equal_runs(y)
     v = y[begin]
-    out = np.zeros(y.size, dtype=bool)
     if v.size < levels.SPIKE_UPDATES:
-        return out
+        return np.zeros(y.size, dtype=bool)
     change = np.abs(np.diff(v))
     floor = max(levels.SPIKE_SCALE * levels.NORMAL_MAD * float(np.median(change)), levels.SPIKE_QUANTA * q)
     longest = max(levels.SPIKE_SAMPLES, round(levels.SPIKE_HELD * every))
+    found: list[IntArray] = []
     for m, first in product((1, 2, 3), range(3, v.size, levels.BLOCK)):
         a = np.arange(first, min(first + levels.BLOCK, v.size - m - 2))
         before, after = v[a - 1], v[a + m]
@@ -79,10 +79,10 @@ def spikes(y: Array, every: float, q: float) -> BoolArray:
         # a smooth peak falls off faster farther away, a decay after a step differs between its two sides
         smooth = np.max([np.abs(before - left), np.abs(after - right), np.abs(left - right)], axis=0)
         samples = begin[a + m - 1] + length[a + m - 1] - begin[a]
-        hit = (size > floor) & (size > levels.SPIKE_SMOOTH * smooth) & (samples <= longest)
-        for i in range(m):
-            out |= spread(begin[a[hit] + i], length[a[hit] + i], y.size)
-    return out
+        hit = a[(size > floor) & (size > levels.SPIKE_SMOOTH * smooth) & (samples <= longest)]
+        found += [hit + i for i in range(m)]
+    hits = np.unique(np.concatenate(found))
+    return spread(begin[hits], length[hits], y.size)
 
 
 def _middle(a: Array, b: Array, c: Array) -> Array:
@@ -90,7 +90,7 @@ def _middle(a: Array, b: Array, c: Array) -> Array:
     return np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
 
 
-def frozen(y: Array, u: Array, at: IntArray) -> BoolArray:
+def frozen(y: Array, u: Array, at: IntArray | slice) -> BoolArray:
     """Where y (n,), the samples `at` of a record, stays at one value far longer than ever else, although OP moves.
 
     u (N, n_u) is OP of the whole record; where it is missing it counts as 0.

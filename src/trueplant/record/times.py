@@ -100,21 +100,23 @@ def parse_times(table: Table, name: str, layout: Layout, groups: NDArray[np.int6
     series = table.column(name, "time")
     if series.dtype.is_nested() or str(series.dtype) in ("Binary", "Object", "Boolean"):
         raise DataError(f"{table.source}: column {name!r} holds {series.dtype}: no time; name another as `time`")
-    values, words = table.numbers(name)
-    if series.dtype.is_temporal():
-        stamps, utc, notes = _from_temporal(table, name)
-    elif words.any():
-        if bool((np.isfinite(values) & ~words).mean() > levels.MOSTLY):
-            _refuse(table, name, int(np.argmax(words)))
-        stamps, utc, notes = _from_text(table, name, layout.time_format)
-    else:
-        read = _from_numbers(table, name, values, layout)
-        if isinstance(read, Times):
-            return read
-        stamps, utc, notes = read
+    read = _from_temporal(table, name) if series.dtype.is_temporal() else _from_cells(table, name, layout)
+    if isinstance(read, Times):
+        return read
+    stamps, utc, notes = read
     if not utc and layout.time_zone is not None:
         stamps, utc = _to_utc(table, stamps, layout.time_zone, groups), True
     return _since_start(table, name, stamps, utc, notes)
+
+
+def _from_cells(table: Table, name: str, layout: Layout) -> Times | _Stamps:
+    """Times of a column of numbers or text."""
+    values, words = table.numbers(name)
+    if not words.any():
+        return _from_numbers(table, name, values, layout)
+    if bool((np.isfinite(values) & ~words).mean() > levels.MOSTLY):
+        _refuse(table, name, int(np.argmax(words)))
+    return _from_text(table, name, layout.time_format)
 
 
 def _from_numbers(table: Table, name: str, values: Array, layout: Layout) -> Times | _Stamps:
@@ -341,6 +343,8 @@ def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[F
     Raises DataError where time runs backwards for more than single rows.
     """
     t = times.seconds
+    if np.all(np.diff(t) > 0):
+        return np.arange(t.size), ()
     rows = np.flatnonzero(np.isfinite(t))
     notes: list[Finding] = []
     if rows.size < t.size:
