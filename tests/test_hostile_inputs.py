@@ -560,3 +560,24 @@ def test_models_beyond_reason_are_answered_at_once(formula, folder, capsys):
     out, err = capsys.readouterr()
     assert (status, out) == (2, "") and MODELS[formula] in err and len(err) < 1000, err
     assert contents(folder) == before
+
+
+def test_more_than_can_be_estimated_is_said_at_once(folder, capsys):
+    many = 40
+    rng = np.random.default_rng(5)
+    frame = {"t": np.arange(2000.0)}
+    text = ['time_unit = "s"\n[data]\nfiles = ["many.csv"]\ntime = "t"\n']
+    for k in range(many):
+        frame |= {f"sp{k}": np.repeat(rng.integers(-2, 3, 20), 100).astype(float), f"op{k}": rng.normal(size=2000)}
+        frame[f"pv{k}"] = frame[f"sp{k}"] + rng.normal(size=2000)
+        text += [f'[[output]]\nname = "y{k}"\npv = "pv{k}"\nsp = "sp{k}"\n[[input]]\nname = "u{k}"\nop = "op{k}"\n']
+    text += [
+        f'[[model]]\noutput = "y{i}"\ninput = "u{j}"\ntf = "1/(10 s + 1)"\n' for i in range(many) for j in range(many)
+    ]
+    pl.DataFrame(frame).write_csv("many.csv")
+    Path("many.toml").write_text("".join(text))
+    assert main(["run", "many.toml", "--json"]) == 3
+    reasons = json.loads(capsys.readouterr().out)["reasons"]
+    assert [one["code"] for one in reasons] == ["too-large"]
+    assert "1600 elements, up to 40 of one output, from 2,000 samples" in reasons[0]["message"]
+    assert "estimate = false" in reasons[0]["message"]

@@ -20,6 +20,7 @@ class Code(StrEnum):
     RECORD = "record", "a record cannot be used"
     NO_DATA = "no-data", "no usable data are left after screening"
     NO_EXCITATION = "no-excitation", "nothing moves the plant from outside, or not enough"
+    TOO_LARGE = "too-large", "to estimate so many elements from so many samples would take hours"
     NOTHING_TO_ESTIMATE = "nothing-to-estimate", "no output has both an element to estimate and usable data"
     NOT_IDENTIFIABLE = "not-identifiable", "a parameter cannot be told from these data"
     REFUTED = "refuted", "the record speaks against the estimate of an output, which is not given"

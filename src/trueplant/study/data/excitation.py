@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -22,12 +23,28 @@ def doubts(study: Study) -> tuple[Reason, ...]:
     """Why nothing, or not everything, can be answered, as far as that shows before any estimate."""
     names = [plan.name for plan in study.project.experiments]
     refusals = [Reason(Code.RECORD, s.refusal, names[k]) for k, s in enumerate(study.screened) if s.refusal]
-    return (*refusals, *why_not_informative(study))
+    return (*refusals, *why_not_informative(study), *_too_much(study))
 
 
 def blocked(reasons: Sequence[Reason]) -> bool:
     """Do these reasons leave nothing to be answered?"""
-    return any(reason.code == Code.NO_EXCITATION for reason in reasons)
+    return any(reason.code in (Code.NO_EXCITATION, Code.TOO_LARGE) for reason in reasons)
+
+
+def _too_much(study: Study) -> list[Reason]:
+    """Said where the estimate would take hours: it grows with the samples and the square of an output's elements."""
+    elements = Counter(i for i, _ in study.specs)
+    samples = sum(map(len, study.segments))
+    if samples * sum(n**2 for n in elements.values()) <= levels.MOST_WORK:
+        return []
+    return [
+        Reason(
+            Code.TOO_LARGE,
+            f"to estimate {len(study.specs)} elements, up to {max(elements.values())} of one output, from {samples:,} "
+            "samples would take hours: set estimate = false for elements that are trusted or small, split the plant "
+            "into projects of loops that act on each other, or export fewer samples",
+        )
+    ]
 
 
 def why_not_informative(study: Study) -> list[Reason]:
