@@ -60,8 +60,9 @@ class Block:
     @cached_property
     def quoted(self) -> bool:
         """Do quotes keep fields together? One inside a word (12" valve) quotes nothing."""
-        opening = re.search(rb"(^|[\n" + re.escape(self.separator.encode()) + rb'])"', self.data)
-        return opening is not None and self.data.count(b'"') % 2 == 0
+        count = self.data.count(b'"')
+        opening = rb"(^|[\n" + re.escape(self.separator.encode()) + rb'])"'
+        return count > 0 and count % 2 == 0 and re.search(opening, self.data) is not None
 
     @cached_property
     def _places(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:

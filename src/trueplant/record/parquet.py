@@ -35,7 +35,11 @@ def _read(source: Source) -> tuple[tuple[str, ...], pl.DataFrame]:
     wanted = names if source.wanted is None else source.columns(Table(names, _first(source, names), source.name))
     used = [name for name in names if wanted is None or name in wanted]
     source.within_limit(rows, len(used))
-    return names, pl.read_parquet(io.BytesIO(source.data), columns=used)
+    columns = []
+    for name in used:
+        source.say(f"reading {name} of {source.name}")
+        columns.append(pl.read_parquet(io.BytesIO(source.data), columns=[name]).to_series())
+    return names, pl.DataFrame(columns)
 
 
 def _first(source: Source, names: tuple[str, ...]) -> pl.DataFrame:

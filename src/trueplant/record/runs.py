@@ -5,6 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
+from trueplant.record import levels
+
+
+def several(x: Array, count: int) -> bool:
+    """Does x take at least so many different values?"""
+    seen: set[float] = set()
+    for k in range(0, x.size, levels.BLOCK):
+        seen.update(np.unique(x[k : k + levels.BLOCK])[:count].tolist())
+        if len(seen) >= count:
+            return True
+    return False
 
 
 def true_runs(mask: BoolArray) -> tuple[IntArray, IntArray]:

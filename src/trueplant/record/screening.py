@@ -15,7 +15,7 @@ from trueplant.record.layout import Channel, Layout
 from trueplant.record.numbers import counted
 from trueplant.record.refusal import why_refused
 from trueplant.record.resolution import without_rounding
-from trueplant.record.runs import equal_runs, hold_short, spans_of, spread
+from trueplant.record.runs import equal_runs, hold_short, several, spans_of, spread
 from trueplant.record.segments import Clock, clock_of, segments_of
 from trueplant.record.types import Finding, Kind, Record, Refusal, Screened, Unusable
 
@@ -165,7 +165,7 @@ def _plateaus(record: Record, j: int) -> BoolArray:
     u = record.u[:, j]
     out = np.zeros(u.size, dtype=bool)
     finite = np.isfinite(u)
-    if not record.closed or np.unique(u[finite]).size < levels.PLATEAU_VALUES:
+    if not record.closed or not several(u[finite], levels.PLATEAU_VALUES):
         return out
     begin, length = equal_runs(u)
     value = u[begin]
