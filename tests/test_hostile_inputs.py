@@ -581,3 +581,23 @@ def test_more_than_can_be_estimated_is_said_at_once(folder, capsys):
     assert [one["code"] for one in reasons] == ["too-large"]
     assert "1600 elements, up to 40 of one output, from 2,000 samples" in reasons[0]["message"]
     assert "estimate = false" in reasons[0]["message"]
+
+
+def test_no_warning_of_a_library_reaches_a_user(folder):
+    """A model of twelve lags, of which the fit overflows on its way."""
+    project = PROJECT.replace("2 exp(-2 s)/(10 s + 1)", "2 exp(-2 s)/(3 s + 1)^12").replace("Kc = 0.8", "Kc = 0.1")
+    (folder / "slow.toml").write_text(project)
+    command = [sys.executable, "-m", "trueplant"]
+    for arguments in (["simulate", "slow.toml", "--out", "record.csv", "--force"], ["run", "slow.toml"]):
+        done = subprocess.run([*command, *arguments], env=ENVIRONMENT, capture_output=True, text=True, check=True)
+        assert done.stderr == ""
+
+
+@pytest.mark.parametrize(("options", "shown"), [([], False), (["-W", "default"], True)])
+def test_warnings_are_shown_only_to_who_asks_for_them(options, shown, folder):
+    """Those of a library that is called while a command runs."""
+    (folder / "typer.py").write_text("import warnings\nwarnings.warn('of a library')\nraise SystemExit(0)\n")
+    environment = ENVIRONMENT | {"PYTHONPATH": os.pathsep.join([str(folder), ENVIRONMENT["PYTHONPATH"]])}
+    command = [sys.executable, *options, "-m", "trueplant", "check", "project.toml"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert ("of a library" in done.stderr) is shown

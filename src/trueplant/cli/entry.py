@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Sequence
 from types import FrameType
 
@@ -22,8 +23,10 @@ INTERNAL_ERROR, INTERRUPTED = 70, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit status; an error is one message on standard error."""
+    """Run one command (that of the process, if None) and return its exit status; an error is one message."""
     ready_streams()
+    if arguments is None and not sys.warnoptions:  # what libraries warn of is no message to a user: findings are
+        warnings.simplefilter("ignore")
     interrupted = _noticed_interrupts()
     try:
         status = _command(None if arguments is None else list(arguments))
