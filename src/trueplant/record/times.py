@@ -125,9 +125,10 @@ def _from_numbers(table: Table, name: str, values: Array, layout: Layout) -> Tim
 
     if np.isnan(values).all():
         raise DataError(f"{table.source}: the time column {name!r} is empty; name another one as `time`")
-    if np.isinf(values).any():
-        row = int(np.argmax(np.isinf(values)))
-        raise DataError(f"{table.source}, {table.where(row)}: time is infinite; correct it")
+    wild = (values > levels.LARGEST_VALUE) | (values < -levels.LARGEST_VALUE)
+    if wild.any():
+        row = int(np.argmax(wild))
+        raise DataError(f"{table.source}, {table.where(row)}: {values[row]:g} is no time; correct it")
     unit = unit_seconds(layout.time_unit)
     wanted = layout.time_format
     where = f"{table.source}, column {name!r}"
