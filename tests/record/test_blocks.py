@@ -11,6 +11,7 @@ import pytest
 
 from trueplant.errors import DataError
 from trueplant.record import Channel, Layout, Record, levels, read_record, read_table
+from trueplant.record.runs import spans_of
 from trueplant.record.screening import screen
 
 LAYOUT = Layout((Channel("y", "pv", sp="sp"),), (Channel("u", "op"),), project_time_unit="s")
@@ -129,3 +130,21 @@ def test_a_table_without_a_layout_is_whole_and_as_it_stands(tmp_path):
     table = read_table(path)
     assert table.frame["op"].to_list()[:2] == ["0.000", "0.000"]
     assert table.numbers("op")[0][310] == 38.5
+
+
+def test_of_very_many_stretches_the_longest_are_listed_and_all_are_counted():
+    mask = np.arange(300_000) % 10 == 0
+    mask[100_000:100_020] = mask[200_000:200_030] = True
+    spans = spans_of(np.arange(mask.size) * 0.5, mask)
+    assert len(spans) == levels.MOST_SPANS
+    assert list(spans) == sorted(spans)
+    assert {(50_000.0, 50_010.0), (100_000.0, 100_015.0)} <= set(spans)  # each with the single sample after it
+    frame = (
+        wide(0)
+        .head(1)
+        .join(pl.DataFrame({"t": np.arange(mask.size) * 1.0}), how="cross", suffix="_")
+        .select(t="t_", sp="sp", pv=pl.Series(np.where(mask, np.nan, np.arange(mask.size) % 7)), op=pl.col("t_").sin())
+    )
+    found = screen(read_record(frame, LAYOUT), LAYOUT).findings
+    (missing,) = (finding for finding in found if finding.kind == "missing")
+    assert missing.samples == mask.sum() and len(missing.spans) == levels.MOST_SPANS

@@ -30,6 +30,8 @@ MOST_UNPACKED = 2_000_000_000
 """Bytes that a workbook unpacks to."""
 BLOCK = 1 << 18
 """Samples that are looked at at once where that bounds memory."""
+MOST_SPANS = 1000
+"""Stretches of a finding that are listed: more are for nobody to read."""
 HEAD_BYTES = 4096
 """Bytes of a file by which its format and encoding are known."""
 BLOCK_BYTES = 1 << 24

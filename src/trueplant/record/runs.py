@@ -40,8 +40,11 @@ def spread(begin: IntArray, length: IntArray, size: int) -> BoolArray:
 
 
 def spans_of(t: Array, mask: BoolArray) -> tuple[tuple[float, float], ...]:
-    """(from, to) of each run of True, in the time of t."""
+    """(from, to) of each run of True, in the time of t: of very many the longest, in their order."""
     begin, length = true_runs(mask)
+    if begin.size > levels.MOST_SPANS:
+        longest = np.sort(np.argsort(-length, kind="stable")[: levels.MOST_SPANS])
+        begin, length = begin[longest], length[longest]
     return tuple((float(t[a]), float(t[b])) for a, b in zip(begin, begin + length - 1, strict=True))
 
 

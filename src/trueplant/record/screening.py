@@ -15,7 +15,7 @@ from trueplant.record.layout import Channel, Layout
 from trueplant.record.numbers import counted
 from trueplant.record.refusal import why_refused
 from trueplant.record.resolution import without_rounding
-from trueplant.record.runs import equal_runs, hold_short, several, spans_of, spread
+from trueplant.record.runs import equal_runs, hold_short, several, spans_of, spread, true_runs
 from trueplant.record.segments import Clock, clock_of, segments_of
 from trueplant.record.types import Finding, Kind, Record, Refusal, Screened, Unusable
 
@@ -247,7 +247,7 @@ def _output(
         log.add(Kind.FROZEN, name, message, stuck, True, float(np.mean(stuck)))
     spike[at] = sensor.spikes(v, every, q)
     if spike.any():
-        message = f"{name} has {counted(len(spans_of(record.t, spike)), 'short spike')}, {_count(spike)}; left out."
+        message = f"{name} has {counted(true_runs(spike)[0].size, 'short spike')}, {_count(spike)}; left out."
         log.add(Kind.SPIKE, name, message, spike, True, float(np.mean(spike)))
     _report_outliers(y, bad | stuck | spike, name, log)
     return bad | stuck | spike, every * clock.h
