@@ -75,7 +75,7 @@ def main() -> None:
         print(f"{kind:16}", ", ".join(f"{end}: {count}" for end, count in sorted(ends.items())))
     strange = [(n, kind, end, said) for n, (kind, end, said) in zip(numbers, found, strict=True) if end not in GOOD]
     for number, kind, end, said in strange:
-        print(f"case {number} ({kind}): {end}\n    {said[-1000:]}")
+        print(f"case {number} ({kind}): {end}\n    {said[-1000:] if options.only is None else said}")
     print(f"{len(found)} cases, {len(strange)} of them did not end as promised")
     sys.exit(bool(strange))
 

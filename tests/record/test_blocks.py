@@ -139,12 +139,9 @@ def test_of_very_many_stretches_the_longest_are_listed_and_all_are_counted():
     assert len(spans) == levels.MOST_SPANS
     assert list(spans) == sorted(spans)
     assert {(50_000.0, 50_010.0), (100_000.0, 100_015.0)} <= set(spans)  # each with the single sample after it
-    frame = (
-        wide(0)
-        .head(1)
-        .join(pl.DataFrame({"t": np.arange(mask.size) * 1.0}), how="cross", suffix="_")
-        .select(t="t_", sp="sp", pv=pl.Series(np.where(mask, np.nan, np.arange(mask.size) % 7)), op=pl.col("t_").sin())
-    )
+    t = np.arange(mask.size) * 1.0
+    pv = np.where(mask, np.nan, np.arange(mask.size) % 7)
+    frame = {"t": t, "sp": np.ones(mask.size), "pv": pv, "op": np.sin(t)}
     found = screen(read_record(frame, LAYOUT), LAYOUT).findings
     (missing,) = (finding for finding in found if finding.kind == "missing")
     assert missing.samples == mask.sum() and len(missing.spans) == levels.MOST_SPANS

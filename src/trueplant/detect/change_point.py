@@ -98,7 +98,8 @@ def change_point(
         shared[~changing] = step[: size - moving]
         old, new = shared.copy(), shared.copy()
         old[changing], new[changing] = step[-2 * moving : -moving], step[-moving:]
-        moved = max(float(np.max(np.abs(s) / (np.abs(p) + 1e-12))) for s, p in ((old, before), (new, after)))
+        with np.errstate(over="ignore"):  # beyond all numbers it has moved too
+            moved = max(float(np.max(np.abs(s) / (np.abs(p) + 1e-12))) for s, p in ((old, before), (new, after)))
         before, after = (np.clip(_limited(p, s), low, high) for p, s in ((before, old), (after, new)))
         ar = _noise(errors, parts, row)
         if moved < levels.CHANGE_SETTLED:

@@ -39,6 +39,7 @@ def filled_in(t: Array, y: Array, step: float = 0.0, steered: BoolArray | None =
     return float(np.sum(found) / np.sum(rising)) if np.sum(found) > levels.ABOVE_CHANCE * expected else 0.0
 
 
+@np.errstate(over="ignore", invalid="ignore")  # stamps may be as near as numbers can be
 def _shape(t: Array, y: Array, unit: float) -> tuple[BoolArray, BoolArray, BoolArray, float]:
     """At the inner samples (N - 2,) of y: does it rise or fall there, is it bent, and so much that it is a corner?
 
