@@ -45,7 +45,10 @@ class Source:
     @cached_property
     def data(self) -> bytes:
         """All of the file."""
-        return b"".join(self.blocks())
+        self.file.seek(0)
+        content = self.file.read()
+        self._digest = hashlib.sha256(content)
+        return content
 
     @property
     def sha256(self) -> str:
