@@ -16,6 +16,7 @@ from types import FrameType
 from trueplant.cli.streams import ready_streams
 from trueplant.errors import OutputError, TrueplantError
 from trueplant.printable import printable
+from trueplant.threads import ask_for_one
 from trueplant.version import __version__
 
 INTERNAL_ERROR, INTERRUPTED = 70, 130
@@ -25,6 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; an error is one message on standard error."""
     ready_streams()
     interrupted = _noticed_interrupts()
+    ask_for_one()
     try:
         status = _command(None if arguments is None else list(arguments))
         sys.stdout.flush()
