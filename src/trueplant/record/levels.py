@@ -28,6 +28,10 @@ MOST_SHEET_CELLS = 50_000_000
 """Cells of an Excel sheet that is read: they are laid out as text first, some 100 bytes each."""
 MOST_UNPACKED = 2_000_000_000
 """Bytes that a workbook unpacks to."""
+MOST_SECONDS_APART = 60
+"""In which a workbook that cannot be measured has to be read: a full sheet of an .xls file takes half of it."""
+MOST_MEMORY_APART = 4_000_000_000
+"""Bytes that it may take meanwhile: four times those of a full sheet."""
 SAME_INSTANT = 1e-3
 """Share of a sample by which two stamps of one instant may differ."""
 YEARS = (1990, 2100)
