@@ -59,9 +59,11 @@ def prepare_output(path: str | os.PathLike[str]) -> Path:
 def claim_results(folder: Path, project: Project, force: bool = False) -> None:
     """Raise OutputError where results in the folder would replace a file that is not an earlier result.
 
-    Without `force` that is every file that no earlier run wrote, and with it what the project reads.
+    Without `force` that is every file that no earlier run wrote, and with it what the project reads. Also for a folder
+    from which plant.toml cannot name the records.
     """
     repair(folder)
+    project.to_toml(folder)
     claim([folder / name for name in (*BESIDE, RESULT)], project.files, force, known_to(folder / RESULT))
 
 

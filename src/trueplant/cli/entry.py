@@ -109,7 +109,7 @@ def _say(message: str) -> None:
     from trueplant.printable import printable
 
     with contextlib.suppress(OSError, OutputError):  # nobody is left to be told
-        print(printable(f"trueplant: {message}"), file=sys.stderr)
+        print(printable(f"trueplant: {message}").replace("\n", "\\n"), file=sys.stderr)
 
 
 def _write_details() -> str:

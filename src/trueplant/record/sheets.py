@@ -71,7 +71,7 @@ def loaded_apart(source: Source) -> Sheet:
 
 def answer() -> None:
     """What the other process does: the workbook comes on standard input, sheet or error go to standard output."""
-    with contextlib.suppress(ImportError):  # not everywhere
+    with contextlib.suppress(ImportError, OSError, ValueError):  # not everywhere, or limited already
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (levels.MOST_MEMORY_APART, levels.MOST_MEMORY_APART))
