@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections import Counter
 from importlib import import_module
+from itertools import count
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
@@ -33,7 +34,7 @@ for module in ("trueplant.report", "trueplant.study.pipeline"):
 
 RUN = ["run", "project.toml", "--out", "out"]
 WRITES = 24
-"""Openings, movings and removings of files of the result, at least so many in a run over another one."""
+"""Openings, movings and removings of files of the result: about as many as a run over another one has."""
 
 
 def main() -> None:
@@ -50,11 +51,15 @@ def main() -> None:
         began = time.perf_counter()
         whole(*RUN)
         took = time.perf_counter() - began
-        for k in range(options.kills):
+        kills = 0
+        for k in count():
+            if kills == options.kills:
+                break
             Path("project.toml").write_text(PROJECT.replace("2 exp", f"{2 + (k + 1) / 1e4} exp"))
             old = analysed()
             cut = killed(rng.uniform(0, took)) if k % 2 else killed(rng.randrange(WRITES))
-            ends[state(old) + ("" if cut else ", not killed")] += 1
+            kills += cut
+            ends[state(old) + ("" if cut else ", done before")] += 1
         whole(*RUN)
         left = sorted(path.name for path in Path("out").iterdir())
     print(f"{options.kills} kills:", ", ".join(f"{end}: {count}" for end, count in sorted(ends.items())))
@@ -85,7 +90,7 @@ def started(arguments: list[str] | tuple[str, ...], writes: int | None) -> int:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     left = writes
 
-    def count(event: str, of: tuple[object, ...]) -> None:
+    def watch(event: str, of: tuple[object, ...]) -> None:
         nonlocal left
         if left is None or event not in ("open", "os.rename", "os.remove") or not str(of[0]).startswith("out/"):
             return
@@ -93,7 +98,7 @@ def started(arguments: list[str] | tuple[str, ...], writes: int | None) -> int:
         if left < 0:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    sys.addaudithook(count)
+    sys.addaudithook(watch)
     os._exit(command(list(arguments)))
 
 
