@@ -22,7 +22,7 @@ import pytest
 import tomlkit
 
 import trueplant
-from support.command import ENVIRONMENT, PROJECT
+from support.command import ENVIRONMENT, PROJECT, contents, refused
 from trueplant.cli import main
 from trueplant.record import levels
 
@@ -41,23 +41,6 @@ def folder(tmp_path, record, monkeypatch):
     (tmp_path / "record.csv").write_text(record)
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-
-
-def refused(arguments: list[str], capsys, *words: str) -> None:
-    """The command ends with 2 and one message that holds the words, and leaves every file as it was."""
-    before = contents(Path())
-    capsys.readouterr()
-    status = main(arguments)
-    out, err = capsys.readouterr()
-    assert (status, out) == (2, ""), out + err
-    assert err.startswith("trueplant: ") and err.count("\n") == 1 and len(err) < 1000, err
-    for word in words:
-        assert word in err, err
-    assert contents(Path()) == before
 
 
 # -- streams -----------------------------------------------------------------------------------------------------

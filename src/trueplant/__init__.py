@@ -7,9 +7,14 @@ Everything named in ``__all__`` is public and stable. Names are imported when th
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+from trueplant.version import __version__
+
+TYPE_CHECKING = False
+"""That of `typing`, without what it takes to import that."""
 if TYPE_CHECKING:
+    from typing import Any
+
     from trueplant import datasets as datasets
     from trueplant.errors import (
         DataError,
@@ -31,8 +36,6 @@ if TYPE_CHECKING:
     from trueplant.project import Project
     from trueplant.record.types import Record, Screened, Segment
     from trueplant.result import Check, Result, Track
-
-from trueplant.version import __version__
 
 _HOME = {
     "datasets": "trueplant.datasets",

@@ -8,13 +8,16 @@ goes.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
 import re
 import secrets
+import signal
 import tempfile
-from collections.abc import Mapping
+import threading
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -41,7 +44,7 @@ def prepare_output(path: str | os.PathLike[str]) -> Path:
     Raises OutputError if the path is a file, lies below one, or cannot be written to.
     """
     folder = Path(path)
-    made = [p for p in (folder, *folder.parents) if not p.exists()]
+    made = _missing(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=folder):
@@ -49,18 +52,18 @@ def prepare_output(path: str | os.PathLike[str]) -> Path:
     except OSError as error:
         _raise(folder, error)
     finally:
-        for parent in made:
-            if parent.is_dir():
-                parent.rmdir()
+        _remove_empty(made)
     return folder
 
 
 def claim_results(folder: Path, project: Project, force: bool = False) -> None:
     """Raise OutputError where results in the folder would replace a file that is not an earlier result.
 
-    Without `force` that is every file that no earlier run wrote, and with it what the project reads.
+    Without `force` that is every file that no earlier run wrote, and with it what the project reads. Also for a folder
+    from which plant.toml cannot name the records.
     """
     repair(folder)
+    project.to_toml(folder)
     claim([folder / name for name in (*BESIDE, RESULT)], project.files, force, known_to(folder / RESULT))
 
 
@@ -73,7 +76,6 @@ def write_results(
     one's, and go. Returns the paths by file name. Raises OutputError.
     """
     folder = Path(path)
-    repair(folder)
     texts: dict[str, str] = {}
     if result.curves is not None:
         texts[CURVES] = as_json(plain(result.curves.decimated(MOST_SAMPLES)), indent=None)
@@ -98,8 +100,10 @@ def to_json(result: Result, beside: Mapping[str, str] | None = None) -> str:
 def write_files(folder: Path, contents: Mapping[str, str | bytes], gone: list[str] | None = None) -> dict[str, Path]:
     """Write all files or none: first beside their places, then moved there in order. Those in `gone` are removed before
     the last of them."""
+    repair(folder)
     token = f"{os.getpid()}-{secrets.token_hex(4)}"
     waiting: dict[Path, Path] = {}
+    made = _missing(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
@@ -115,16 +119,45 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes], gone: list[st
     finally:
         for beside in waiting:
             beside.unlink(missing_ok=True)
+        _remove_empty(made)
     return {place.name: place for place in waiting.values()}
+
+
+def _missing(folder: Path) -> list[Path]:
+    return [path for path in (folder, *folder.parents) if not path.exists()]
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
 
 
 def _move(waiting: Mapping[Path, Path], gone: list[Path]) -> None:
     *first, last = waiting.items()
-    for beside, place in first:
-        beside.replace(place)
-    for place in gone:
-        place.unlink(missing_ok=True)
-    last[0].replace(last[1])
+    with _undisturbed():
+        for beside, place in first:
+            beside.replace(place)
+        for place in gone:
+            place.unlink(missing_ok=True)
+        last[0].replace(last[1])
+
+
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C waits until this is done."""
+    handler = signal.getsignal(signal.SIGINT)
+    if not callable(handler) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    waiting: list[Any] = []
+    signal.signal(signal.SIGINT, lambda *interrupt: waiting.append(interrupt))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        for interrupt in waiting[:1]:
+            handler(*interrupt)
 
 
 # -- after a kill ------------------------------------------------------------------------------------------------

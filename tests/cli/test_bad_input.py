@@ -268,6 +268,6 @@ def test_interrupted_run_leaves_nothing(moment, folder):
         return
     # where the signal meets a library that runs code of its own, Python ends by the signal: shells call that 130 too
     assert process.returncode in (130, -signal.SIGINT), out + err
-    assert err == "trueplant: interrupted; no result was written\n"
+    assert err == "trueplant: interrupted; no file was left half written\n"
     assert out == ""
     assert _files(folder) == before

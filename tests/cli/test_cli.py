@@ -148,7 +148,7 @@ def test_an_interruption_that_an_import_makes_its_own_error_of_is_still_one(caps
         assert main(["init", "x.csv"]) == 130
     finally:
         signal.signal(signal.SIGINT, before)
-    assert capsys.readouterr().err == "trueplant: interrupted; no result was written\n"
+    assert capsys.readouterr().err == "trueplant: interrupted; no file was left half written\n"
 
 
 def test_simulated_record_is_the_loops(folder, capsys):

@@ -101,6 +101,22 @@ def test_a_saved_analysis_is_drawn_and_reported_without_its_data(analysis, tmp_p
     assert again.report().count("<figure") == analysis.report().count("<figure")
 
 
+def test_only_what_was_saved_before_is_saved_over(analysis, tmp_path):
+    analysis.save(tmp_path)
+    assert set(analysis.save(tmp_path)) == {"result.json", "curves.json", "plant.toml", "report.html"}
+    mine = tmp_path / "plant.toml"
+    mine.write_text("# as agreed with operations\n")
+    before = {place.name: place.read_bytes() for place in tmp_path.iterdir()}
+    with pytest.raises(tp.OutputError, match=r"plant.toml is there already, and no earlier run wrote it"):
+        analysis.save(tmp_path)
+    assert {place.name: place.read_bytes() for place in tmp_path.iterdir()} == before
+    analysis.save(tmp_path, force=True)
+    assert tp.load(tmp_path).headline == analysis.headline
+    again = tp.load(tmp_path)
+    with pytest.raises(tp.OutputError, match=r"plant.toml is read by this run"):
+        again.save(tmp_path, force=True)
+
+
 def test_check_and_track_take_the_same_frames():
     found = tp.check(simulated(), loops=LOOPS, model=MODEL)
     assert found.status == "ok" and "1 record can be used" in found.headline

@@ -1,4 +1,4 @@
-"""A sound project of one simulated loop, for tests of what a command makes of mistakes in it."""
+"""A sound project of one simulated loop, and what the tests of what a command makes of mistakes in it share."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import trueplant
+from trueplant.cli import main
 
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(trueplant.__file__).parents[1])}
 """For commands in processes of their own."""
@@ -37,3 +38,20 @@ sample_time = 0.5
 noise = 0.02
 setpoints = [{time = 5, output = "y", value = 1}, {time = 100, output = "y", value = -1}]
 """
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def refused(arguments: list[str], capsys, *words: str) -> None:
+    """The command ends with 2 and one message that holds the words, and leaves every file as it was."""
+    before = contents(Path())
+    capsys.readouterr()
+    status = main(arguments)
+    out, err = capsys.readouterr()
+    assert (status, out) == (2, ""), out + err
+    assert err.startswith("trueplant: ") and err.count("\n") == 1 and len(err) < 1000, err
+    for word in words:
+        assert word in err, err
+    assert contents(Path()) == before

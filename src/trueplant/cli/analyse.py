@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from trueplant.claims import claim, known_to
 from trueplant.errors import UsageError
-from trueplant.output import BESIDE, RESULT, claim_results, prepare_output, write_files, write_results
+from trueplant.output import BESIDE, RESULT, claim_results, prepare_output, repair, write_files, write_results
 from trueplant.project.project import Project
 from trueplant.result.status import Status
 
@@ -41,9 +42,12 @@ def demo(name: str, out: Path | None, json: bool, force: bool) -> int:
 
     project = Project.from_toml(text, folder)
     record = project.data.files[0]
-    places = [folder / name for name in (record, "project.toml", *BESIDE, RESULT)]
-    claim(places, force=force, known=known_to(folder / RESULT))
-    write_files(folder, {record: as_file(simulate_record(project), record), "project.toml": text})
+    given = {record: as_file(simulate_record(project), record), "project.toml": text.encode("utf-8")}
+    # one that was interrupted has left these, and no result that knows them
+    known = known_to(folder / RESULT).union(hashlib.sha256(content).hexdigest() for content in given.values())
+    repair(folder)
+    claim([folder / name for name in (*given, *BESIDE, RESULT)], force=force, known=known)
+    write_files(folder, given)
     result = _analyse(Project.load(folder / "project.toml"), folder, json)
     return REFUSED if result.status == Status.REFUSED else 0
 

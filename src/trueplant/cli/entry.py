@@ -1,22 +1,21 @@
 """Where the command begins: every end of it, good or bad, with its exit status and one message.
 
-It imports next to nothing itself, so that Ctrl-C is noticed from its first moments on.
+It imports next to nothing before Ctrl-C is noticed.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
+import gc
 import os
 import signal
 import sys
 import threading
-import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from types import FrameType
 
-from trueplant.cli.streams import ready_streams
 from trueplant.errors import OutputError, TrueplantError
-from trueplant.printable import printable
 from trueplant.version import __version__
 
 INTERNAL_ERROR, INTERRUPTED = 70, 130
@@ -24,30 +23,37 @@ INTERNAL_ERROR, INTERRUPTED = 70, 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command (that of the process, if None) and return its exit status; an error is one message."""
-    ready_streams()
-    if arguments is None and not sys.warnoptions:  # what libraries warn of is no message to a user: findings are
-        warnings.simplefilter("ignore")
-    interrupted = _noticed_interrupts()
-    try:
-        status = _command(None if arguments is None else list(arguments))
-        sys.stdout.flush()
-        return _interrupted() if status == INTERRUPTED else status
-    except TrueplantError as error:
-        _say(str(error))
-        return error.exit_status
-    except KeyboardInterrupt:
-        return _interrupted()
-    except BaseException as error:  # libraries that are not written in Python report their panics so
-        if interrupted:
-            return _interrupted()
-        if hasattr(error, "format_message"):
-            _say(f"{error.format_message().rstrip('.')}; see trueplant --help")
-            return 2
-        _say(f"internal error ({type(error).__name__}); the details were written to {_write_details()}")
-        return INTERNAL_ERROR
+    with _noticed_interrupts() as interrupts:
+        try:
+            status = _command(None if arguments is None else list(arguments))
+            sys.stdout.flush()
+            return _interrupted(interrupts) if status == INTERRUPTED else status
+        except TrueplantError as error:
+            _say(str(error))
+            return error.exit_status
+        except KeyboardInterrupt:
+            return _interrupted(interrupts)
+        except BaseException as error:  # libraries that are not written in Python report their panics so
+            if interrupts.seen:
+                return _interrupted(interrupts)
+            if hasattr(error, "format_message"):
+                _say(f"{error.format_message().rstrip('.')}; see trueplant --help")
+                return 2
+            _say(f"internal error ({type(error).__name__}); the details were written to {_write_details()}")
+            return INTERNAL_ERROR
 
 
 def _command(arguments: list[str] | None) -> int:
+    import warnings
+
+    from trueplant.cli.streams import ready_streams
+    from trueplant.threads import ask_for_one
+
+    ready_streams()
+    ask_for_one()
+    if arguments is None and not sys.warnoptions:  # what libraries warn of is no message to a user: findings are
+        warnings.simplefilter("ignore")
+
     import typer
 
     from trueplant.cli.app import app
@@ -59,31 +65,55 @@ def _command(arguments: list[str] | None) -> int:
         return INTERRUPTED
 
 
-def _noticed_interrupts() -> list[int]:
-    """A list that every Ctrl-C from now on is added to: a library that is being imported makes an ImportError of it."""
-    seen: list[int] = []
+class _Interrupts:
+    """Whether there was one, and whether the end that it led to has begun: who presses Ctrl-C again waits for that."""
 
-    def notice(number: int, frame: FrameType | None) -> None:
-        seen.append(number)
-        signal.default_int_handler(number, frame)
+    def __init__(self) -> None:
+        self.seen = self.ending = False
 
+    def notice(self, number: int, frame: FrameType | None) -> None:
+        self.seen = True
+        if not self.ending:
+            raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def _noticed_interrupts() -> Iterator[_Interrupts]:
+    """Every Ctrl-C meanwhile: a library that is being imported makes an ImportError of it."""
+    found = _Interrupts()
     # not where somebody else handles it, or where it is ignored, as in the background
     if (
-        signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        and threading.current_thread() is threading.main_thread()
+        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+        or threading.current_thread() is not threading.main_thread()
     ):
-        signal.signal(signal.SIGINT, notice)
-    return seen
+        yield found
+        return
+    signal.signal(signal.SIGINT, found.notice)
+    try:
+        yield found
+    finally:
+        atexit.unregister(_leave)
+        atexit.register(_leave)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _interrupted() -> int:
-    _say("interrupted; no result was written")
+def _leave() -> None:
+    """The end: too late for Ctrl-C, and no look through all objects, which would take most of a second."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    gc.freeze()
+
+
+def _interrupted(interrupts: _Interrupts) -> int:
+    interrupts.ending = True
+    _say("interrupted; no file was left half written")
     return INTERRUPTED
 
 
 def _say(message: str) -> None:
+    from trueplant.printable import printable
+
     with contextlib.suppress(OSError, OutputError):  # nobody is left to be told
-        print(printable(f"trueplant: {message}"), file=sys.stderr)
+        print(printable(f"trueplant: {message}").replace("\n", "\\n"), file=sys.stderr)
 
 
 def _write_details() -> str:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.compiled import compiled
 from trueplant.disturbance.levels import STEADY
 from trueplant.disturbance.models import System
 
@@ -49,7 +49,7 @@ def smoothed(system: System, data: Array, valid: BoolArray) -> Smoothed:
     return Smoothed(x, P, shock)
 
 
-@njit(cache=True)
+@compiled
 def _updated(P: Array, C: Array, r: float, gain: Array) -> float:
     """Covariance P after one measurement, in place; the gain P C/s goes to `gain`; returns s."""
     n = C.size
@@ -67,7 +67,7 @@ def _updated(P: Array, C: Array, r: float, gain: Array) -> float:
     return s
 
 
-@njit(cache=True)
+@compiled
 def _moved(A: Array, M: Array, out: Array) -> None:
     """A M into `out`."""
     for i in range(A.shape[0]):
@@ -78,7 +78,7 @@ def _moved(A: Array, M: Array, out: Array) -> None:
             out[i, c] = value
 
 
-@njit(cache=True)
+@compiled
 def _predicted(A: Array, Q: Array, P: Array, work: Array) -> None:
     """A P A' + Q, in place."""
     n = A.shape[0]
@@ -91,7 +91,7 @@ def _predicted(A: Array, Q: Array, P: Array, work: Array) -> None:
             P[i, j] = value
 
 
-@njit(cache=True)
+@compiled
 def _same(P: Array, before: Array) -> bool:
     n = P.shape[0]
     for i in range(n):
@@ -101,7 +101,7 @@ def _same(P: Array, before: Array) -> bool:
     return True
 
 
-@njit(cache=True)
+@compiled
 def _innovations(A: Array, Q: Array, P0: Array, C: Array, r: float, data: Array, valid: BoolArray) -> Any:
     n, (length, m) = A.shape[0], data.shape
     x, moved, P, work = np.zeros((n, m)), np.zeros((n, m)), P0.copy(), np.zeros((n, n))
@@ -131,7 +131,7 @@ def _innovations(A: Array, Q: Array, P0: Array, C: Array, r: float, data: Array,
     return e, variance
 
 
-@njit(cache=True)
+@compiled
 def _smoother(A: Array, Q: Array, P0: Array, C: Array, r: float, data: Array, valid: BoolArray) -> Any:
     n, (length, m) = A.shape[0], data.shape
     x, P = np.zeros((n, m)), P0.copy()

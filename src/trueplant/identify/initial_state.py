@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array, ComplexArray, IntArray
+from trueplant.compiled import compiled
 from trueplant.identify import levels
 
 RUN = 64
@@ -110,7 +110,7 @@ def unknown_of(theta: Array, modes: Modes, past: Past) -> Unknown:
     return Unknown(rows, largest, derivatives, of, by, theta.size)
 
 
-@njit(cache=True)
+@compiled
 def _unknown(theta: Array, modes: Modes, past: Past, span: float) -> tuple[Array, Array, Array, IntArray, IntArray]:
     lags, pairs, starts, jumps = modes.lags.size, modes.pairs.size, past.starts.size, past.jumps.size
     count, moved = lags + 2 * pairs + modes.integrating.size, lags + 4 * pairs
@@ -143,7 +143,7 @@ def _unknown(theta: Array, modes: Modes, past: Past, span: float) -> tuple[Array
     return rows, largest, derivatives, of, by
 
 
-@njit(cache=True)
+@compiled
 def _largest(theta: Array, modes: Modes, past: Past, span: float) -> Array:
     """(count,) how large a free response the inputs can have left."""
     driven = np.zeros(past.input_spread.size)
@@ -163,14 +163,14 @@ def _largest(theta: Array, modes: Modes, past: Past, span: float) -> Array:
     return out
 
 
-@njit(cache=True)
+@compiled
 def _lag(tau: float, t: Array, response: Array, slope: Array) -> None:
     """Free response of a lag at times t (n,) since its start, and its derivative by the time constant."""
     response[:] = _exponential(complex(-1 / tau, 0.0), t).real
     slope[:] = response * t / tau**2
 
 
-@njit(cache=True)
+@compiled
 def _pair(omega0: float, zeta: float, t: Array, responses: Array, slopes: Array) -> None:
     """The two free responses (2, n) of a complex pair, and the derivative of each by frequency and damping (4, n)."""
     z = min(zeta, 1.0)
@@ -185,7 +185,7 @@ def _pair(omega0: float, zeta: float, t: Array, responses: Array, slopes: Array)
     slopes[1], slopes[3] = slope.real, slope.imag
 
 
-@njit(cache=True)
+@compiled
 def _exponential(rate: complex, t: Array) -> ComplexArray:
     """exp(rate t) at equidistant times t (n,), until nothing is left of it."""
     out = np.zeros(t.size, dtype=np.complex128)
@@ -199,7 +199,7 @@ def _exponential(rate: complex, t: Array) -> ComplexArray:
     return out
 
 
-@njit(cache=True)
+@compiled
 def _add_weighted(rows: Array, weights: Array, places: IntArray, to: Array) -> None:
     """to[places[k]] += weights[k] * rows[k]."""
     for k in range(places.size):

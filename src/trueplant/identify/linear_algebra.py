@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.compiled import compiled
 from trueplant.identify import levels
 
 
@@ -43,7 +43,7 @@ def eliminated(columns: Array, target: Array) -> tuple[Array, Array]:
     return weights, basis.T
 
 
-@njit(cache=True)
+@compiled
 def _eliminated(rows: Array, target: Array) -> tuple[Array, Array]:
     """The same with rows (m, n), which it overwrites, and a basis (rank, n)."""
     m = rows.shape[0]
@@ -61,7 +61,7 @@ def _eliminated(rows: Array, target: Array) -> tuple[Array, Array]:
     return np.where(norms > 0, weights / np.maximum(norms, 1e-300), 0.0), basis
 
 
-@njit(cache=True)
+@compiled
 def _orthonormalise(rows: Array) -> Array:
     """Make the rows (m, n) orthonormal, those that are 0 apart; r (m, m) with r.T @ rows the rows as they were.
 
@@ -80,7 +80,7 @@ def _orthonormalise(rows: Array) -> Array:
     return r
 
 
-@njit(cache=True)
+@compiled
 def remove(basis: Array, rows: Array) -> None:
     """Take what orthonormal rows (m, n) span out of other rows (k, n)."""
     for k in range(rows.shape[0]):
@@ -88,7 +88,7 @@ def remove(basis: Array, rows: Array) -> None:
             _remove(basis[j], rows[k])
 
 
-@njit(cache=True)
+@compiled
 def _remove(direction: Array, row: Array) -> float:
     """Make a row (n,) orthogonal to one of length 1; its share in it."""
     share: float = _dot(direction, row)
@@ -97,7 +97,7 @@ def _remove(direction: Array, row: Array) -> float:
     return share
 
 
-@njit(cache=True, fastmath={"reassoc"})
+@compiled(fastmath={"reassoc"})
 def _dot(a: Array, b: Array) -> float:
     """Of vectors that are in the cache, in any order of summation: four times as fast as one after the other."""
     total = 0.0
@@ -116,7 +116,7 @@ def identifiable_columns(columns: Array, errors: Array, largest: Array) -> BoolA
     return found
 
 
-@njit(cache=True)
+@compiled
 def _identifiable(rows: Array, errors: Array, largest: Array) -> BoolArray:
     """The same of rows (m, n)."""
     moves = np.abs(np.diff(errors)[:: 1 + max(errors.size - 1, 0) // levels.LEVEL_SAMPLES])

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.compiled import compiled
 
 BLOCK = 1024
 """Samples that are filtered at a time."""
@@ -22,7 +22,7 @@ def whiten(ar: Array, x: Array) -> Array:
     return out[0] if x.ndim == 1 else out.T
 
 
-@njit(cache=True)
+@compiled
 def filter_rows(taps: Array, rows: Array, first: int, out: Array) -> None:
     """``taps[0] x[k] + taps[1] x[k-1] + ...`` of rows x (m, N) into (m, n), from sample k = len(taps) - 1 + first on.
 
@@ -40,7 +40,7 @@ def filter_rows(taps: Array, rows: Array, first: int, out: Array) -> None:
                     block[k] += taps[tap] * past[k]
 
 
-@njit(cache=True)
+@compiled
 def whitened_valid(order: int, valid: BoolArray) -> BoolArray:
     """Where a prediction error of this order uses measured samples only."""
     good = np.zeros(max(valid.size - order, 0), dtype=np.bool_)

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.compiled import compiled
 from trueplant.identify import levels
 from trueplant.lti.structure import Structure
 
@@ -82,7 +82,7 @@ class Prior:
         return centre
 
 
-@njit(cache=True)
+@compiled
 def _logarithm(theta: Array, unit: Array, positive: BoolArray) -> tuple[Array, Array]:
     """And its derivative; zeros where nothing is known."""
     value, slope = np.empty(theta.size), np.empty(theta.size)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array, IntArray
+from trueplant.compiled import compiled
 from trueplant.loop.law import Law, entry_output
 from trueplant.loop.valve import stem
 from trueplant.lti import require_proper
@@ -65,7 +65,7 @@ def terms_of(plant: TransferMatrix, h: float) -> Terms:
     return terms
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _term_output(
     t: int, n: int, A: Array, b0: Array, b1: Array, C: Array, x: Array, spare: Array, now: float, before: float
 ) -> float:
@@ -82,12 +82,12 @@ def _term_output(
     return value
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _within(value: float, limits: Array, i: int) -> float:
     return float(min(max(value, limits[i, 0]), limits[i, 1]))
 
 
-@njit(cache=True)
+@compiled
 def run_loop(
     terms: Terms,
     law: Law,
@@ -169,7 +169,7 @@ def run_loop(
     return u, y, p
 
 
-@njit(cache=True)
+@compiled
 def run_law(
     law: Law, r_mean: Array, r_end: Array, y_mean: Array, y_end: Array, limits: Array, x: Array, integral: Array
 ) -> Array:

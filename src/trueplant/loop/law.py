@@ -15,9 +15,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array, BoolArray, IntArray
+from trueplant.compiled import compiled
 from trueplant.errors import LoopError
 from trueplant.loop import levels
 from trueplant.loop.controller import Controller
@@ -177,7 +177,7 @@ def filtered_setpoint(entry: Entry, r: Array, h: float, start: float) -> Array:
     return out
 
 
-@njit(cache=True)
+@compiled
 def recursion(a: Array, b: Array, c: Array, d: float, e: Array) -> Array:
     """y[k] = c x + d e[k], x = a x + b e[k] from x = 0."""
     n = b.size
@@ -196,7 +196,7 @@ def recursion(a: Array, b: Array, c: Array, d: float, e: Array) -> Array:
     return y
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def entry_output(
     e: int,
     n: int,
@@ -223,7 +223,7 @@ def entry_output(
     return out
 
 
-@njit(cache=True)
+@compiled
 def rest(law: Law, r: Array, y: Array, u: Array, limits: Array) -> tuple[Array, Array]:
     """States x and integrals I (n_e,) at rest with set-points r and PVs y of each entry (n_e,) and OPs u (n_u,).
 

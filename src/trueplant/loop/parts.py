@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array, ComplexArray
+from trueplant.compiled import compiled
 from trueplant.errors import LoopError
 from trueplant.loop.controller import Controller
 from trueplant.loop.law import StateSpace, backward, dynamics, filtered_setpoint, recursion, state_space
@@ -146,7 +146,7 @@ def _sampled(system: StateSpace, h: float, how: Sum) -> Recursion:
     return np.ascontiguousarray(exact[:n, :n]), np.ascontiguousarray(exact[:n, n]), system.c, system.d
 
 
-@njit(cache=True)
+@compiled
 def _memory(a: Array, c: Array, steps: int) -> Array:
     """(steps, n) rows c a^k: the free response to each state."""
     n = c.size

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array
+from trueplant.compiled import compiled
 from trueplant.errors import LoopError
 
 
@@ -32,7 +32,7 @@ class Valve:
         return np.asarray(_positions(given, self.backlash, self.stick, float(first)))
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def stem(op: float, before: float, backlash: float, stick: float) -> float:
     """The stem's next position from OP and its position before."""
     half = 0.5 * backlash
@@ -40,7 +40,7 @@ def stem(op: float, before: float, backlash: float, stick: float) -> float:
     return wanted if abs(wanted - before) > stick else before
 
 
-@njit(cache=True)
+@compiled
 def _positions(op: Array, backlash: float, stick: float, start: float) -> Array:
     out = np.empty(op.size)
     at = start

@@ -7,15 +7,15 @@ integrators, and dead times, as many as delayed terms or none.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array
+from trueplant.compiled import compiled
 from trueplant.lti.sampled import rows_of
 
 Counts = tuple[int, int, int, int, int, int]
 
 
-@njit(cache=True)
+@compiled
 def _factors(p: Array, counts: Counts) -> Array:
     """Coefficients (n_f, 3) of a + b s + c s^2: lags and pairs, each where its parameters stand, leads, integrators."""
     delayed, lags, pairs, leads, integrators, _ = counts
@@ -31,7 +31,7 @@ def _factors(p: Array, counts: Counts) -> Array:
     return factors
 
 
-@njit(cache=True)
+@compiled
 def _multiply(polynomial: Array, a: float, b: float, c: float) -> None:
     """The polynomial, in ascending powers, becomes its product with a + b s + c s^2."""
     for k in range(polynomial.size - 1, -1, -1):
@@ -42,7 +42,7 @@ def _multiply(polynomial: Array, a: float, b: float, c: float) -> None:
             polynomial[k] += c * polynomial[k - 2]
 
 
-@njit(cache=True)
+@compiled
 def _product(factors: Array, without: int, size: int) -> Array:
     """Coefficients (size,) in ascending powers of the product of all factors but one; -1 for none."""
     out = np.zeros(size)
@@ -53,7 +53,7 @@ def _product(factors: Array, without: int, size: int) -> Array:
     return out
 
 
-@njit(cache=True)
+@compiled
 def polynomials(p: Array, counts: Counts) -> tuple[Array, Array]:
     """Numerator (leads + 1,) and denominator (n + 1,) without gains and dead times, descending powers."""
     _, lags, pairs, leads, integrators, _ = counts
@@ -65,7 +65,7 @@ def polynomials(p: Array, counts: Counts) -> tuple[Array, Array]:
     return num[::-1].copy(), den[::-1].copy()
 
 
-@njit(cache=True)
+@compiled
 def gradient_polynomials(p: Array, counts: Counts) -> tuple[Array, Array]:
     """Numerators (m, 2 n + 1) and common monic denominator (2 n + 1,) of an element at unit gain, without dead time.
 
@@ -98,7 +98,7 @@ def gradient_polynomials(p: Array, counts: Counts) -> tuple[Array, Array]:
     return rows[:, ::-1] / squared[0], squared / squared[0]
 
 
-@njit(cache=True)
+@compiled
 def response(p: Array, counts: Counts, u: Array, h: float, linear: bool, every: int) -> Array:
     """Sampled response (n,) to u (N,), from rest, at each `every`-th sample."""
     delayed = counts[0]
@@ -112,7 +112,7 @@ def response(p: Array, counts: Counts, u: Array, h: float, linear: bool, every: 
     return total
 
 
-@njit(cache=True)
+@compiled
 def delayed_term(p: Array, counts: Counts, rows: Array, k: int) -> tuple[Array, float]:
     """Numerators (1 + m, 2 n + 1) of the k-th delayed term and its dead time, with the rows of `gradient_polynomials`.
 
@@ -123,7 +123,7 @@ def delayed_term(p: Array, counts: Counts, rows: Array, k: int) -> tuple[Array, 
     return num, (p[p.size - counts[0] + k] if counts[5] else 0.0)
 
 
-@njit(cache=True)
+@compiled
 def response_and_gradient(p: Array, counts: Counts, u: Array, h: float, linear: bool, every: int) -> Array:
     """(1 + n_p, n): the `response`, and its derivative by every parameter."""
     rows, den = gradient_polynomials(p, counts)

@@ -8,16 +8,16 @@ matrix exponentials over the two pieces: three input taps, no approximation of t
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from trueplant.arrays import Array
+from trueplant.compiled import compiled
 from trueplant.errors import FormulaError
 from trueplant.lti import levels
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 
 
-@njit(cache=True)
+@compiled
 def _multiply(a: Array, b: Array, out: Array) -> None:
     """out = a b, of small matrices (n, n), without a call and a new array for each."""
     out[:] = 0.0
@@ -27,7 +27,7 @@ def _multiply(a: Array, b: Array, out: Array) -> None:
                 out[i, j] += a[i, k] * b[k, j]
 
 
-@njit(cache=True)
+@compiled
 def expm(m: Array) -> Array:
     """Matrix exponential of a small matrix by Taylor series of order 15 with scaling and squaring."""
     n = m.shape[0]
@@ -52,7 +52,7 @@ def expm(m: Array) -> Array:
     return total
 
 
-@njit(cache=True)
+@compiled
 def realise(num: Array, den: Array) -> tuple[Array, Array, Array, Array]:
     """Controllable form (A, B, C, D) of the rows ``num`` (m, n + 1) over the monic ``den`` (n + 1,).
 
@@ -85,7 +85,7 @@ def realise(num: Array, den: Array) -> tuple[Array, Array, Array, Array]:
     return a, b, c, d
 
 
-@njit(cache=True)
+@compiled
 def _pieces(a: Array, b: Array, tau: float) -> tuple[Array, Array, Array]:
     """exp(A tau), and the state's answer over tau to an input of 1 and to one that rises from 0 to 1."""
     n = a.shape[0]
@@ -99,7 +99,7 @@ def _pieces(a: Array, b: Array, tau: float) -> tuple[Array, Array, Array]:
     return e[:n, :n].copy(), e[:n, n].copy(), e[:n, n + 1].copy()
 
 
-@njit(cache=True)
+@compiled
 def discretise(a: Array, b: Array, h: float, phi: float, linear: bool) -> tuple[Array, Array]:
     """State matrix over one sample and the taps (3, n) on u[k-q+1], u[k-q], u[k-q-1]."""
     first, const1, ramp1 = _pieces(a, b, phi * h)
@@ -116,7 +116,7 @@ def discretise(a: Array, b: Array, h: float, phi: float, linear: bool) -> tuple[
     return last @ first, taps
 
 
-@njit(cache=True)
+@compiled
 def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear: bool, u: Array, every: int) -> Array:
     n, m, length = ad.shape[0], c.shape[0], u.size
     late = np.zeros(length + 2)  # u[k - q - 1], u[k - q] and u[k - q + 1] stand at k, k + 1 and k + 2
@@ -147,7 +147,7 @@ def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear:
     return y
 
 
-@njit(cache=True)
+@compiled
 def split_dead_time(dead_time: float, h: float) -> tuple[int, float]:
     """Whole samples q and remainder phi in [0, 1), so that dead_time = (q + phi) h."""
     samples = dead_time / h
@@ -156,7 +156,7 @@ def split_dead_time(dead_time: float, h: float) -> tuple[int, float]:
     return q, (phi if phi > levels.WHOLE_SAMPLE else 0.0)
 
 
-@njit(cache=True)
+@compiled
 def rows_of(num: Array, den: Array, dead_time: float, u: Array, h: float, linear: bool, every: int) -> Array:
     """Compiled `rows_response`; NaN where the dead time is no number, as it has no place among the samples."""
     if np.isnan(dead_time):

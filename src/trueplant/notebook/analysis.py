@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 
 from trueplant.errors import UsageError
 from trueplant.lti import UncertainPlant
-from trueplant.output import PLANT, read_results, write_files, write_results
+from trueplant.output import PLANT, claim_results, prepare_output, read_results, write_files, write_results
 from trueplant.project import Project
 from trueplant.result import Element, LoopRetuning, Reason, Result, Status
 from trueplant.result.summary import html_summary, text_summary
@@ -188,10 +188,15 @@ class Analysis:
             write_files(Path(path).parent, {Path(path).name: text})
         return text
 
-    def save(self, folder: str | PathLike[str]) -> dict[str, Path]:
-        """Write result.json, curves.json, report.html and plant.toml; `load` reads them. Returns the paths by name."""
+    def save(self, folder: str | PathLike[str], *, force: bool = False) -> dict[str, Path]:
+        """Write result.json, curves.json, report.html and plant.toml; `load` reads them. Returns the paths by name.
+
+        Raises OutputError where the folder cannot be written to, or a file of one of these names there is none that
+        was saved before; with `force` such files are replaced, but never what the project reads.
+        """
         if self.project is None:
             raise UsageError("a result that was loaded without its project cannot be saved again: copy its folder")
+        claim_results(prepare_output(folder), self.project, force)
         return write_results(self.result, self.project, folder, self.report())
 
     def __repr__(self) -> str:

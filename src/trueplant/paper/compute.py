@@ -12,6 +12,7 @@ from trueplant.paper.equations import equations
 from trueplant.paper.mill import Mill, mill_section
 from trueplant.paper.splitter import splitter_section
 from trueplant.paper.tables import SEEDS, Splitter, records_section
+from trueplant.threads import one_thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,7 @@ class Paper:
         return json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+@one_thread()
 def compute(seeds: int = SEEDS, progress: Callable[[str], None] = lambda what: None) -> Paper:
     """Compute the paper; `seeds` simulated records of the splitter for each kind of noise. About a minute."""
     progress("equations (1) to (20)")

@@ -12,7 +12,7 @@ from typing import Any, Self
 from pydantic import PrivateAttr, ValidationError, model_validator
 
 from trueplant import loop
-from trueplant.errors import ProjectError
+from trueplant.errors import OutputError, ProjectError
 from trueplant.files import contents
 from trueplant.lti import TransferFunction, TransferMatrix, tf, to_formula
 from trueplant.project.checks import check_project
@@ -137,7 +137,8 @@ class Project(Declaration):
     def to_toml(self, folder: str | os.PathLike[str] | None = None) -> str:
         """The project as TOML text; with ``folder``, relative paths are written so that they hold from there.
 
-        A project that was read from TOML keeps its comments, order and formatting.
+        A project that was read from TOML keeps its comments, order and formatting. Raises OutputError where a path
+        from there is not Unicode, as TOML must be.
         """
         text = self._text or to_toml(self.model_dump(by_alias=True, exclude_unset=True))
         if folder is None or os.path.relpath(self._folder, folder) == os.curdir:
@@ -154,7 +155,13 @@ class Project(Declaration):
     def _moved(self, name: str, folder: str | os.PathLike[str]) -> str:
         if name.startswith("dataset:") or os.path.isabs(name):
             return name
-        return Path(os.path.relpath(self._folder / name, folder)).as_posix()
+        place = Path(os.path.relpath(self._folder / name, folder)).as_posix()
+        if any("\ud800" <= character <= "\udfff" for character in place):
+            raise OutputError(
+                f"plant.toml in {folder} would have to name {place}, and what is not Unicode cannot stand in a project "
+                "file: rename the folder, or keep the results in the project's own (--out)"
+            )
+        return place
 
 
 def plant_project(

@@ -18,8 +18,10 @@ from trueplant.project.controllers import check_signs
 from trueplant.project.levels import DECIMALS, MOST_STEPS, STEPS_PER_TIME_CONSTANT, WHOLE_NUMBER
 from trueplant.project.project import Project
 from trueplant.project.simulated import Simulate, SimulatedLoad
+from trueplant.threads import one_thread
 
 
+@one_thread()
 def simulate_record(project: Project) -> pl.DataFrame:
     """Columns: time, then set-points, OPs, PVs and measured disturbances under the project's own column names.
 

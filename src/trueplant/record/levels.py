@@ -38,6 +38,10 @@ BLOCK_BYTES = 1 << 24
 """Bytes of a text file that are cut into cells at once: some ten times as much memory is needed for that."""
 START_ROWS = 1000
 """Rows of a table by which is decided what of it will be used."""
+MOST_SECONDS_APART = 60
+"""In which a workbook that cannot be measured has to be read: a full sheet of an .xls file takes half of it."""
+MOST_MEMORY_APART = 4_000_000_000
+"""Bytes that it may take meanwhile: four times those of a full sheet."""
 SAME_INSTANT = 1e-3
 """Share of a sample by which two stamps of one instant may differ."""
 YEARS = (1990, 2100)

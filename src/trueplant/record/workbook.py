@@ -15,9 +15,9 @@ from trueplant.record.cut import looks_like_data
 from trueplant.record.guard import foreign
 from trueplant.record.header import decimal_note, header_of
 from trueplant.record.numbers import decimal_mark
+from trueplant.record.sheets import loaded, loaded_apart
 from trueplant.record.source import Source
 from trueplant.record.table import Table
-from trueplant.record.types import Finding, Kind
 
 if TYPE_CHECKING:
     import polars as pl
@@ -26,9 +26,8 @@ if TYPE_CHECKING:
 def read_workbook(source: Source) -> Table:
     """The sheet that was named, else the first. Raises DataError where there is none, or no rows of numbers in it."""
     with foreign(f"{source.name} is not a readable Excel workbook", "save it as XLSX again"):
-        if source.data.startswith(b"PK"):
-            _check_extent(source)
-        frame, chosen, notes = _loaded(source)
+        load = loaded if _measured(source) else loaded_apart
+        frame, chosen, notes = load(source.data, source.name, source.sheet)
     numbered = _with_lines(frame)
     frame = numbered.drop("line")
     rows = [["" if c is None else c for c in row] for row in frame.head(100).rows()]
@@ -53,26 +52,6 @@ def read_workbook(source: Source) -> Table:
     )
 
 
-def _loaded(source: Source) -> tuple[pl.DataFrame, str, tuple[Finding, ...]]:
-    """The cells of a sheet as text, its name, and what there is to say of the choice."""
-    import fastexcel
-    import polars as pl
-
-    book = fastexcel.read_excel(source.data)
-    names, sheet = list(book.sheet_names), source.sheet
-    if sheet is not None and sheet not in names:
-        raise DataError(f"{source.name} has no sheet {sheet!r}; it has: {', '.join(names)}")
-    chosen = sheet if sheet is not None else names[0]
-    notes: tuple[Finding, ...] = ()
-    if sheet is None and len(names) > 1:
-        message = f"{source.name}: sheet {chosen!r} was read, the first of {len(names)}; name another one in `sheet`."
-        notes = (Finding(Kind.SHEET, source.name, message),)
-    frame = book.load_sheet(chosen, header_row=None, skip_rows=0, dtypes="string").to_polars()
-    # as text, numbers come rounded to nine decimals
-    exact = book.load_sheet(chosen, header_row=None, skip_rows=0, dtypes="float").to_polars()
-    return pl.DataFrame([_exact(frame[c], exact[c]) for c in frame.columns]), chosen, notes
-
-
 def _with_lines(frame: pl.DataFrame) -> pl.DataFrame:
     """Without its empty rows, and with the line of each."""
     import polars as pl
@@ -80,8 +59,13 @@ def _with_lines(frame: pl.DataFrame) -> pl.DataFrame:
     return frame.with_row_index("line", offset=1).filter(~pl.all_horizontal(pl.exclude("line").is_null()))
 
 
-def _check_extent(source: Source) -> None:
-    """Raise DataError for a workbook that would take all memory: the library lays out all cells up to the farthest."""
+def _measured(source: Source) -> bool:
+    """Whether it is an XLSX workbook of reasonable size. Raises DataError for one that would take all memory.
+
+    The library lays out all cells up to the farthest.
+    """
+    if not source.data.startswith(b"PK"):
+        return False
     with zipfile.ZipFile(io.BytesIO(source.data)) as book:
         unpacked = sum(part.file_size for part in book.infolist())
         if unpacked > levels.MOST_UNPACKED:
@@ -93,6 +77,7 @@ def _check_extent(source: Source) -> None:
             if re.fullmatch(r"xl/worksheets/[^/]+\.xml", part.filename):
                 with book.open(part) as sheet:
                     _check_sheet(source, part.filename, sheet)
+        return "xl/workbook.xml" in book.namelist()
 
 
 def _check_sheet(source: Source, name: str, sheet: IO[bytes]) -> None:
@@ -124,13 +109,3 @@ def _column(letters: bytes) -> int:
     for letter in letters:
         number = 26 * number + letter - 64
     return number
-
-
-def _exact(text: pl.Series, value: pl.Series) -> pl.Series:
-    """Cells as text, those that are numbers in full precision."""
-    import polars as pl
-
-    if value.dtype != pl.Float64:
-        return text
-    number = text.cast(pl.Float64, strict=False).is_not_null() & value.is_not_null()
-    return value.cast(pl.String).zip_with(number, text).alias(text.name)

@@ -11,8 +11,10 @@ from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.prepare import prepare
 from trueplant.study.data.tables import data_tables, provenance
 from trueplant.study.study import Progress, quiet
+from trueplant.threads import one_thread
 
 
+@one_thread()
 def check(project: Project, say: Progress = quiet, frames: Sequence[Any] | None = None) -> Check:
     """Read and screen the records of a project; refused where nothing can be answered from them.
 

@@ -26,8 +26,10 @@ from trueplant.study.plant.gate import through_the_gate
 from trueplant.study.plant.identified import identify
 from trueplant.study.plant.updated import updated_plant
 from trueplant.study.study import Progress, Study, quiet
+from trueplant.threads import one_thread
 
 
+@one_thread()
 def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | None = None) -> Result:
     """The main job: from a project to its result. Refusals are results; unusable input raises.
 

@@ -18,6 +18,7 @@ from trueplant.study.data.prepare import prepare
 from trueplant.study.data.tables import provenance
 from trueplant.study.plant.parameters import parameters_of
 from trueplant.study.study import Progress, Study, quiet
+from trueplant.threads import one_thread
 from trueplant.tracking import levels
 from trueplant.tracking.changes import find_changes
 from trueplant.tracking.rows import Fitted, follow_rows
@@ -26,6 +27,7 @@ from trueplant.tracking.standing import standings
 from trueplant.tracking.windows import Stretch
 
 
+@one_thread()
 def track(
     project: Project,
     precision: float = levels.PRECISION,

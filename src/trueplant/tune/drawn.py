@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array, BoolArray, ComplexArray
+from trueplant.compiled import compiled
 from trueplant.loop import PID, Controller
 from trueplant.lti import TransferMatrix
 from trueplant.tune import levels
@@ -52,7 +52,7 @@ def peaks(response: ComplexArray, law: ComplexArray, w: Array, unstable: int = 0
     return Peaks(np.asarray(np.abs(start - expected) < np.pi / 2), ms, mt)
 
 
-@njit(cache=True)
+@compiled
 def _peaks(response: ComplexArray, law: ComplexArray, log_w: Array) -> tuple[Array, Array, Array, Array]:
     count, n_w, n_y, n_u = response.shape
     start, order = np.empty(count), np.empty(count)

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array, ComplexArray
+from trueplant.compiled import compiled
 from trueplant.errors import LoopError
 from trueplant.loop import PID
 from trueplant.tune import levels
@@ -86,7 +86,7 @@ def _shape(w: Array, td: float, alpha: float) -> ComplexArray:
     return np.asarray(1 + td * s / (alpha * td * s + 1))
 
 
-@njit(cache=True)
+@compiled
 def _integral_limits(centre: ComplexArray, radius: Array, w: Array, free: ComplexArray) -> Array:
     least = np.full(centre.shape[0], np.inf)
     for p in range(centre.shape[0]):

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.compiled import compiled
 from trueplant.errors import Refused, UsageError
 from trueplant.identify.pieces import Held, Piece, pieces_of
 from trueplant.lti.sampled import expm, realise, rows_response
@@ -125,7 +125,7 @@ def _of_segment(segment: Segment, output: int, inputs: Array) -> bool:
     return Piece(0, segment.h, np.where(valid, y, 0.0), valid, clean, segment.hold).starts_at_rest
 
 
-@njit(cache=True)
+@compiled
 def _released(a: Array, b: Array, c: Array, t: Array) -> Array:
     """C exp(A (t - t[0])) B at instants t: (m, N)."""
     n, m = b.size, c.shape[0]
@@ -157,7 +157,7 @@ def _released(a: Array, b: Array, c: Array, t: Array) -> Array:
     return y
 
 
-@njit(cache=True)
+@compiled
 def _irregular(a: Array, b: Array, c: Array, d: Array, dead_time: float, linear: bool, t: Array, u: Array) -> Array:
     """Response (m, N) at instants t that need not be uniform, advanced from one break of the delayed input to the next.
 
@@ -207,7 +207,7 @@ def _irregular(a: Array, b: Array, c: Array, d: Array, dead_time: float, linear:
     return y
 
 
-@njit(cache=True)
+@compiled
 def _input(p: int, at: float, t: Array, u: Array, linear: bool) -> tuple[float, float]:
     """Input and its slope at the (delayed) time `at` while sample p is the last that has arrived."""
     if p < 0:
