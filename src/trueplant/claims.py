@@ -30,7 +30,7 @@ def claim(
         if place.is_file() and not force and sum_of(place) not in known:
             raise OutputError(
                 f"{place} is there already, and no earlier run wrote it as it is: name another place with --out, or "
-                f"overwrite it with {OPTION}"
+                f"overwrite it with {OPTION} (in Python: force=True)"
             )
 
 

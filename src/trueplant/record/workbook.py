@@ -74,7 +74,7 @@ def _measured(source: Source) -> bool:
                 "the most that are read of a workbook: export it as CSV or Parquet"
             )
         for part in book.infolist():
-            if re.fullmatch(r"xl/worksheets/[^/]+\.xml", part.filename):
+            if part.filename.endswith(".xml"):  # a sheet may have any name
                 with book.open(part) as sheet:
                     _check_sheet(source, part.filename, sheet)
         return "xl/workbook.xml" in book.namelist()
