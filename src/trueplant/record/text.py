@@ -90,7 +90,7 @@ def _start(text: str, encoding: str, source: Source) -> _Start:
     header = header_of(head, frame, source.name)
     rows = header.frame_of(frame).head(levels.START_ROWS)
     wanted = source.columns(Table(header.names, rows, source.name, lines=lines))
-    used = header.names if wanted is None else wanted
+    used = frozenset(header.names if wanted is None else wanted)
     columns = tuple(k for k, name in enumerate(header.names) if name in used)
     return _Start(block, separator, encoding, first, width, header, columns, wanted is None)
 
