@@ -7,7 +7,7 @@ import pytest
 
 from support.chance import most
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.identify import Spec, identify_matrix
+from trueplant.identify import Spec, identify_matrix, structures
 from trueplant.identify.estimate import estimate_row, polished
 from trueplant.identify.levels import STRUCTURE_SHARE
 from trueplant.identify.pieces import pieces_of
@@ -66,6 +66,24 @@ def test_what_a_richer_structure_lacks_is_looked_for_in_its_turn():
         assert str(estimate.rejected[0].structure) == "fopdt", "the structure that was declared"
         low, high = estimate.intervals[0]
         assert low <= 2.0 <= high
+
+
+@pytest.mark.parametrize(("second", "named"), [(0.02, "sopdt+lead"), (0.06, "sopdt")])
+def test_one_that_took_the_place_of_another_is_asked_at_an_ordinary_level(second, named, monkeypatch):
+    """The declared one has been said by somebody, and is rejected at a share of that level only."""
+    following, p_values, asked = {"fopdt": "sopdt", "sopdt": "sopdt+lead"}, iter([1e-6, second, 0.5]), []
+
+    def chosen(fit, m, confidence, level):
+        asked.append(level)
+        wanted = following[str(fit.row.specs[m].structure)]
+        return next(
+            one for one in richer(fit.row.specs[m].structure, fit.theta[fit.row.slices[m]]) if str(one[0]) == wanted
+        )
+
+    monkeypatch.setattr(structures, "sufficient_p", lambda fit, confidence: np.array([next(p_values)]))
+    monkeypatch.setattr(structures, "simplest", chosen)
+    assert str(found(TRUTH["sopdt"], 0).row.specs[0].structure) == named
+    assert asked == pytest.approx([STRUCTURE_SHARE * 0.05, 0.05][: len(asked)])
 
 
 def test_pairs_that_do_not_swing_are_lags():

@@ -38,20 +38,23 @@ def with_structures(
     Those in the `pinned` columns keep theirs: only the p-values that they suffice are added.
 
     `again` estimates the row with other elements. `tested` is the number of elements of the whole matrix; the chance
-    over all of them that a structure that suffices is rejected is STRUCTURE_SHARE of 1 - confidence.
+    over all of them that a structure that suffices is rejected is STRUCTURE_SHARE of 1 - confidence. One that has taken
+    the place of another was said by nobody: whether it suffices is asked at 1 - confidence.
     """
-    level = levels.STRUCTURE_SHARE * (1 - confidence) / tested
+    strict = levels.STRUCTURE_SHARE * (1 - confidence) / tested
+    level = {m: strict for m in range(len(estimate.row.specs))}
     left = {m for m, spec in enumerate(estimate.row.specs) if spec.column not in pinned}
     fit = polished(of_a_part(estimate.fit))
     p = sufficient_p(fit, confidence)
     while left:
         m = min(left, key=lambda one: float(p[one]))
-        found = simplest(fit, m, confidence, level) if p[m] < level else None
+        found = simplest(fit, m, confidence, level[m]) if p[m] < level[m] else None
         old = estimate.row.specs[m]
         wider = found and again([_wider(old, *found) if spec is old else spec for spec in estimate.row.specs])
         if not wider:
             left.remove(m)
             continue
+        level[m] = 1 - confidence
         rejected = Rejected(old.structure, min(float(p[m]) * tested, 1.0))
         estimate = replace(wider, rejected={old.column: rejected, **estimate.rejected})
         # What this element lacked, the others of its row may have taken on.
