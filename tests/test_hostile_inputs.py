@@ -22,25 +22,20 @@ import pytest
 import tomlkit
 
 import trueplant
-from support.command import ENVIRONMENT, PROJECT, contents, refused
+from support.command import ENVIRONMENT, PROJECT, contents, refused, simulated, sound
 from trueplant.cli import main
 from trueplant.record import levels
 
 
 @pytest.fixture(scope="module")
 def record(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("record")
-    (folder / "project.toml").write_text(PROJECT)
-    assert main(["simulate", str(folder / "project.toml"), "--out", str(folder / "record.csv")]) == 0
-    return (folder / "record.csv").read_text()
+    return simulated(tmp_path_factory.mktemp("record"))
 
 
 @pytest.fixture
 def folder(tmp_path, record, monkeypatch):
-    (tmp_path / "project.toml").write_text(PROJECT)
-    (tmp_path / "record.csv").write_text(record)
     monkeypatch.chdir(tmp_path)
-    return tmp_path
+    return sound(tmp_path, record)
 
 
 # -- streams -----------------------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ from numba.core import caching
 
 import trueplant
 from support import ROOT
-from support.command import ENVIRONMENT, PROJECT, contents, refused
+from support.command import ENVIRONMENT, PROJECT, contents, refused, simulated, sound
 from support.old_excel import old_workbook
 from trueplant import output, threads
 from trueplant.cli import main
@@ -34,18 +34,13 @@ from trueplant.record import levels, read_table
 
 @pytest.fixture(scope="module")
 def record(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("record")
-    (folder / "project.toml").write_text(PROJECT)
-    assert main(["simulate", str(folder / "project.toml"), "--out", str(folder / "record.csv")]) == 0
-    return (folder / "record.csv").read_text()
+    return simulated(tmp_path_factory.mktemp("record"))
 
 
 @pytest.fixture
 def folder(tmp_path, record, monkeypatch):
-    (tmp_path / "project.toml").write_text(PROJECT)
-    (tmp_path / "record.csv").write_text(record)
     monkeypatch.chdir(tmp_path)
-    return tmp_path
+    return sound(tmp_path, record)
 
 
 def apart(folder: Path, *arguments: str, options: tuple[str, ...] = (), **environment: str) -> tuple[int, str, str]:

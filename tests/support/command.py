@@ -55,3 +55,17 @@ def refused(arguments: list[str], capsys, *words: str) -> None:
     for word in words:
         assert word in err, err
     assert contents(Path()) == before
+
+
+def simulated(folder: Path) -> str:
+    """The record of the project, simulated in an empty folder."""
+    (folder / "project.toml").write_text(PROJECT)
+    assert main(["simulate", str(folder / "project.toml"), "--out", str(folder / "record.csv")]) == 0
+    return (folder / "record.csv").read_text()
+
+
+def sound(folder: Path, record: str) -> Path:
+    """The folder, with the project and its record in it."""
+    (folder / "project.toml").write_text(PROJECT)
+    (folder / "record.csv").write_text(record)
+    return folder
