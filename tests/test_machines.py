@@ -66,7 +66,11 @@ def test_runs_that_are_killed_leave_the_old_result_or_the_new_one(tmp_path):
 def test_ctrl_c_ends_a_command_with_one_message(folder):
     assert main(["run", "project.toml", "--out", "out"]) == 0
     before, rng, ends = contents(folder), random.Random(0), Counter[str]()
-    begun = "from trueplant.cli import main; print('begun', flush=True); raise SystemExit(main())"
+    # what runs in the background, as these tests may, ignores Ctrl-C
+    begun = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from trueplant.cli import main; "
+        "print('begun', flush=True); raise SystemExit(main())"
+    )
     for k in range(12):
         arguments = ["run", "project.toml", "--out", "out"] if k % 2 else ["check", "project.toml"]
         line = [sys.executable, "-c", begun, *arguments]
