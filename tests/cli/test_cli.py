@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -14,10 +13,10 @@ import polars as pl
 import pytest
 
 import trueplant as tp
+from support.command import ENVIRONMENT
 from trueplant.cli import main
 from trueplant.cli.analyse import demo_text
 
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(tp.__file__).parents[1])}
 LOOP = """\
 time_unit = "s"
 [data]

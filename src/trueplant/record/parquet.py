@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 
 def read_parquet(source: Source) -> Table:
-    """All columns of a Parquet file, of any type. Raises DataError where it is damaged, too large or has no rows."""
+    """The columns of a Parquet file that are wanted, of any type.
+
+    Raises DataError where it is damaged, too large or has no rows.
+    """
     with foreign(f"{source.name} is not a readable Parquet file", "export it again"):
         names, frame = _read(source)
     if frame.height == 0:
@@ -32,7 +35,8 @@ def _read(source: Source) -> tuple[tuple[str, ...], pl.DataFrame]:
     names = tuple(whole.collect_schema())
     check_names(names, source.name)
     rows = int(whole.select(pl.len()).collect().item())
-    wanted = names if source.wanted is None else source.columns(Table(names, _first(source, names), source.name))
+    start = pl.read_parquet(io.BytesIO(source.data), n_rows=levels.START_ROWS)
+    wanted = source.columns(Table(names, start, source.name))
     used = [name for name in names if wanted is None or name in wanted]
     source.within_limit(rows, len(used))
     columns = []
@@ -40,9 +44,3 @@ def _read(source: Source) -> tuple[tuple[str, ...], pl.DataFrame]:
         source.say(f"reading {name} of {source.name}")
         columns.append(pl.read_parquet(io.BytesIO(source.data), columns=[name]).to_series())
     return names, pl.DataFrame(columns)
-
-
-def _first(source: Source, names: tuple[str, ...]) -> pl.DataFrame:
-    import polars as pl
-
-    return pl.read_parquet(io.BytesIO(source.data), n_rows=levels.START_ROWS)
