@@ -18,7 +18,7 @@ from support import ROOT
 from trueplant import Project, detect, errors
 from trueplant.cli.entry import INTERNAL_ERROR, INTERRUPTED
 from trueplant.loop import PID, Controller, alternating_steps, simulate
-from trueplant.project.tables import Table
+from trueplant.project.fields import Table
 from trueplant.result import Reason
 
 DOCS = ROOT / "docs"

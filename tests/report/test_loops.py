@@ -13,7 +13,7 @@ import pytest
 
 from support.pages import Page, book, without_plotly
 from support.report_sample import sample, with_loop
-from trueplant.project.tables import Controller
+from trueplant.project.law_table import Controller
 from trueplant.report import loopfigures, loops, render, retuned
 from trueplant.report.numbers import number
 from trueplant.report.style import DARK, LIGHT

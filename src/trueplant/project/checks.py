@@ -9,7 +9,9 @@ from trueplant.errors import FormulaError
 from trueplant.lti import tf
 from trueplant.lti.structure import structure_of
 from trueplant.project.declaration import Declaration
-from trueplant.project.tables import Controller, ModelElement, problem
+from trueplant.project.fields import problem
+from trueplant.project.law_table import Controller
+from trueplant.project.model_table import ModelElement
 
 
 def check_project(project: Declaration) -> None:

@@ -8,7 +8,8 @@ from trueplant import loop
 from trueplant.errors import LoopError, ProjectError, SignConflict
 from trueplant.lti import TransferMatrix, parse_pv, tf, to_formula
 from trueplant.project.declaration import Declaration
-from trueplant.project.tables import Controller, Limits
+from trueplant.project.fields import Limits
+from trueplant.project.law_table import Controller
 from trueplant.record.layout import Channel, Layout
 
 _GAINS = ("Kc", "Ti", "Td", "alpha", "Kp", "Ki", "Kd", "Tf")

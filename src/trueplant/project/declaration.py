@@ -10,25 +10,22 @@ from pydantic import Field, PrivateAttr, ValidationError
 
 from trueplant import datasets
 from trueplant.lti import tf
+from trueplant.project.fields import Limits, Table, TimeUnit, problem
+from trueplant.project.law_table import Controller
 from trueplant.project.messages import message
+from trueplant.project.model_table import ModelElement
 from trueplant.project.simulated import Simulate
 from trueplant.project.tables import (
     Analysis,
-    Controller,
     Data,
     Disturbance,
     Exclude,
     Experiment,
     Input,
-    Limits,
-    ModelElement,
     Output,
     Robustness,
-    Table,
-    TimeUnit,
     Tuning,
     Unmeasured,
-    problem,
 )
 
 

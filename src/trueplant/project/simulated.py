@@ -6,8 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from trueplant.project.fields import Finite, Formula, Name, NotNegative, Positive, Table, problem
 from trueplant.project.levels import MOST_SAMPLES
-from trueplant.project.tables import Finite, Formula, ModelElement, Name, NotNegative, Positive, Table, problem
+from trueplant.project.model_table import ModelElement
 
 
 class Move(Table):

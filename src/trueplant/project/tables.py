@@ -5,97 +5,17 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, model_validator
 
-from trueplant.errors import FormulaError
-from trueplant.lti import TransferFunction, parse_pv, require_proper, tf
-from trueplant.lti.structure import Structure
-from trueplant.project import levels
+from trueplant.project.fields import Finite, Formula, Limits, Name, NotNegative, Positive, Table, TimeUnit, problem
 from trueplant.tune import ALL_METHODS
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Name = Annotated[str, Field(min_length=1)]
-TimeUnit = Literal["ms", "s", "min", "h", "d"]
 TimeFormat = Literal[
     "dmy", "mdy", "ymd", "numbers", "calendar", "spreadsheet", "unix s", "unix ms", "unix us", "unix ns"
 ]
 """Those of `record.times.FORMATS`."""
 Moment = Finite | datetime
 """A point of a record's time axis: a number in data.time_unit, or a timestamp."""
-
-
-def problem(message: str, *where: str | int) -> PydanticCustomError:
-    """An error found by a validator; ``where`` is the path of keys below the object validated."""
-    safe = message.replace("{", "(").replace("}", ")")
-    return PydanticCustomError("project", safe, {"where": tuple(where)})
-
-
-def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
-    if not pair[0] < pair[1]:
-        raise problem(f"must be [low, high] with low below high, not [{pair[0]:g}, {pair[1]:g}]")
-    return pair
-
-
-def _as_tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-Limits = Annotated[tuple[Finite, Finite], BeforeValidator(_as_tuple), AfterValidator(_ordered)]
-
-
-def _transfer_function(text: str | float) -> str | float:
-    try:
-        system = tf(text)
-        require_proper(system, "the transfer function")
-        _require_reason(system)
-    except FormulaError as error:
-        raise problem(str(error)) from error
-    return text
-
-
-def _require_reason(system: TransferFunction) -> None:
-    """Raise FormulaError for numbers that no plant has, and that arithmetic does not survive."""
-    times = [1 / abs(pole) for pole in system.poles if pole != 0] + [t.dead_time for t in system.terms if t.dead_time]
-    gains = [max(map(abs, term.num)) / max(map(abs, term.den)) for term in system.terms]
-    for name, values, (least, most) in (
-        ("time constant or dead time", times, levels.TIMES),
-        ("gain", gains, levels.GAINS),
-    ):
-        for value in values:
-            if not least <= value <= most:
-                raise FormulaError(
-                    f"a {name} of about {value:.3g} is beyond {least:g} to {most:g}: correct it, or choose other units"
-                )
-
-
-def _pv_formula(text: str) -> str:
-    try:
-        parse_pv(text)
-    except FormulaError as error:
-        raise problem(str(error)) from error
-    return text
-
-
-def _structure(text: str) -> str:
-    try:
-        Structure.parse(text)
-    except FormulaError as error:
-        raise problem(str(error)) from error
-    return text
-
-
-Formula = Annotated[str | float, AfterValidator(_transfer_function)]
-PvFormula = Annotated[str, AfterValidator(_pv_formula)]
-StructureName = Annotated[str, AfterValidator(_structure)]
-
-
-class Table(BaseModel):
-    """A table of the project file: unknown keys and text for numbers are mistakes."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, populate_by_name=True)
 
 
 class Exclude(Table):
@@ -202,78 +122,6 @@ class Unmeasured(Table):
             raise problem('is needed with kind = "ar1"', "time_constant")
         if self.kind != "ar1" and self.time_constant is not None:
             raise problem(f'has no meaning with kind = "{self.kind}": leave it out', "time_constant")
-        return self
-
-
-class ModelElement(Table):
-    """One element of the available model."""
-
-    output: Name
-    input: Name
-    tf: Formula
-    estimate: bool = True
-    structure: StructureName | None = None
-
-
-_FORM_KEYS = {
-    "ideal": {"Kc", "Ti", "Td", "alpha"},
-    "series": {"Kc", "Ti", "Td", "alpha"},
-    "parallel": {"Kp", "Ki", "Kd", "Tf"},
-    "tf": {"tf"},
-}
-_FORM_GAIN = {"ideal": "Kc", "series": "Kc", "parallel": "Kp"}
-
-
-class Controller(Table):
-    """One controller: a PID in one of three forms, or any transfer function."""
-
-    input: Name
-    output: Name
-    form: Literal["ideal", "series", "parallel"] | None = None
-    Kc: Finite | None = None
-    Ti: Positive | None = None
-    Td: NotNegative | None = None
-    alpha: NotNegative | None = None
-    Kp: Finite | None = None
-    Ki: Finite | None = None
-    Kd: Finite | None = None
-    Tf: NotNegative | None = None
-    tf: Formula | None = None
-    gain_unit: Literal["engineering", "percent of span"] = "engineering"
-    action: Literal["reverse", "direct"] | None = None
-    setpoint_weight: NotNegative = 1.0
-    setpoint_filter: Formula | None = None
-    derivative_on: Literal["error", "pv"] = "error"
-    sample_time: Positive | None = None
-    anti_windup: Literal["none", "clamp", "back-calculation"] = "clamp"
-    pv_transform: PvFormula | None = None
-
-    @property
-    def kind(self) -> str:
-        """The form that the keys are those of: ideal, series, parallel or tf."""
-        return "tf" if self.tf is not None else self.form or "ideal"
-
-    @model_validator(mode="after")
-    def _keys_fit_the_form(self) -> Controller:
-        if self.tf is not None and self.form is not None:
-            raise problem("says the whole law: leave form out", "tf")
-        allowed = _FORM_KEYS[self.kind]
-        for key in ("Kc", "Ti", "Td", "alpha", "Kp", "Ki", "Kd", "Tf"):
-            if getattr(self, key) is not None and key not in allowed:
-                owner = "a controller given by tf" if self.kind == "tf" else f'form = "{self.kind}"'
-                hint = ' (or write form = "parallel")' if key in _FORM_KEYS["parallel"] and self.form is None else ""
-                raise problem(f"is no key of {owner}, which has {', '.join(sorted(allowed))}{hint}", key)
-        if self.kind in ("ideal", "series") and not self.Kc:
-            raise problem("is needed and must not be 0", "Kc")
-        if self.kind == "parallel" and not (self.Kp or self.Ki or self.Kd):
-            raise problem("needs at least one of Kp, Ki, Kd that is not 0", "Kp")
-        unfiltered = (self.Kd and not self.Tf) or (self.Td and self.alpha == 0)
-        if unfiltered and self.sample_time is None:
-            key = "Tf" if self.kind == "parallel" else "alpha"
-            raise problem("must be above 0 where the derivative acts, unless sample_time says the scan", key)
-        for key in ("setpoint_weight", "setpoint_filter", "derivative_on", "pv_transform", "anti_windup"):
-            if self.kind == "tf" and key in self.model_fields_set:
-                raise problem("belongs to a PID: a controller given by tf acts on set-point minus PV", key)
         return self
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from trueplant.identify import OutputEstimate, Unanswered, WhyUnanswered
-from trueplant.project.tables import Controller
+from trueplant.project.law_table import Controller
 from trueplant.study import levels
 from trueplant.study.data.op_law import written_from_samples
 from trueplant.study.study import Records
