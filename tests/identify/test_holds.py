@@ -16,7 +16,7 @@ from trueplant.identify import (
     OutputEstimate,
     find_holds,
     identify_matrix,
-    identify_with_holds,
+    identify_plant,
     specs_of,
     widened_for_holds,
     with_holds,
@@ -70,7 +70,8 @@ def record(kind: str, seed: int, std: float = 0.03) -> Segment:
 
 def estimated(segment: Segment) -> tuple[FoundHold, OutputEstimate]:
     """As an analysis does where the hold is not declared."""
-    estimates, holds = identify_with_holds([segment], PLANT, specs_of(PLANT), Open([1]), 0.95, (0.0, 0.0))
+    found = identify_plant([segment], PLANT, specs_of(PLANT), Open([1]), 0.95, (0.0, 0.0))
+    estimates, holds = found.estimates, found.holds
     return holds[1], widened_for_holds(estimates, holds, 0.95)[0]
 
 
@@ -127,7 +128,8 @@ def test_what_cannot_be_told_is_in_the_interval_of_the_dead_time():
 def test_an_element_that_is_kept_tells_it_too():
     segment = record("feed", 2)
     own = {place: spec for place, spec in specs_of(PLANT).items() if place == (0, 0)}
-    estimates, holds = identify_with_holds([segment], PLANT, own, Open([1]), 0.95, (0.0, 0.0))
+    found = identify_plant([segment], PLANT, own, Open([1]), 0.95, (0.0, 0.0))
+    estimates, holds = found.estimates, found.holds
     assert holds[1].hold == "zoh"
     assert estimates[0].fit.variance < identify_matrix([segment], PLANT, own)[0].fit.variance
     assert estimates[0].theta == pytest.approx(TRUE[:3], rel=0.03)

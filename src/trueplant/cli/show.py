@@ -22,6 +22,8 @@ from trueplant.result.summary import loop_line, settings_lines
 _STYLE = {
     ElementVerdict.CHANGED: "bold red",
     ElementVerdict.UNCHANGED: "green",
+    ElementVerdict.FOUND: "bold",
+    ElementVerdict.NONE_FOUND: "dim",
     ElementVerdict.NOT_IDENTIFIABLE: "yellow",
 }
 

@@ -50,7 +50,8 @@ class Evidence:
 class ParameterVerdict:
     p_value: float | None
     p_adjusted: float | None
-    changed: bool
+    changed: bool | None
+    """None where there is no model to have changed from."""
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,14 @@
 from trueplant.identify.budget import Budget
 from trueplant.identify.equation_error import equation_error, paper_route
 from trueplant.identify.estimate import Options, estimate_row
+from trueplant.identify.first import INTEGRATING, SELF_REGULATING
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.gate import Worse, worse_than_model
 from trueplant.identify.holds import FoundHold, find_holds, widened_for_holds, with_holds
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
 from trueplant.identify.loads import FoundLoad, found_loads, with_loads
 from trueplant.identify.longest_noise import estimate_beside_longest_noise
-from trueplant.identify.matrix import Open, identify_matrix, identify_with_holds, specs_of
+from trueplant.identify.matrix import Identification, Open, identify_matrix, identify_plant, specs_of
 from trueplant.identify.output import OutputEstimate, Rejected, identify_output, unanswered
 from trueplant.identify.pieces import Held, pieces_of
 from trueplant.identify.residual_tests import RESIDUAL_TESTS
@@ -20,12 +21,15 @@ from trueplant.identify.validate import Validation, fit_percent, prediction_erro
 from trueplant.identify.valves import FoundValve, behind_valves, sticking, try_valves, widened_for_valves
 
 __all__ = [
+    "INTEGRATING",
     "RESIDUAL_TESTS",
+    "SELF_REGULATING",
     "Budget",
     "FoundHold",
     "FoundLoad",
     "FoundValve",
     "Held",
+    "Identification",
     "Open",
     "Options",
     "OutputEstimate",
@@ -50,7 +54,7 @@ __all__ = [
     "found_loads",
     "identify_matrix",
     "identify_output",
-    "identify_with_holds",
+    "identify_plant",
     "likelihood_ratio_p",
     "paper_route",
     "pieces_of",

@@ -84,6 +84,16 @@ POLISHED_STEPS = 60
 STRUCTURE_SHARE = 0.2
 """Of the chance of a false alarm over a whole matrix, what is left to the rejection of structures that suffice."""
 
+# A first model
+FIRST_SCALES = (20.0, 200.0, 2000.0)
+"""Time constants from which the search begins where nobody said anything: parts of the longest stretch of the record.
+Each search looks from an eighth to eight times of it and on from what it finds."""
+GUESSED_FROM = 5000
+"""Prediction errors from which first guesses of time constants are made: enough for those from which samples are
+chosen."""
+GUESSED_ORDER = 2
+"""Order of the noise model meanwhile: noise and offset would else pass for slow elements."""
+
 # Which samples are taken
 SAMPLES_PER_LAG = 80
 """More samples than this per lag of the fastest element are left out of long records."""

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from trueplant.identify.estimate import Options
+from trueplant.identify.first import Again, regulating_or_not, shown, with_guesses
 from trueplant.identify.holds import FoundHold, find_holds, held_fits, with_holds
 from trueplant.identify.loads import find_loads, with_loads
 from trueplant.identify.missing import with_missing
@@ -33,6 +34,21 @@ class Open:
     """Elements that keep their structure, whatever the record says."""
     loads: bool = True
     """Steps that nobody recorded; not where a disturbance is declared that would do what they do."""
+    wanted: Collection[tuple[int, int]] = ()
+    """Elements of which nobody said whether they are there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The estimates, and what they found out besides the parameters."""
+
+    estimates: dict[int, OutputEstimate]
+    """Of each output that has elements to estimate and data to do it from."""
+    holds: dict[int, FoundHold]
+    """How measured disturbances run between their samples."""
+    absence_p: dict[tuple[int, int], float]
+    """That the elements of which nobody said so are absent, over all of them. Those that the record does not show are
+    not among the estimates."""
 
 
 def specs_of(model: TransferMatrix) -> dict[tuple[int, int], Spec]:
@@ -65,10 +81,10 @@ def identify_matrix(
     before it is estimated. With `structures`, those that the record rejects are replaced by richer ones.
     """
     asked = Open(pinned=() if structures else [*np.ndindex(*model.shape)])
-    return identify_with_holds(segments, model, specs, asked, confidence, (update_interval, timing), tell=tell)[0]
+    return identify_plant(segments, model, specs, asked, confidence, (update_interval, timing), tell=tell).estimates
 
 
-def identify_with_holds(
+def identify_plant(
     segments: Sequence[Segment],
     model: TransferMatrix,
     specs: Mapping[tuple[int, int], Spec],
@@ -76,41 +92,48 @@ def identify_with_holds(
     confidence: float,
     instants: tuple[float, float],
     tell: Callable[[int], None] | None = None,
-) -> tuple[dict[int, OutputEstimate], dict[int, FoundHold]]:
-    """`identify_matrix`, and how measured disturbances run between their samples.
+) -> Identification:
+    """`identify_matrix`, and what else `asked` is to be found out.
 
     Loads and holds are found before structures are tested: what they leave in the prediction errors would pass for
     dynamics that the structure lacks. `instants` are the update interval and the timing error. Structures that the
     record rejects are replaced by richer ones.
     """
     update_interval, timing = instants
-    everywhere = list(specs.values())
+    update = samples_per_update(update_interval, segments[0].h)
+    held = {i: _held(model, specs, i) for i in range(model.shape[0])}
+    own = {i: [spec for (row, _), spec in sorted(specs.items()) if row == i] for i in held}
+    wanted = {i: [j for k, j in asked.wanted if k == i] for i in held}
+    own = {i: with_guesses(segments, i, row, wanted[i], held[i], update) for i, row in own.items()}
+    everywhere = [spec for row in own.values() for spec in row]
     sampling = Sampling(
         stride=choose_stride(segments, everywhere, update_interval),
-        update=samples_per_update(update_interval, segments[0].h),
+        update=update,
         block=choose_block(segments, everywhere),
         timing=timing,
     )
     absent = [place for place in np.ndindex(*model.shape) if place not in specs and model[place].is_zero]
     estimates, again = {}, {}
-    for i in range(model.shape[0]):
-        own = [spec for (row, _), spec in sorted(specs.items()) if row == i]
+    absence_p: dict[tuple[int, int], float] = {}
+    for i, row in own.items():
         if tell is not None:
             tell(i)
         again[i] = partial(
             identify_output,
             output=i,
-            held=[
-                Held(j, model[i, j]) for j in range(model.shape[1]) if (i, j) not in specs and not model[i, j].is_zero
-            ],
+            held=held[i],
             confidence=confidence,
             sampling=sampling,
             time_scale=typical_lag(everywhere),
         )
         estimate = partial(_estimated, again[i], segments)
-        found = estimate(own)
+        found = estimate(row)
+        if found is not None and wanted[i]:
+            first = shown(found, wanted[i], estimate, len(asked.wanted), confidence)
+            absence_p |= {(i, j): p for j, p in first.absence_p.items()}
+            found = first.estimate
         if found is not None:
-            estimates[i] = with_missing(found, [j for row, j in absent if row == i], estimate, len(absent))
+            estimates[i] = with_missing(found, [j for k, j in absent if k == i], estimate, len(absent))
     loaded = find_loads({i: estimate.fit for i, estimate in estimates.items()}) if asked.loads else {}
     segments = with_loads(segments, loaded) if loaded else segments
     for i, fit in loaded.items():
@@ -121,16 +144,27 @@ def identify_with_holds(
         estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
     # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
     for i, found in estimates.items() if timing == 0 else ():
-        estimates[i] = with_structures(
-            found,
-            partial(_estimated, again[i], segments),
-            len(everywhere),
-            confidence,
-            [j for k, j in asked.pinned if k == i],
-        )
+        estimate = partial(_estimated, again[i], segments)
+        estimates[i] = _structured(found, i, asked, estimate, len(everywhere), confidence)
     if any(segment.closed for segment in segments):
         estimates = _with_shared_disturbances(estimates, confidence)
-    return estimates, holds
+    return Identification(estimates, holds, absence_p)
+
+
+def _held(model: TransferMatrix, specs: Mapping[tuple[int, int], Spec], i: int) -> list[Held]:
+    """The elements of an output that are not estimated, at the model's value."""
+    return [Held(j, model[i, j]) for j in range(model.shape[1]) if (i, j) not in specs and not model[i, j].is_zero]
+
+
+def _structured(
+    found: OutputEstimate, i: int, asked: Open, estimate: Again, tested: int, confidence: float
+) -> OutputEstimate:
+    """The estimate with structures that suffice: where nobody said one, whether it integrates is asked first."""
+    pinned = [j for k, j in asked.pinned if k == i]
+    for spec in found.row.specs:
+        if (i, spec.column) in asked.wanted and spec.column not in pinned:
+            found = regulating_or_not(found, spec.column, estimate, confidence)
+    return with_structures(found, estimate, tested, confidence, pinned)
 
 
 def _estimated(

@@ -57,6 +57,7 @@ def samples_per_update(update_interval: float, h: float) -> int:
 
 
 def _answers(specs: Sequence[Spec]) -> list[float]:
-    """How long each element of the model takes to answer, dead time included."""
-    known = [(spec.structure, np.array(spec.initial)) for spec in specs if spec.initial is not None]
+    """How long each element of the model takes to answer, dead time included; without a model as far as is guessed."""
+    initial = [(spec.structure, spec.guess if spec.initial is None else spec.initial) for spec in specs]
+    known = [(structure, np.array(p)) for structure, p in initial if p is not None]
     return [structure.lag(p) + structure.longest_dead_time(p) for structure, p in known]

@@ -105,7 +105,7 @@ def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
         begun[np.flatnonzero(wanted.is_lead)[-1]] = further
         near.append(_briefly(fit, m, wanted, begun))
     far = _fitted(fit, m, wanted, [start(share * lag) for share in levels.SECOND_LAGS])
-    return _suffices_p(fit, _best([polished(_best(near)), polished(_best(far))]), m, confidence)
+    return suffices_p(fit, _best([polished(_best(near)), polished(_best(far))]), m, confidence)
 
 
 def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Structure, Array] | None:
@@ -231,7 +231,7 @@ def _best(fits: Sequence[RowFit]) -> RowFit:
     return fits[int(np.argmin(_criteria(fits)))]
 
 
-def _suffices_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
+def suffices_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
     """p-value that the fit suffices beside a rival with another structure for element m.
 
     By the likelihood ratio, each with its own noise model; where that looks clear, with the largest as well, by the

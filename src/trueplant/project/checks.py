@@ -88,8 +88,10 @@ def _check_references(project: Declaration) -> None:
 
 def _check_element(project: Declaration, element: ModelElement, where: tuple[str | int, ...]) -> None:
     """An element that is to be estimated has a structure with parameters."""
+    if element.tf is None or not element.estimate or element.structure not in (None, "auto"):
+        return
     system = tf(element.tf)
-    if not element.estimate or element.structure is not None or system.is_zero:
+    if system.is_zero:
         return
     try:
         structure_of(system)
@@ -153,6 +155,8 @@ def _check_simulation(project: Declaration) -> None:
         for k, element in enumerate(project.simulate.plant):
             _known(element.output, outputs, "[[output]]", "simulate", "plant", k, "output")
             _known(element.input, sources, "[[input]] or [[disturbance]]", "simulate", "plant", k, "input")
+            if element.tf is None:
+                raise problem("is needed: a plant that is simulated has to be known", "simulate", "plant", k, "tf")
 
 
 def _check_loads(project: Declaration) -> None:

@@ -113,17 +113,31 @@ class Declaration(Table):
         pair = (self.output_names[i], (*self.input_names, *self.disturbance_names)[j])
         return next((e for e in self.model if (e.output, e.input) == pair), None)
 
+    def kind(self, i: int) -> str | None:
+        """What output i measures, where the project says."""
+        return self.outputs[i].kind
+
+    def wanted(self, i: int, j: int) -> bool:
+        """Did nobody say whether element i, j is there? So it is for all without any model."""
+        element = self.element(i, j)
+        return not self.model if element is None else element.tf is None
+
+    def formula(self, i: int, j: int) -> str | float:
+        """Of element i, j of the model; 0 where it has none."""
+        element = self.element(i, j)
+        return 0.0 if element is None or element.tf is None else element.tf
+
     def estimate(self, i: int, j: int) -> bool:
         """Whether element i, j is to be estimated: not if it is kept, and not if it is zero without a structure."""
         element = self.element(i, j)
-        if element is None or not element.estimate:
-            return False
-        return element.structure is not None or not tf(element.tf).is_zero
+        if element is None or element.tf is None:
+            return self.wanted(i, j)
+        return element.estimate and (element.structure is not None or not tf(element.tf).is_zero)
 
     def structure(self, i: int, j: int) -> str | None:
-        """The declared structure of element i, j; None where it is the model's own."""
+        """The declared structure of element i, j; None where it is the model's own, or to be found."""
         element = self.element(i, j)
-        return None if element is None else element.structure
+        return None if element is None or element.structure == "auto" else element.structure
 
     def overridden(self, changes: list[dict[str, Any]], where: tuple[str | int, ...]) -> tuple[Controller, ...]:
         """The controllers with the changes of one experiment put in."""

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from trueplant.project.fields import Formula, Name, StructureName, Table
+from typing import Literal
+
+from pydantic import model_validator
+
+from trueplant.project.fields import Formula, Name, StructureName, Table, problem
 
 
 class ModelElement(Table):
@@ -10,6 +14,14 @@ class ModelElement(Table):
 
     output: Name
     input: Name
-    tf: Formula
+    tf: Formula | None = None
     estimate: bool = True
-    structure: StructureName | None = None
+    structure: StructureName | Literal["auto"] | None = None
+
+    @model_validator(mode="after")
+    def _says_something(self) -> ModelElement:
+        if self.tf is None and self.structure is None:
+            raise problem('is needed: a formula, or structure = "auto" for an element that is to be found', "tf")
+        if self.tf is None and not self.estimate:
+            raise problem("keeps an element at its formula: give its tf", "estimate")
+        return self

@@ -106,8 +106,7 @@ class Project(Declaration):
     def _matrix(self, columns: range) -> TransferMatrix:
         rows = []
         for i in range(len(self.outputs)):
-            row = [self.element(i, j) for j in columns]
-            rows.append([0.0 if element is None else element.tf for element in row])
+            rows.append([self.formula(i, j) for j in columns])
         return TransferMatrix.of(rows, self.time_unit)
 
     def controller(self, experiment: int = 0) -> loop.Controller | None:
@@ -129,8 +128,8 @@ class Project(Declaration):
         sources = (*self.input_names, *self.disturbance_names)
         formulas = {}
         for (i, j), system in elements.items():
-            declared, formula = self.element(i, j), to_formula(system)
-            if declared is None or to_formula(tf(declared.tf)) != formula:
+            formula = to_formula(system)
+            if self.wanted(i, j) or to_formula(tf(self.formula(i, j))) != formula:
                 formulas[self.output_names[i], sources[j]] = formula
         return self._read(with_formulas(self.to_toml(), formulas), Path(self._source))
 

@@ -73,6 +73,7 @@ class Output(Table):
     pv: Name
     sp: Name | None = None
     unit: str = ""
+    kind: Literal["flow", "pressure", "level", "temperature", "other"] | None = None
     limits: Limits | None = None
 
 

@@ -25,7 +25,8 @@ class Parameter:
     """Of the model's value."""
     p_value: float | None
     p_adjusted: float | None
-    changed: bool
+    changed: bool | None
+    """None where there is no model to have changed from."""
     reason: str = ""
     """Why it is not answered, when `plant` is None."""
 
@@ -43,7 +44,8 @@ class Element:
     output: str
     input: str
     structure: str
-    tf_model: str
+    tf_model: str | None
+    """None where nobody said what it is."""
     tf_plant: str | None
     tf_mismatch: str | None
     parameters: tuple[Parameter, ...]

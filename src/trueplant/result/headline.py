@@ -12,6 +12,9 @@ from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of, number_of, word_of
 from trueplant.result.status import ElementVerdict, Status
 
+SHOWN_FIRST = 2
+"""Elements of a first model that a headline tells."""
+
 
 def headline(result: Outcome) -> str:
     """The verdict first, in a sentence or two for the person at the panel."""
@@ -20,10 +23,13 @@ def headline(result: Outcome) -> str:
         more = len(result.reasons) - 1
         rest = f" ({more} more reason{'s' if more > 1 else ''} in the result)" if more > 0 else ""
         return f"No answer can be given: {sentence(why)}{rest}"
+    first = [e for e in result.elements if e.verdict in (ElementVerdict.FOUND, ElementVerdict.NONE_FOUND)]
     changed = sorted((e for e in result.elements if e.verdict == ElementVerdict.CHANGED), key=_weight)
     open_ones = [e for e in result.elements if e.verdict == ElementVerdict.NOT_IDENTIFIABLE]
-    kept = len(result.elements) - len(changed) - len(open_ones)
-    if changed:
+    kept = len(result.elements) - len(changed) - len(open_ones) - len(first)
+    if first and not changed and not kept:
+        text = _first_model(first)
+    elif changed:
         text = f"The plant has changed: {_what_changed(changed[0])}."
         if len(changed) > 1:
             text += f" {_also(changed[1:])}"
@@ -43,10 +49,27 @@ def headline(result: Outcome) -> str:
         text = f"No change was found in {_named(tested)}, but these data say too little: {_missed(tested)}."
     else:
         text = "No verdict is possible: none of the elements can be told from these data."
-    if open_ones and (changed or kept):
+    if first and (changed or kept):
+        text += f" {_first_model(first)}"
+    if open_ones and (changed or kept or first):
         text += f" {counted(len(open_ones), 'element')} could not be judged ({', '.join(map(_arrow, open_ones[:3]))}"
         text += f" and {len(open_ones) - 3} more)." if len(open_ones) > 3 else ")."
     return text
+
+
+def _first_model(elements: Sequence[Element]) -> str:
+    """What was found where nobody said anything, the elements of the loops first."""
+    found = [e for e in elements if e.verdict == ElementVerdict.FOUND]
+    if not found:
+        return "No first model: nothing in these data shows beyond chance what answers to what."
+    told = [f"{_arrow(e)} has {_values(e)}" for e in found[:SHOWN_FIRST]]
+    more = f" and {len(found) - SHOWN_FIRST} more" if len(found) > SHOWN_FIRST else ""
+    return f"First model found: {'; '.join(told)}{more}."
+
+
+def _values(element: Element) -> str:
+    known = [p for p in element.parameters if p.plant is not None]
+    return ", ".join(f"{_phrase(p, known)} {_told(p)}" for p in known)
 
 
 def _named(elements: Sequence[Element]) -> str:
@@ -81,7 +104,7 @@ def _arrow(element: Element) -> str:
 def _what_changed(element: Element) -> str:
     moved = [p for p in element.parameters if p.changed and p.plant is not None]
     where = _arrow(element)
-    if element.tf_model.strip() in ("0", "0.0", ""):
+    if element.tf_model in ("0", "0.0", ""):
         known = [p for p in element.parameters if p.plant is not None]
         values = ", ".join(f"{_phrase(p, known)} of {_quantity(p.plant, p.unit)}" for p in known)
         return f"{where} responds with {values}, where the model has no response" if values else f"{where} responds"
@@ -111,7 +134,7 @@ def _also(elements: Sequence[Element]) -> str:
 
 
 def _short(element: Element) -> str:
-    if element.tf_model.strip() in ("0", "0.0", ""):
+    if element.tf_model in ("0", "0.0", ""):
         return "not in the model"
     parts = []
     for p in element.parameters:

@@ -97,7 +97,7 @@ def refused(study: Study, checked: Checked) -> Result:
             output=study.project.output_names[i],
             input=study.columns[j],
             structure=str(spec.structure),
-            tf_model=to_formula(study.model[i, j]),
+            tf_model=None if (i, j) in study.wanted else to_formula(study.model[i, j]),
             tf_plant=None,
             tf_mismatch=None,
             parameters=(),

@@ -47,6 +47,7 @@ def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
         return refused(study, _checked(study, controllers, reasons))
     plant = updated_plant(study.model, identified.estimates)
     judged = with_derived(study, plant.nominal, judge(study, identified, plant.nominal))
+    study = study.with_first_model(plant.nominal)
     say("comparing methods")
     compared = compare_methods(study, identified, plant.nominal)
     say("what the change does to the loops")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from trueplant.arrays import BoolArray
 from trueplant.identify import Spec, WhyUnanswered
@@ -100,6 +102,22 @@ class Study:
     def holds_to_find(self) -> tuple[int, ...]:
         """Columns of measured disturbances of which the project does not say how they run between samples."""
         return tuple(j for j, entry in enumerate(self.project.disturbances, start=self.n_u) if entry.hold is None)
+
+    @property
+    def wanted(self) -> frozenset[Place]:
+        """Elements of which the project does not say whether they are there."""
+        return frozenset(place for place in np.ndindex(*self.model.shape) if self.project.wanted(*place))
+
+    def with_first_model(self, plant: TransferMatrix) -> Study:
+        """For what follows an estimate: where the project has no model, the plant (n_y, n_u + n_d) found is the first."""
+        if not self.wanted:
+            return self
+        both = enumerate(zip(self.model.elements, plant.elements, strict=True))
+        rows = tuple(
+            tuple(found if (i, j) in self.wanted else own for j, (own, found) in enumerate(zip(*row, strict=True)))
+            for i, row in both
+        )
+        return replace(self, model=TransferMatrix(rows, self.model.time_unit))
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from trueplant.errors import ProjectError, UnstableLoop
-from trueplant.identify import Spec
+from trueplant.identify import INTEGRATING, SELF_REGULATING, Spec
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.lti.structure import Structure, structure_of, translated
 from trueplant.project import Project
@@ -79,8 +79,9 @@ def _check_loop(records: Records, model: TransferMatrix) -> tuple[Reason, ...]:
     notes = []
     project = records.project
     plant = model.columns(0, len(project.inputs))
+    whole = not any(project.wanted(*place) for place in np.ndindex(*plant.shape))
     for plan, law in zip(project.experiments, records.linear, strict=True):
-        if law is None or not plan.closed:
+        if law is None or not plan.closed or not whole:
             continue
         try:
             check_signs(project, plan.controllers, plant, law)
@@ -117,7 +118,8 @@ def _spec(project: Project, system: TransferFunction, i: int, j: int) -> Spec:
     declared = project.structure(i, j)
     own, values = (None, np.zeros(0)) if system.is_zero else structure_of(system)
     structure = own if declared is None else Structure.parse(declared)
-    assert structure is not None  # the project has checked that a zero element names a structure
+    if structure is None:
+        structure = INTEGRATING if project.kind(i) == "level" else SELF_REGULATING
     if own is None:
         return Spec(j, structure, None)
     undeclared = tuple(k for k, name in enumerate(structure.names) if name not in own.names)

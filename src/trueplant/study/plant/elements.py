@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from trueplant.study.plant.structures import restructured
 from trueplant.study.study import Place, Study
 
 KEPT = "kept at its declared value (estimate = false)"
+NOT_SHOWN = "nothing in these data shows it beyond chance"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,10 @@ class Judged:
 
 def judge(study: Study, identified: Identified, plant: TransferMatrix) -> Judged:
     """Verdicts, importance, grades and causes; `plant` (n_y, n_u + n_d) as estimated."""
-    found = detect.elements_found(study.model, identified.estimates)
+    found = {
+        place: replace(one, model=(None,) * len(one.model)) if place in study.wanted else one
+        for place, one in detect.elements_found(study.model, identified.estimates).items()
+    }
     elements = _elements(study, identified, found, plant)
     causes = causes_of(study, identified, found, elements) if _answered(elements) else []
     return Judged(found, elements, tuple(causes), restructured(study, found))
@@ -66,8 +70,9 @@ def _elements(
     study: Study, identified: Identified, found: Mapping[Place, Found], plant: TransferMatrix
 ) -> tuple[Element, ...]:
     settings = study.project.analysis
-    verdicts = detect.judge_elements(
-        found,
+    first = {place: _first(found[place], p) for place, p in identified.absence_p.items() if place in found}
+    verdicts = first | detect.judge_elements(
+        {place: one for place, one in found.items() if place not in study.wanted},
         identified.estimates,
         settings.confidence,
         settings.tolerance_percent,
@@ -82,13 +87,40 @@ def _elements(
                 elements.append(
                     _element(study, identified.estimates[i], found[i, j], judged, plant[i, j], i, j, importance)
                 )
-            elif not study.model[i, j].is_zero:
+            elif (i, j) in identified.absence_p:
+                elements.append(_none_found(study, identified, i, j))
+            elif not study.model[i, j].is_zero or (i, j) in study.wanted:
                 elements.append(_held_element(study, identified, i, j))
     return tuple(elements)
 
 
+def _first(found: Found, absence_p: float) -> detect.Verdict:
+    """On an element of which nobody said whether it is there, and which the record shows."""
+    answered = len(found.reasons) < found.theta.size
+    verdict = ElementVerdict.FOUND if answered else ElementVerdict.NOT_IDENTIFIABLE
+    return detect.Verdict(verdict, absence_p, (detect.ParameterVerdict(None, None, None),) * found.theta.size)
+
+
+def _none_found(study: Study, identified: Identified, i: int, j: int) -> Element:
+    still = all(np.ptp(np.hstack([segment.u, segment.d])[:, j]) == 0 for segment in study.segments)
+    return Element(
+        output=study.project.output_names[i],
+        input=study.columns[j],
+        structure="",
+        tf_model=None,
+        tf_plant=None,
+        tf_mismatch=None,
+        parameters=(),
+        verdict=ElementVerdict.NONE_FOUND,
+        reason=f"{study.columns[j]} never moves in these data" if still else NOT_SHOWN,
+        p_adjusted=identified.absence_p[i, j],
+        importance=Importance(None, "open loop"),
+        grade="",
+    )
+
+
 def _held_element(study: Study, identified: Identified, i: int, j: int) -> Element:
-    formula = to_formula(study.model[i, j])
+    formula = None if (i, j) in study.wanted else to_formula(study.model[i, j])
     if (i, j) in identified.specs:
         why = (
             f"the PV of {study.project.output_names[i]} cannot be used in these data, or nothing moves it from outside"
@@ -137,20 +169,21 @@ def _element(
     parameters = parameters_of(found, verdict, units)
     answered = [p.plant is not None for p in parameters]
     peak, basis = importance
-    mismatch = simplified(system - study.model[i, j])
+    known = (i, j) not in study.wanted
+    mismatch = to_formula(simplified(system - study.model[i, j])) if known else None
     sound = estimate.tests.whiteness_p > levels.GRADED_WHITE and not estimate.undermodelled
     return Element(
         output=study.project.output_names[i],
         input=study.columns[j],
         structure=str(found.spec.structure),
-        tf_model=to_formula(study.model[i, j]),
+        tf_model=to_formula(study.model[i, j]) if known else None,
         tf_plant=to_formula(system) if any(answered) else None,
-        tf_mismatch=to_formula(mismatch) if any(answered) else None,
+        tf_mismatch=mismatch if any(answered) else None,
         parameters=parameters,
         verdict=verdict.verdict,
         reason="; ".join(filter(None, [_power_reason(verdict), _reason(found, answered)])),
         p_adjusted=verdict.p_adjusted,
-        importance=Importance(float(peak[i, j]) if any(answered) else None, basis),
+        importance=Importance(float(peak[i, j]) if known and any(answered) else None, basis),
         grade=detect.grade(_half_widths(found), answered, sound),
         detectable_change=verdict.detectable,
         rejected_structure=None if found.rejected is None else str(found.rejected.structure),
@@ -188,6 +221,7 @@ def _half_widths(found: Found) -> list[float]:
 def _importance(study: Study, plant: TransferMatrix) -> tuple[Array, str]:
     """Of every element, and on which basis: in the loop with a declared controller, else open loop."""
     s = 1j * model_frequencies(study, plant)
+    study = study.with_first_model(plant)
     model = study.model(s)
     delta = plant(s) - model
     loop = study.loop(study.model)

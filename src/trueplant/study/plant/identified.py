@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from trueplant.disturbance import DisturbedFit
 from trueplant.identify import (
     FoundHold,
     FoundValve,
+    Identification,
     Open,
     OutputEstimate,
     RowFit,
     Spec,
     behind_valves,
     found_loads,
-    identify_with_holds,
+    identify_plant,
     sticking,
     try_valves,
     widened_for_holds,
@@ -50,6 +51,8 @@ class Identified:
     """By input: valves that do not follow OP; the segments then have the positions of their stems for it."""
     holds: Mapping[int, FoundHold] = field(default_factory=dict)
     """By column: measured disturbances of which the project does not say how they run between samples."""
+    absence_p: Mapping[Place, float] = field(default_factory=dict)
+    """Of the elements of which the project does not say whether they are there: that they are not."""
 
     def of_experiment(self, k: int) -> tuple[Segment, ...]:
         """The segments of one experiment."""
@@ -58,7 +61,8 @@ class Identified:
 
 def identify(study: Study, say: Progress = quiet) -> Identified:
     """Estimate all elements of all outputs, with the unmeasured disturbances that the project declares."""
-    estimates, holds = estimate_and_holds(study, study.segments, study.holds_to_find, say)
+    first = _identified(study, study.segments, study.holds_to_find, say)
+    estimates, holds = first.estimates, first.holds
     segments = with_loads(with_holds(study.segments, holds), _fits(estimates))
     say("looking for valves that do not follow OP")
     columns = [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"]
@@ -81,19 +85,19 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     estimates = widened_for_valves(widened_for_holds(estimates, holds, confidence), tried, confidence)
     taken = {(i, spec.column): spec for i, found in estimates.items() for spec in found.row.specs}
     notes = (*_missing(study, taken), *_loads(study, estimates))
-    return Identified(estimates, {**study.specs, **taken}, segments, fits, notes, valves, holds)
+    return Identified(estimates, {**study.specs, **taken}, segments, fits, notes, valves, holds, first.absence_p)
 
 
 def estimate(study: Study, segments: tuple[Segment, ...], say: Progress = quiet) -> dict[int, OutputEstimate]:
     """The estimate of each output that has elements to estimate and data to do it from."""
-    return estimate_and_holds(study, segments, (), say)[0]
+    return _identified(study, segments, (), say).estimates
 
 
-def estimate_and_holds(
+def _identified(
     study: Study, segments: tuple[Segment, ...], undeclared: Sequence[int], say: Progress = quiet
-) -> tuple[dict[int, OutputEstimate], dict[int, FoundHold]]:
-    """`estimate`, and how the measured disturbances in the `undeclared` columns run between their samples."""
-    found, holds = identify_with_holds(
+) -> Identification:
+    """All that identification finds; the measured disturbances in the `undeclared` columns may run either way."""
+    found = identify_plant(
         segments,
         study.model,
         study.specs,
@@ -101,13 +105,16 @@ def estimate_and_holds(
             undeclared,
             [place for place in study.specs if study.project.structure(*place) is not None],
             loads=not study.project.unmeasured,
+            wanted=study.wanted,
         ),
         study.project.analysis.confidence,
         (update_interval(study), timing_error(study)),
         tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
     )
     unmoved = unmoved_outputs(study)
-    return {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.items() if i not in unmoved}, holds
+    told = found.estimates.items()
+    estimates = {i: without_hidden_dynamics(study.hidden, i, one) for i, one in told if i not in unmoved}
+    return replace(found, estimates=estimates)
 
 
 def _resting_on_disturbances(
