@@ -116,9 +116,8 @@ def regulating_or_not(estimate: OutputEstimate, column: int, again: Again, confi
 
 
 def _rest_unknown(estimate: OutputEstimate, m: int) -> bool:
-    """Does the record leave open where an element comes to rest?"""
+    """Does the record leave open where an element that is there comes to rest?"""
     part, unknown = estimate.row.slices[m], unanswered(estimate)
     slow = estimate.row.is_gain | estimate.row.is_lag
-    return any(
-        slow[k] and k in unknown and unknown[k].why is WhyUnanswered.TOO_UNCERTAIN for k in range(part.start, part.stop)
-    )
+    open_ones = (WhyUnanswered.TOO_UNCERTAIN, WhyUnanswered.GAIN_NOT_TOLD_FROM_ZERO)
+    return any(slow[k] and k in unknown and unknown[k].why in open_ones for k in range(part.start, part.stop))

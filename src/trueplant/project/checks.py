@@ -138,6 +138,8 @@ def _check_controllers(project: Declaration, controllers: Iterable[Controller], 
 def _check_simulation(project: Declaration) -> None:
     if project.simulate is None:
         return
+    if project.simulate.plant == "model" and not project.model:
+        raise problem("needs a plant: declare [[model]] elements, or name another plant", "simulate", "plant")
     outputs = project.output_names
     for k, move in enumerate(project.simulate.setpoints):
         _known(move.output, outputs, "[[output]]", "simulate", "setpoints", k, "output")

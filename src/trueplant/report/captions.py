@@ -35,7 +35,9 @@ def step_response(curves: Curves, i: int, j: int) -> str:
     low, high = curves.step_low[:, i, j], curves.step_high[:, i, j]
     if not t.size:
         return "No step response was computed."
-    end = f"After {number(float(t[-1]))}{_unit(curves.time_unit)}: model {number(float(model[-1]))}, "
+    end = f"After {number(float(t[-1]))}{_unit(curves.time_unit)}: "
+    if np.isfinite(model).any():
+        end += f"model {number(float(model[-1]))}, "
     if not np.isfinite(plant).any():
         return f"{end}plant not answered{unit and f' ({unit.strip()})'}."
     end += f"plant {number(float(plant[-1]))}"
@@ -68,6 +70,11 @@ def bode(curves: Curves, i: int, j: int) -> str:
     ratio, shift = ratio[np.isfinite(ratio)], shift[np.isfinite(shift)]
     count = int(np.isfinite(points).sum())
     label = f" {count} points: {curves.np_label or 'estimate without a model'}." if count else ""
+    if not np.isfinite(curves.bode_model[:, i, j]).any():
+        size = np.abs(curves.bode_plant[inside, i, j])
+        return (
+            f"{said}, the plant's magnitude is {number(float(size.min()), 3)} to {number(float(size.max()), 3)}.{label}"
+        )
     if not ratio.size or not shift.size:
         return f"{said}, plant and model cannot be compared: one of them has no response.{label}"
     times = f"{number(float(ratio.min()), 3)} to {number(float(ratio.max()), 3)} times"

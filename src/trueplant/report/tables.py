@@ -99,7 +99,9 @@ def _digits(p: Parameter) -> int:
 def parameter_row(p: Parameter, scale: float) -> ParameterRow:
     """`scale` is the half width of the drawing in percent."""
     kind = "unknown" if p.plant is None else "changed" if p.changed else "unchanged"
-    if kind == "unchanged" and p.model is None:
+    if kind == "unchanged" and p.changed is None:
+        answer = "found"
+    elif kind == "unchanged" and p.model is None:
         kind, answer = "unknown", "not in the model"
     else:
         answer = {"unknown": "not answered", "changed": "changed", "unchanged": "unchanged"}[kind]

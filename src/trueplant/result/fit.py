@@ -40,6 +40,7 @@ class FitRow:
     output: str
     experiment: str
     fit_percent_model: float
+    """Not a number where nobody said anything of the output."""
     fit_percent_plant: float
     validation: ValidationFit | None = None
     residual_tests: ResidualTest | None = field(default=None, metadata=ABSENT)

@@ -64,7 +64,8 @@ def _first_model(elements: Sequence[Element]) -> str:
         return "No first model: nothing in these data shows beyond chance what answers to what."
     told = [f"{_arrow(e)} has {_values(e)}" for e in found[:SHOWN_FIRST]]
     more = f" and {len(found) - SHOWN_FIRST} more" if len(found) > SHOWN_FIRST else ""
-    return f"First model found: {'; '.join(told)}{more}."
+    some = f", {len(found)} of {len(elements)} elements" if len(elements) > 1 else ""
+    return f"First model found{some}: {'; '.join(told)}{more}."
 
 
 def _values(element: Element) -> str:

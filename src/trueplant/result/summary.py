@@ -86,9 +86,10 @@ def loop_line(result: Outcome) -> str:
         every = len(unstable) == len(found.margins.plant) > 1
         which = "the loops" if every else f"the loop of {' and '.join(unstable)}"
         return f"Today's controller leaves {which} unstable on the plant as estimated."
-    text = f"Today's controller keeps the plant stable{_highest_peak(found.margins)}."
+    modelled = any(element.tf_model is not None for element in result.elements)
+    text = f"Today's controller keeps the plant stable{_highest_peak(found.margins, modelled)}."
     on_model, on_plant = found.peaks.get("model"), found.peaks.get("plant")
-    if on_model and on_plant and on_model.RP and on_plant.RP:
+    if modelled and on_model and on_plant and on_model.RP and on_plant.RP:
         before, today = on_model.RP.upper, on_plant.RP.upper
         holds = "holds" if on_plant.robust_performance_holds else "does not hold"
         finite = math.isfinite(today)
@@ -100,13 +101,15 @@ def loop_line(result: Outcome) -> str:
     return text
 
 
-def _highest_peak(margins: Margins) -> str:
+def _highest_peak(margins: Margins, modelled: bool) -> str:
     measured = [(loop.Ms, loop) for loop in margins.plant if loop.Ms is not None]
     if not measured:
         return ""
     peak, highest = max(measured, key=lambda one: one[0])
     before = next(loop for loop in margins.model if loop.input == highest.input)
     text = f"; the sensitivity peaks at Ms = {number(peak)} ({spoken(highest.input)}; usual is below 2"
+    if not modelled:
+        return f"{text})"
     return text + (f"; {number(before.Ms)} on the model)" if before.stable else "; unstable on the model)")
 
 

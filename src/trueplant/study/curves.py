@@ -32,6 +32,7 @@ def curves_of(
     low, high = _step_bands(study, known, t)
     setpoints = any(s.closed and np.isfinite(s.r).any() for s in study.segments)
     excited = excitation(study.segments, "r" if setpoints else "u")
+    said = np.where(study.modelled[:, :n_u], 1.0, np.nan)
     return Curves(
         outputs=project.output_names,
         inputs=project.input_names,
@@ -39,12 +40,12 @@ def curves_of(
         input_units=tuple(u.unit for u in project.inputs),
         time_unit=project.time_unit,
         step_t=t,
-        step_model=_steps(study.inputs_model, t),
+        step_model=_steps(study.inputs_model, t) * said,
         step_plant=_steps(plant.columns(0, n_u), t),
         step_low=low[:, :, :n_u],
         step_high=high[:, :, :n_u],
         w=w,
-        bode_model=study.model(1j * w)[:, :, :n_u],
+        bode_model=study.model(1j * w)[:, :, :n_u] * said,
         bode_plant=plant(1j * w)[:, :, :n_u],
         bode_std=_relative_std(known, w)[:, :, :n_u],
         band=tuple((None,) * n_u for _ in range(n_y)) if response is None else speaking_band(response),
@@ -124,7 +125,8 @@ def _trend(study: Study, identified: Identified, k: int, plant: TransferMatrix) 
             for segment in identified.of_experiment(k):
                 inside = (record.t >= segment.t[0]) & (record.t <= segment.t[-1])
                 for piece in pieces_of([segment], i):
-                    for label, matrix in (("model", study.model), ("plant", plant)):
+                    both = [("plant", plant)] + ([("model", study.model)] if study.modelled[i].any() else [])
+                    for label, matrix in both:
                         y = simulate_row(matrix, i, piece)
                         simulated[label][inside, i] = np.interp(record.t[inside], segment.t, y)
     findings = [*record.notes, *screened.findings]

@@ -108,8 +108,16 @@ class Study:
         """Elements of which the project does not say whether they are there."""
         return frozenset(place for place in np.ndindex(*self.model.shape) if self.project.wanted(*place))
 
+    @property
+    def modelled(self) -> BoolArray:
+        """(n_y, n_u + n_d) False for the elements of which the project says nothing."""
+        said: BoolArray = np.ones(self.model.shape, dtype=bool)
+        for place in self.wanted:
+            said[place] = False
+        return said
+
     def with_first_model(self, plant: TransferMatrix) -> Study:
-        """For what follows an estimate: where the project has no model, the plant (n_y, n_u + n_d) found is the first."""
+        """For what follows an estimate: the plant (n_y, n_u + n_d) found is the model where the project has none."""
         if not self.wanted:
             return self
         both = enumerate(zip(self.model.elements, plant.elements, strict=True))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from trueplant.errors import DataError, UsageError
+from trueplant.errors import DataError, ProjectError, UsageError
 from trueplant.project.project import Project
 from trueplant.record.times import unit_seconds
 from trueplant.result import Code, Reason, Status, Track, TrackedExperiment, Window, WindowElement
@@ -44,6 +44,11 @@ def track(
     say = progress
     say("reading the data")
     study = prepare(project, say, frames)
+    if study.wanted:
+        raise ProjectError(
+            f"{project.source}: has no model for all elements, and track follows one: find it with trueplant run on a "
+            "stretch with set-point moves, and give the plant.toml that it writes"
+        )
     experiments = lay_out(study)
     reasons = list(doubts(study))
     if not study.segments or blocked(reasons):

@@ -50,7 +50,10 @@ def with_derived(study: Study, plant: TransferMatrix, judged: Judged) -> Judged:
             units = {p.name: p.unit for p in element.parameters}
             # of a gain that is 0 nothing else follows, and no number that does not exist is answered
             with np.errstate(divide="ignore", invalid="ignore"):
-                element = replace(element, derived=tuple(_derived(study, plant, judged.found[place], place, units)))
+                derived = tuple(_derived(study, plant, judged.found[place], place, units))
+            if place in study.wanted:
+                derived = tuple(replace(one, model=None) for one in derived)
+            element = replace(element, derived=derived)
         elements.append(element)
     return replace(judged, elements=tuple(elements))
 

@@ -51,7 +51,7 @@ class Judged:
 def judge(study: Study, identified: Identified, plant: TransferMatrix) -> Judged:
     """Verdicts, importance, grades and causes; `plant` (n_y, n_u + n_d) as estimated."""
     found = {
-        place: replace(one, model=(None,) * len(one.model)) if place in study.wanted else one
+        place: replace(one, model=(None,) * len(one.model), rejected=None) if place in study.wanted else one
         for place, one in detect.elements_found(study.model, identified.estimates).items()
     }
     elements = _elements(study, identified, found, plant)

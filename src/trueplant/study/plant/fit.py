@@ -31,7 +31,7 @@ def fit_rows(study: Study, found: Identified, plant: TransferMatrix) -> tuple[Fi
                 FitRow(
                     output=name,
                     experiment=study.project.experiments[k].name,
-                    fit_percent_model=by_model,
+                    fit_percent_model=by_model if study.modelled[i].any() else np.nan,
                     fit_percent_plant=by_plant,
                     validation=None if estimate is None else _validation(estimate),
                     residual_tests=None if estimate is None else _residual_test(study, estimate),
