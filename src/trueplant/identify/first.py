@@ -9,16 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from trueplant.identify import levels
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.longest_noise import estimate_beside_longest_noise
-from trueplant.identify.output import OutputEstimate, unanswered
+from trueplant.identify.output import OutputEstimate, averaged, unanswered
 from trueplant.identify.pieces import Held, pieces_of
 from trueplant.identify.row import Row, Spec
 from trueplant.identify.structures import suffices_p
 from trueplant.identify.unanswered import WhyUnanswered
 from trueplant.lti.structure import Structure
 from trueplant.record.types import Segment
+from trueplant.result.budget import Source
 
 SELF_REGULATING, INTEGRATING = Structure.parse("fopdt"), Structure.parse("integrator")
 
@@ -113,6 +116,30 @@ def regulating_or_not(estimate: OutputEstimate, column: int, again: Again, confi
     integrating, regulating = (rival, estimate) if other == INTEGRATING else (estimate, rival)
     suffices = suffices_p(integrating.fit, regulating.fit, m, confidence) > 1 - confidence
     return integrating if suffices else regulating
+
+
+def with_left_out(
+    estimate: OutputEstimate, columns: Collection[int], again: Again, confidence: float
+) -> OutputEstimate:
+    """The estimate, no surer than it would be beside the elements in these columns, which were left out.
+
+    That the record does not show an element does not say that there is none, and what there is of it the others have
+    taken on.
+    """
+    row = estimate.row
+    kept = [
+        replace(spec, guess=tuple(float(x) for x in estimate.theta[part]))
+        for spec, part in zip(row.specs, row.slices, strict=True)
+    ]
+    specs = sorted([*kept, *(Spec(k, SELF_REGULATING) for k in columns)], key=lambda spec: spec.column)
+    whole = again(specs) if columns else None
+    if whole is None:
+        return estimate
+    parts = {spec.column: part for spec, part in zip(whole.row.specs, whole.row.slices, strict=True)}
+    beside = np.concatenate([whole.theta[parts[spec.column]] for spec in kept])
+    shifts = np.array([np.zeros(row.size), beside - estimate.theta])
+    shares = np.array([1 - levels.THERE_ALL_THE_SAME, levels.THERE_ALL_THE_SAME])
+    return averaged(estimate, shifts, shares, confidence, Source.NOT_SHOWN)
 
 
 def _rest_unknown(estimate: OutputEstimate, m: int) -> bool:

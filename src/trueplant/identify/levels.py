@@ -88,6 +88,8 @@ STRUCTURE_SHARE = 0.2
 FIRST_SCALES = (20.0, 200.0, 2000.0)
 """Time constants from which the search begins where nobody said anything: parts of the longest stretch of the record.
 Each search looks from an eighth to eight times of it and on from what it finds."""
+THERE_ALL_THE_SAME = 0.5
+"""Probability that what the record does not show is there: even odds."""
 GUESSED_FROM = 5000
 """Prediction errors from which first guesses of time constants are made: enough for those from which samples are
 chosen."""

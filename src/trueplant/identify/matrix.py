@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from trueplant.identify.estimate import Options
-from trueplant.identify.first import Again, regulating_or_not, shown, with_guesses
+from trueplant.identify.first import Again, regulating_or_not, shown, with_guesses, with_left_out
 from trueplant.identify.holds import FoundHold, find_holds, held_fits, with_holds
 from trueplant.identify.loads import find_loads, with_loads
 from trueplant.identify.missing import with_missing
@@ -164,7 +164,9 @@ def _structured(
     for spec in found.row.specs:
         if (i, spec.column) in asked.wanted and spec.column not in pinned:
             found = regulating_or_not(found, spec.column, estimate, confidence)
-    return with_structures(found, estimate, tested, confidence, pinned)
+    found = with_structures(found, estimate, tested, confidence, pinned)
+    there = {spec.column for spec in found.row.specs}
+    return with_left_out(found, [j for k, j in asked.wanted if k == i and j not in there], estimate, confidence)
 
 
 def _estimated(

@@ -16,6 +16,7 @@ class Source(Enum):
     EXPERIMENTS = "between experiments"
     NOISE_MODEL = "noise model"
     LEFT_OUT = "dead time too short to see"
+    NOT_SHOWN = "elements that do not show"
     ROUNDING = "timing and rounding"
     MINIMA = "other plants that fit as well"
     PROFILE = "uneven interval"
