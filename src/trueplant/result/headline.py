@@ -12,9 +12,6 @@ from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of, number_of, word_of
 from trueplant.result.status import ElementVerdict, Status
 
-SHOWN_FIRST = 2
-"""Elements of a first model that a headline tells."""
-
 
 def headline(result: Outcome) -> str:
     """The verdict first, in a sentence or two for the person at the panel."""
@@ -62,8 +59,8 @@ def _first_model(elements: Sequence[Element]) -> str:
     found = [e for e in elements if e.verdict == ElementVerdict.FOUND]
     if not found:
         return "No first model: nothing in these data shows beyond chance what answers to what."
-    told = [f"{_arrow(e)} has {_values(e)}" for e in found[:SHOWN_FIRST]]
-    more = f" and {len(found) - SHOWN_FIRST} more" if len(found) > SHOWN_FIRST else ""
+    told = [f"{_arrow(e)} has {_values(e)}" for e in found[: levels.SHOWN_FIRST]]
+    more = f" and {len(found) - levels.SHOWN_FIRST} more" if len(found) > levels.SHOWN_FIRST else ""
     some = f", {len(found)} of {len(elements)} elements" if len(elements) > 1 else ""
     return f"First model found{some}: {'; '.join(told)}{more}."
 
