@@ -86,7 +86,9 @@ def layout_of(project: Declaration) -> Layout:
     """Which column is what, and how time is written."""
     data = project.data
     return Layout(
-        outputs=tuple(Channel(e.name, e.pv, sp=e.sp, unit=e.unit, limits=e.limits) for e in project.outputs),
+        outputs=tuple(
+            Channel(e.name, e.pv, sp=e.sp, unit=e.unit, limits=e.limits, status=e.status) for e in project.outputs
+        ),
         inputs=tuple(
             Channel(
                 e.name,
@@ -97,7 +99,8 @@ def layout_of(project: Declaration) -> Layout:
                 hold=e.hold,
                 slave_sp=e.slave_sp,
                 slave_pv=e.slave_pv,
-                automatic_values=tuple(e.automatic_values) or Channel.automatic_values,
+                automatic_values=tuple(e.automatic_values) or None,
+                status=e.status,
             )
             for e in project.inputs
         ),

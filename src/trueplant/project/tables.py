@@ -75,6 +75,7 @@ class Output(Table):
     unit: str = ""
     kind: Literal["flow", "pressure", "level", "temperature", "other"] | None = None
     limits: Limits | None = None
+    status: Name | None = None
 
 
 class Input(Table):
@@ -84,6 +85,7 @@ class Input(Table):
     op: Name
     unit: str = ""
     limits: Limits | None = None
+    status: Name | None = None
     mode: Name | None = None
     automatic_values: list[int | float | str] = Field(default_factory=list)
     hold: Literal["zoh", "linear"] = "zoh"

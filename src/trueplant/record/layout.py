@@ -22,7 +22,10 @@ class Channel:
     unit: str = ""
     limits: tuple[float, float] | None = None
     mode: str | None = None
-    automatic_values: tuple[object, ...] = (1, "1", "AUTO", "Auto", "A", True)
+    automatic_values: tuple[object, ...] | None = None
+    """Of the mode; None: those that control systems use (`modes.AUTOMATIC`)."""
+    status: str | None = None
+    """Column of the quality of the PV of an output, or the OP of an input."""
     hold: str | None = None
     slave_sp: str | None = None
     slave_pv: str | None = None
@@ -67,4 +70,5 @@ class Layout:
         named = [c.column for c in self.inputs]
         named += [x for c in self.outputs for x in (c.sp,) if x]
         named += [x for c in self.inputs for x in (c.mode, c.slave_sp) if x]
+        named += [c.status for c in (*self.outputs, *self.inputs) if c.status]
         return tuple(dict.fromkeys(named))

@@ -52,6 +52,8 @@ ROUND_STEP = 0.01
 """Millionths by which the steps of a count are off whole millionths. Eight bytes leave a hundred-thousandth of it."""
 MOST_INTERPOLATED = 50.0
 """Median steps that an irregular record is interpolated over: a grid must not be a hundred times the record."""
+MOST_MODES = 40
+"""Different values of a mode column: more are those of something else. Judgement: systems know some fifteen modes."""
 SHOWN_WORDS = 4
 """Different words of a column that a message shows."""
 SNIFFED_LINES = 300

@@ -54,7 +54,7 @@ def bad_quality(table: Table, name: str) -> BoolArray:
     codes, words = table.numbers(name)
     if np.mean(words) > levels.MOSTLY:
         text = table.frame[name].cast(pl.String).str.strip_chars().str.to_lowercase()
-        good = text.str.contains(rf"^({'|'.join(_GOOD)})\b").fill_null(True)
+        good = text.str.contains(rf"^(good|({'|'.join(_GOOD)})\b)").fill_null(True)
         return ~np.asarray(good.to_numpy(), dtype=bool)
     known = codes[np.isfinite(codes)]
     if np.any(known >= levels.GOOD_OPC) and np.all(known <= levels.LARGEST_OPC):
@@ -142,17 +142,22 @@ def _bad_ones(
         own = bad & (code == k)
         count = int(np.sum(own))
         if count and count == np.sum(code == k):
-            words = Counter(str(word).strip()[:40] for word in table.frame[quality].filter(own).to_list())
-            seen = ", ".join(f"{word!r} ({n})" for word, n in words.most_common(levels.SHOWN_WORDS))
-            raise DataError(
-                f"{table.source}: no value of tag {name!r} is of good quality: column {quality!r} says {seen}. "
-                f"Good are the words {', '.join(_GOOD)}, 0, 192 to 255 (OPC) or 100 (per cent): leave the "
-                "column out of the export, or name another one as data.quality"
-            )
+            raise nothing_good(table, quality, name, own)
         if count:
             message = f"{name}: {counted(count, 'value')} with a bad quality code left out."
             found.append(Finding(Kind.BAD_QUALITY, name, message, samples=count, excludes=True))
     return found
+
+
+def nothing_good(table: Table, quality: str, name: str, rows: BoolArray) -> DataError:
+    """What to say of a signal of whose values on these rows none is good."""
+    words = Counter(str(word).strip()[:40] for word in table.frame[quality].filter(rows).to_list())
+    seen = ", ".join(f"{word!r} ({n})" for word, n in words.most_common(levels.SHOWN_WORDS))
+    return DataError(
+        f"{table.source}: no value of {name!r} is of good quality: column {quality!r} says {seen}. "
+        f"Good are words that begin with {', '.join(_GOOD)}, 0, 192 to 255 (OPC) or 100 (per cent): leave the "
+        "column out, or name another one (data.quality, or status of the signal)"
+    )
 
 
 def _sorted_stamps(

@@ -17,7 +17,8 @@ from trueplant.errors import DataError
 from trueplant.record import levels
 from trueplant.record.frames import as_table
 from trueplant.record.layout import Channel, Layout
-from trueplant.record.long import is_long, to_wide
+from trueplant.record.long import bad_quality, is_long, nothing_good, to_wide
+from trueplant.record.modes import read_modes
 from trueplant.record.numbers import counted, no_measurements
 from trueplant.record.readers import read_table
 from trueplant.record.runs import spans_of
@@ -94,6 +95,7 @@ def _record(columns: _Columns, layout: Layout, name: str) -> Record:
     """The signals of the layout. Raises DataError where too few rows hold OP and a PV."""
     y = columns.numbers("pv", layout.outputs, [c.column for c in layout.outputs])
     u = columns.numbers("op", layout.inputs, [c.column for c in layout.inputs])
+    y, u = columns.trusted(y, layout.outputs), columns.trusted(u, layout.inputs)
     r = columns.numbers("sp", layout.outputs, [c.sp for c in layout.outputs])
     d = columns.numbers("column", layout.disturbances, [c.column for c in layout.disturbances])
     slaves = [c for c in layout.inputs if c.slave_sp or c.slave_pv]
@@ -132,6 +134,7 @@ def _roles(layout: Layout) -> list[tuple[str, str]]:
     named += [(f"the set-point of {c.name}", c.sp) for c in layout.outputs if c.sp]
     named += [(f"the OP of {c.name}", c.column) for c in layout.inputs]
     named += [(f"the mode of {c.name}", c.mode) for c in layout.inputs if c.mode]
+    named += [(f"the status of {c.name}", c.status) for c in (*layout.outputs, *layout.inputs) if c.status]
     named += [(f"the slave's set-point of {c.name}", c.slave_sp) for c in layout.inputs if c.slave_sp]
     named += [(f"the slave's PV of {c.name}", c.slave_pv) for c in layout.inputs if c.slave_pv]
     named += [(f"disturbance {c.name}", c.column) for c in layout.disturbances]
@@ -200,22 +203,28 @@ class _Columns:
     def automatic(self, channel: Channel) -> BoolArray:
         """(N,) True where the mode column says automatic; a missing mode keeps the last one."""
         assert channel.mode is not None
-        series = self.table.column(channel.mode)
-        cells = [
-            None if v is None or str(v).strip() == "" else str(v).strip() for v in series.gather(self.rows).to_list()
-        ]
-        words = {str(v).strip().casefold() for v in channel.automatic_values}
-        numbers = {float(str(v)) for v in channel.automatic_values if _is_number(v)}
-        distinct = {
-            c: c.casefold() in words or (_is_number(c) and float(c.replace(",", ".")) in numbers)
-            for c in set(cells)
-            if c is not None
-        }
-        if not distinct:
-            raise DataError(f"{self.table.source}: mode column {channel.mode!r} is empty; leave it out")
-        state = np.array([-1 if c is None else int(distinct[c]) for c in cells])
-        known = np.maximum.accumulate(np.where(state >= 0, np.arange(state.size), -1))
-        return np.asarray(np.where(known >= 0, state[np.maximum(known, 0)] == 1, True), dtype=bool)
+        modes = read_modes(self.table, self.rows, channel.mode, channel.automatic_values)
+        self.notes.append(modes.finding)
+        return modes.automatic
+
+    def trusted(self, values: Array, channels: Sequence[Channel]) -> Array:
+        """The values (N, n), NaN where the status of their channel is not good."""
+        for k, channel in enumerate(channels):
+            if channel.status is not None:
+                values[:, k] = np.where(self._bad(channel), np.nan, values[:, k])
+        return values
+
+    def _bad(self, channel: Channel) -> BoolArray:
+        assert channel.status is not None
+        bad = bad_quality(self.table, channel.status)[self.rows]
+        count = int(bad.sum())
+        if count == bad.size:
+            raise nothing_good(self.table, channel.status, channel.column, np.ones(len(self.table), dtype=bool))
+        if count:
+            what = f"{channel.column}: {counted(count, 'value')} with a bad status ({self._seen(channel.status, bad)})"
+            spans = spans_of(self.t, bad)
+            self.notes.append(Finding(Kind.BAD_QUALITY, channel.column, f"{what} left out.", spans, count, True))
+        return bad
 
 
 def _is_all(rows: Rows, size: int) -> bool:
@@ -226,11 +235,3 @@ def _is_all(rows: Rows, size: int) -> bool:
 def _as_text(cell: object) -> str:
     """A cell as it may have been written."""
     return f"{cell:.15g}".replace("e+", "e") if isinstance(cell, float) else str(cell).strip()[:40]
-
-
-def _is_number(value: object) -> bool:
-    try:
-        float(str(value).replace(",", "."))
-    except ValueError:
-        return False
-    return True

@@ -77,6 +77,8 @@ class Kind(StrEnum):
     """A word stands where a number should."""
     CODE = "code"
     """A number stands there that is no measurement: infinite, or a code of the system that wrote it."""
+    MODE = "mode"
+    """Which modes there are, and which of them count as automatic."""
     CONSTANT = "constant"
     """A column holds one value throughout."""
     BACKWARDS = "backwards"
