@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 
 import pytest
@@ -9,7 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import trueplant as tp
-from trueplant.project.guess import guess_loops, guess_project, guess_time
+from trueplant.project.draft import draft_project
+from trueplant.project.guess import (
+    Seen,
+    guess_counted_unit,
+    guess_disturbances,
+    guess_loops,
+    guess_time,
+    guess_time_unit,
+)
+from trueplant.project.tags import meaning_of
 
 NAMINGS = {
     "numbered": (["t", "sp1", "sp2", "op1", "op2", "pv1", "pv2"], [("pv1", "op1", "sp1"), ("pv2", "op2", "sp2")]),
@@ -29,7 +39,7 @@ def test_loops_are_recognised(columns, loops):
 
 @pytest.mark.parametrize(("columns", "loops"), NAMINGS.values(), ids=NAMINGS)
 def test_guess_is_a_project_with_every_element_asked_for(columns, loops):
-    project = tp.Project.from_toml(guess_project("data.csv", columns))
+    project = tp.Project.from_toml(draft_project("data.csv", Seen(tuple(columns))))
     assert project.data.files == ["data.csv"]
     assert project.data.time == columns[0]
     assert [o.pv for o in project.outputs] == [pv for pv, _, _ in loops]
@@ -38,7 +48,7 @@ def test_guess_is_a_project_with_every_element_asked_for(columns, loops):
 
 
 def test_units_of_the_file_are_taken_over():
-    project = tp.Project.from_toml(guess_project("d.csv", ["t", "pv", "op"], {"pv": "degC"}))
+    project = tp.Project.from_toml(draft_project("d.csv", Seen(tuple(["t", "pv", "op"]), units={"pv": "degC"})))
     assert (project.outputs[0].unit, project.inputs[0].unit) == ("degC", "")
 
 
@@ -49,7 +59,7 @@ def test_time_is_found_by_name_before_place():
 
 def test_columns_without_a_loop_are_refused():
     with pytest.raises(tp.DataError, match=r"no pair of PV and OP.*a, b"):
-        guess_project("d.csv", ["a", "b"])
+        draft_project("d.csv", Seen(tuple(["a", "b"])))
 
 
 def test_transmitter_and_controller_tags_of_one_loop_belong_together():
@@ -62,7 +72,7 @@ def test_transmitter_and_controller_tags_of_one_loop_belong_together():
 
 def test_no_two_signals_get_the_same_name():
     columns = ["t", "pv", "op", "pv1", "op1", "A.B.PV", "A.B.OP", "AB.PV", "AB.OP"]
-    project = tp.Project.from_toml(guess_project("d.csv", columns))
+    project = tp.Project.from_toml(draft_project("d.csv", Seen(tuple(columns))))
     assert project.output_names == ("y1", "y1_2", "ab_pv", "ab_4_pv")
     assert project.input_names == ("u1", "u1_2", "ab_op", "ab_4_op")
 
@@ -92,16 +102,18 @@ def shape(project: tp.Project) -> list[object]:
     return [
         tables.keys(),
         tables["data"].keys(),
-        *([e.keys() for e in tables[k]] for k in ("output", "input", "model")),
+        *([e.keys() - {"kind"} for e in tables[k]] for k in ("output", "input")),
     ]
 
 
-PLAIN = shape(tp.Project.from_toml(guess_project("d.csv", ["t", "spare", "a.pv", "a.op"], {"a.pv": "degC"})))
+PLAIN = shape(
+    tp.Project.from_toml(draft_project("d.csv", Seen(tuple(["t", "spare", "a.pv", "a.op"]), units={"a.pv": "degC"})))
+)
 
 
 def declares(file: str, columns: list[str], unit: str) -> None:
     time, _, pv, op = columns
-    project = tp.Project.from_toml(guess_project(file, columns, {pv: unit}))
+    project = tp.Project.from_toml(draft_project(file, Seen(tuple(columns), units={pv: unit})))
     assert shape(project) == PLAIN
     assert project.data.files == [file]
     assert project.data.time == time
@@ -123,17 +135,94 @@ def test_any_name_is_quoted(texts):
 
 
 def test_what_is_not_used_is_named_on_one_line():
-    text = guess_project("d.csv", ["t", "pv", "op", "Füllstand, links", "a\n[[model]]"])
-    assert "# columns not used: Füllstand, links, 'a\\n[[model]]'\n" in text
+    text = draft_project("d.csv", Seen(("t", "pv", "op", "Pumpe, links", "a\n[[model]]")))
+    assert "# not used: Pumpe, links, 'a\\n[[model]]'\n" in text
 
 
-def test_controllers_to_fill_in_are_toml_once_the_marks_are_taken_off():
-    text = guess_project("d.csv", ["t", 'a"\n.pv', 'a"\n.op'])
-    head, tail = text.split("second, independent answer.\n")
-    project = tp.Project.from_toml(head + "\n" + "\n".join(line.removeprefix("# ") for line in tail.split("\n")))
+def test_what_is_offered_is_toml_once_the_marks_are_taken_off():
+    text = draft_project("d.csv", Seen(("t", 'a"\n.pv', 'a"\n.op', "feed flow"), units={"feed flow": "t/h"}))
+    lines = text.split("\n")
+    said = [line for line in lines if not line.startswith("#")]
+    tables = lines[lines.index("# [[disturbance]]") :]
+    offered = [line.removeprefix("# ") for line in tables if re.match(r"# (\[|\w+ = )", line)]
+    project = tp.Project.from_toml("\n".join([*said, *offered]))
     assert [(law.form, law.Kc, law.action) for law in project.controllers] == [("ideal", 1.0, "reverse")]
+    assert [element.tf for element in project.model] == ["1.2 exp(-3 s)/(20 s + 1)"]
+    assert [(d.name, d.column, d.unit) for d in project.disturbances] == [("feed flow", "feed flow", "t/h")]
+
+
+MEANINGS = {
+    "FIC101.PV": ("fic 101", "pv", "flow", False),
+    "Area/FIC101/PV.CV": ("area fic 101", "pv", "flow", False),
+    "Area/FIC101/MODE.ACTUAL": ("area fic 101", "mode", "flow", False),
+    "FIC101.DACA.PV": ("fic 101", "pv", "flow", False),
+    "FIC101.PIDA.OP": ("fic 101", "op", "flow", False),
+    r"\\\\srv\\LIC7.PV": ("srv lic 7", "pv", "level", False),
+    "FIC101_SPT": ("fic 101", "sp", "flow", False),
+    "PDIC4.MV": ("pdic 4", "op", "pressure", False),
+    "AIC4.SP": ("aic 4", "sp", "other", False),
+    "TI101.PV": ("tic 101", "pv", "temperature", False),
+    "FV101.OP": ("fic 101", "op", "flow", False),
+    "PV101": ("101", "pv", None, False),
+    "Sollwert": ("", "sp", None, False),
+    "Stellgröße": ("", "op", None, False),
+    "Temperatur Istwert": ("", "pv", "temperature", False),
+    "process value": ("", "pv", None, False),
+    "reactor temperature": ("reactor", "pv", "temperature", False),
+    "FIC101.PV status": ("fic 101", "pv", "flow", True),
+    "FIC101.PV_Q": ("fic 101", "pv", "flow", True),
+    "FIC101.PV.QUAL": ("fic 101", "pv", "flow", True),
+    "FIC101/PV.ST": ("fic 101", "pv", "flow", True),
+    "spare": ("spare", None, None, False),
+}
+
+
+@pytest.mark.parametrize("name", MEANINGS)
+def test_names_say_what_a_signal_is(name):
+    found = meaning_of(name)
+    assert (found.key, found.role, found.kind, found.status) == MEANINGS[name]
+
+
+def test_a_loop_may_be_called_by_what_it_measures():
+    columns = [
+        "reactor temperature",
+        "reactor temp setpoint",
+        "reactor output",
+        "tank level",
+        "tank level sp",
+        "tank valve",
+    ]
+    assert [(loop.pv, loop.sp, loop.op, loop.kind) for loop in guess_loops(columns)] == [
+        ("reactor temperature", "reactor temp setpoint", "reactor output", "temperature"),
+        ("tank level", "tank level sp", "tank valve", "level"),
+    ]
+
+
+def test_two_quantities_of_one_place_are_two_loops():
+    columns = ["drum level", "drum level sp", "drum level op", "drum pressure", "drum pressure sp", "drum pressure op"]
+    assert [(loop.pv, loop.sp, loop.op) for loop in guess_loops(columns)] == [tuple(columns[:3]), tuple(columns[3:])]
+
+
+def test_what_comes_from_outside_is_offered():
+    assert guess_disturbances(["feed flow", "FI200.PV", "ambient", "spare", "FI200.PV status", "TIC7.SP"]) == [
+        "feed flow",
+        "FI200.PV",
+        "ambient",
+    ]
+
+
+@pytest.mark.parametrize(("interval", "unit"), [(None, "s"), (1, "s"), (10, "min"), (60, "min"), (3600, "h")])
+def test_the_unit_of_time_goes_by_the_interval(interval, unit):
+    assert guess_time_unit(interval) == unit
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"), [("t [s]", "s"), ("time (min)", "min"), ("Time_h", "h"), ("t", None), ("ms", None)]
+)
+def test_a_time_column_may_bear_its_unit(name, unit):
+    assert guess_counted_unit(name) == unit
 
 
 def test_file_name_that_is_not_unicode_is_refused():
     with pytest.raises(tp.DataError, match=r"udcff.*rename the file"):
-        guess_project("\udcff.csv", ["t", "pv", "op"])
+        draft_project("\udcff.csv", Seen(tuple(["t", "pv", "op"])))

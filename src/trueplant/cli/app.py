@@ -89,11 +89,14 @@ def init(
     data: Annotated[Path, typer.Argument(metavar="DATA", help="A CSV, Parquet or XLSX file.")],
     out: OutFile = None,
     force: Force = False,
+    separator: Annotated[str | None, typer.Option(help="Between the columns, if it is not found.")] = None,
+    encoding: Annotated[str | None, typer.Option(help="Of the text, if it is not found.")] = None,
+    time: Annotated[str | None, typer.Option(help="The column of the time, if it is not found.")] = None,
 ) -> int:
     """Write a commented project file from the columns of a data file."""
-    from trueplant.cli.data import init
+    from trueplant.cli.data import Hints, init
 
-    return init(data, out, force)
+    return init(data, out, force, Hints(separator, encoding, time))
 
 
 @app.command(short_help="Write a simulated record of the declared loop.")

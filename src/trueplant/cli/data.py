@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -54,9 +55,26 @@ def show_check(found: Check) -> None:
             say_lines(f"{reason.where}: {reason.message}" if reason.where else reason.message)
 
 
-def init(data: Path, out: Path | None, force: bool) -> int:
+@dataclass(frozen=True)
+class Hints:
+    """What cannot always be known of a data file."""
+
+    separator: str | None = None
+    encoding: str | None = None
+    time: str | None = None
+    """The column of the time."""
+
+    @property
+    def said(self) -> dict[str, str]:
+        """Those that a project file has to say too."""
+        keys = {"separator": self.separator, "encoding": self.encoding}
+        return {key: value for key, value in keys.items() if value is not None}
+
+
+def init(data: Path, out: Path | None, force: bool, hints: Hints) -> int:
     """Write a project file for ``data`` next to it, or where ``out`` says."""
-    from trueplant.project.guess import guess_project
+    from trueplant.project.draft import draft_project
+    from trueplant.project.look import look
     from trueplant.record.readers import read_table
 
     if data.suffix.lower() == ".toml":
@@ -66,8 +84,8 @@ def init(data: Path, out: Path | None, force: bool) -> int:
         )
     place = out or data.with_suffix(".toml")
     claim([place], [data], force)
-    table = read_table(data)
-    text = guess_project(Path(os.path.relpath(data, place.parent)).as_posix(), table.names, table.units)
+    seen = look(read_table(data, **hints.said), hints.time, hints.said)
+    text = draft_project(Path(os.path.relpath(data, place.parent)).as_posix(), seen)
     write_files(place.parent, {place.name: text})
     say_lines(f"{place}: check every line with the word CHECK, then run: trueplant check {place}")
     return 0

@@ -112,6 +112,7 @@ def layout_of(project: Declaration) -> Layout:
         project_time_unit=project.time_unit,
         time_zone=data.time_zone,
         separator=data.separator,
+        encoding=data.encoding,
         sheet=data.sheet,
         tag=data.tag,
         value=data.value,

@@ -49,6 +49,7 @@ class Data(Table):
     time_format: TimeFormat | None = None
     time_zone: Name | None = None
     separator: Name | None = None
+    encoding: Name | None = None
     sheet: Name | None = None
     tag: Name = "tag"
     value: Name = "value"

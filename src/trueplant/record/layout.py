@@ -51,6 +51,7 @@ class Layout:
     time_zone: str | None = None
     """Of time stamps that bear no offset; None leaves them as they are."""
     separator: str | None = None
+    encoding: str | None = None
     sheet: str | None = None
     tag: str = "tag"
     value: str = "value"

@@ -22,9 +22,21 @@ from trueplant.record.types import Finding, Kind
 _SYNONYMS = {
     "tag": ("tag", "tagname", "point", "pointname", "name", "signal", "variable", "item", "itemid", "messstelle"),
     "value": ("value", "val", "wert", "reading", "measurement", "pointvalue"),
+    "unit": ("unit", "units", "eu", "engunits", "uom", "einheit"),
     "quality": ("quality", "status", "qualitycode", "opcquality", "confidence", "qualitaet"),
 }
 _GOOD = ("good", "ok", "valid", "g", "true", "normal")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LongParts:
+    """Where the tags of a long export stand, and which there are."""
+
+    tag: str
+    value: str
+    tags: tuple[str, ...]
+    units: dict[str, str]
+    """By tag, where a column has them."""
 
 
 def _bare(name: str) -> str:
@@ -35,6 +47,21 @@ def _find(table: Table, named: str, role: str) -> str | None:
     bare = {_bare(n): n for n in reversed(table.names)}
     wanted = (_bare(named), *_SYNONYMS[role])
     return next((bare[w] for w in wanted if w in bare), None)
+
+
+def long_parts(table: Table) -> LongParts | None:
+    """The parts of a long export; None for a table that is wide."""
+    import polars as pl
+
+    tag, value, unit = (_find(table, role, role) for role in ("tag", "value", "unit"))
+    if tag is None or value is None or table.frame[tag].dtype.is_numeric():
+        return None
+    tags = table.frame[tag].cast(pl.String).str.strip_chars()
+    units: dict[str, str] = {}
+    if unit is not None:
+        pairs = pl.DataFrame([tags.alias("tag"), table.frame[unit].cast(pl.String).alias("unit")]).drop_nulls()
+        units = dict(pairs.unique("tag", keep="first").rows())
+    return LongParts(tag, value, tuple(tags.drop_nulls().unique(maintain_order=True)), units)
 
 
 def is_long(table: Table, layout: Layout) -> bool:

@@ -44,8 +44,8 @@ def read_record(
     """
     is_file = isinstance(path_or_frame, (str, Path))
     if is_file:
-        said = {"separator": layout.separator, "sheet": layout.sheet, "most": layout.most, "say": say}
-        table = read_table(path_or_frame, wanted=partial(_wanted, layout), **said)
+        said = {"separator": layout.separator, "encoding": layout.encoding, "sheet": layout.sheet, "most": layout.most}
+        table = read_table(path_or_frame, wanted=partial(_wanted, layout), say=say, **said)
     else:
         table = as_table(path_or_frame, name or "frame")
     if not layout.outputs or not layout.inputs:

@@ -32,6 +32,8 @@ class Source:
     """Its first bytes."""
     separator: str | None = None
     """Between the columns of a text file; None: to be found."""
+    encoding: str | None = None
+    """Of a text file; None: to be found."""
     sheet: str | None = None
     """Of a workbook; None: the first."""
     most: int = levels.MOST_CELLS

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -109,17 +110,35 @@ def _block(text: str, separator: str, source: str, before: int) -> Block:
 
 def _texts(source: Source) -> Iterator[tuple[str, str]]:
     """The text of each block of lines, and its encoding. Raises DataError for what is not text."""
-    encoding = _encoding(source.head, source.name)
-    for data in [source.data] if encoding.startswith("utf-16") else source.blocks():
-        for candidate in (encoding, "cp1252", "latin-1"):
+    encoding = _encoding(source.head, source.name) if source.encoding is None else _named_encoding(source)
+    wide = encoding.startswith(("utf-16", "utf-32"))
+    for data in [source.data] if wide else source.blocks():
+        for candidate in (encoding, "cp1252", "latin-1") if source.encoding is None else (encoding,):
             try:
                 text = data.decode(candidate)
-            except UnicodeDecodeError:
-                if encoding.startswith("utf-16"):
+            except UnicodeDecodeError as error:
+                if source.encoding is not None:
+                    raise DataError(
+                        f"{source.name} is not {source.encoding}: {error.reason} at {data[error.start : error.end]!r}; "
+                        "correct `encoding`, or leave it out to have it found"
+                    ) from None
+                if wide:
                     raise DataError(f"{source.name} starts as {encoding} but is damaged; export it again") from None
                 continue
             yield text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a\x00"), candidate
             break
+
+
+def _named_encoding(source: Source) -> str:
+    """The encoding that was named, if there is such a one of text."""
+    assert source.encoding is not None
+    try:
+        "".encode(source.encoding)
+        return codecs.lookup(source.encoding).name
+    except (LookupError, ValueError):
+        raise DataError(
+            f"{source.name}: {source.encoding!r} is no encoding of text; name one such as utf-8, utf-16 or cp1252"
+        ) from None
 
 
 def _encoding(head: bytes, source: str) -> str:
