@@ -292,7 +292,9 @@ def test_words_for_quality_that_nobody_knows_are_shown(folder, capsys):
     wide = pl.read_csv(folder / "record.csv")
     long = wide.unpivot(index="t", variable_name="tag").with_columns(pl.lit("Brauchbar").alias("quality"))
     long.write_csv(folder / "record.csv")
-    refused(["check", "project.toml"], capsys, "'quality' says 'Brauchbar' (601)", "Good are the words good, ok")
+    refused(
+        ["check", "project.toml"], capsys, "'quality' says 'Brauchbar' (601)", "Good are words that begin with good, ok"
+    )
 
 
 # -- times -------------------------------------------------------------------------------------------------------

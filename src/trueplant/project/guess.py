@@ -25,7 +25,7 @@ class Seen:
     stamped: bool | None = None
     """Does the time bear moments, or numbers that count? None: not known."""
     interval: float | None = None
-    """Seconds from one sample to the next of stamped time."""
+    """Seconds from one sample to the next; None where the unit of time is not known."""
     units: Mapping[str, str] = field(default_factory=dict)
     modes: Mapping[str, str] = field(default_factory=dict)
     """By column: the values found there, and which of them count as automatic."""

@@ -8,12 +8,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from trueplant.errors import DataError
-from trueplant.project.guess import Seen, guess_loops, guess_time
+from trueplant.project.guess import Seen, guess_counted_unit, guess_loops, guess_time
 from trueplant.record.layout import Layout
 from trueplant.record.long import LongParts, long_parts
 from trueplant.record.modes import read_modes
 from trueplant.record.table import Table
-from trueplant.record.times import find_time, parse_times
+from trueplant.record.times import find_time, parse_times, unit_seconds
 
 
 def look(table: Table, time: str | None = None, said: Mapping[str, str] | None = None) -> Seen:
@@ -63,7 +63,10 @@ def _clock(table: Table, time: str, parts: LongParts | None) -> tuple[bool | Non
         return None, None, str(error)
     steps = np.diff(np.unique(times.seconds[np.isfinite(times.seconds)]))
     stamped = times.start is not None
-    return stamped, float(np.median(steps)) if stamped and steps.size else None, ""
+    unit = "s" if stamped else guess_counted_unit(time)
+    if unit is None or not steps.size:
+        return stamped, None, ""
+    return stamped, float(np.median(steps)) * unit_seconds(unit), ""
 
 
 def _of_tag(table: Table, parts: LongParts, tag: str) -> Table:
