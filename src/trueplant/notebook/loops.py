@@ -34,7 +34,8 @@ LAW_KEYS = {
 class Loop:
     """One control loop: its columns in the frame, and what is known of it. The OP of loop TIC101 is "TIC101 OP".
 
-    limits: instrument range of PV; op_limits: of OP, at which its samples are saturated; controller: the law from this
+    kind: flow, pressure, level, temperature or other, from which a first model starts; limits: instrument range of PV;
+    op_limits: of OP, at which its samples are saturated; controller: the law from this
     loop's PV to its OP, as a `PID` or as the keys of a [[controller]] table.
     """
 
@@ -47,6 +48,7 @@ class Loop:
     limits: tuple[float, float] | None = None
     op_limits: tuple[float, float] | None = None
     controller: PID | Mapping[str, Any] | None = None
+    kind: str | None = None
 
     @property
     def input(self) -> str:
@@ -75,7 +77,7 @@ def project_of(
     if not loops or not all(isinstance(loop, Loop) for loop in loops):
         raise UsageError('name the loops as a list: loops=[tp.Loop("TIC101", pv="...", sp="...", op="...")]')
     data = {"files": list(files), "time": time, "time_unit": time_unit} | tables.get("data", {})
-    outputs = [_given(name=p.name, pv=p.pv, sp=p.sp, unit=p.unit, limits=p.limits) for p in loops]
+    outputs = [_given(name=p.name, pv=p.pv, sp=p.sp, unit=p.unit, kind=p.kind, limits=p.limits) for p in loops]
     inputs = [_given(name=p.input, op=p.op, unit=p.op_unit, limits=p.op_limits) for p in loops]
     laws = [_law(loop) for loop in loops if loop.controller is not None]
     own = {"data": _given(**data), "output": outputs, "input": inputs, "model": _elements(loops, model)}
