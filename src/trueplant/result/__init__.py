@@ -1,5 +1,6 @@
 """What an analysis returns: typed, frozen, with its words and its JSON."""
 
+from trueplant.record.calendar import Axis, Calendar
 from trueplant.result.budget import ParameterBudget, Source, VariancePart
 from trueplant.result.changes import (
     Change,
@@ -76,10 +77,12 @@ from trueplant.result.track import Track
 from trueplant.result.uncertainty import HeldElement, UncertainParameter, UncertainRow, Uncertainty
 
 __all__ = [
+    "Axis",
     "Background",
     "BandTest",
     "BlackBox",
     "BlackBoxElement",
+    "Calendar",
     "CascadeCheck",
     "Change",
     "ChangeKind",

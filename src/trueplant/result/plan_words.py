@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trueplant.record.times import unit_seconds
+from trueplant.record.calendar import unit_seconds
 from trueplant.result.numbers import number, spoken
 from trueplant.result.parameter_words import kind_of, word_of
 from trueplant.result.plans import MoreData

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from trueplant.arrays import BoolArray
 from trueplant.record import Finding, Screened, excitation
 from trueplant.result import (
+    Calendar,
     DataFinding,
     Excitation,
     Exclusion,
@@ -43,20 +46,30 @@ def data_tables(study: Study) -> tuple[ExperimentData, ...]:
 
 def _table(study: Study, screened: Screened) -> ExperimentData:
     record = screened.record
-    findings = screened.findings
+    findings, calendar = screened.findings, record.calendar
+    whole = float(record.t[0]), float(record.t[-1])
+    used = tuple((float(s.t[0]), float(s.t[-1])) for s in screened.segments)
     return ExperimentData(
         name=record.name,
         loop="closed" if record.closed else "open",
         samples=int(record.t.size),
         sample_time=record.sample_time,
         start=record.start.isoformat() if record.start else None,
-        span=(float(record.t[0]), float(record.t[-1])),
-        used=tuple((float(s.t[0]), float(s.t[-1])) for s in screened.segments),
+        span=whole,
+        used=used,
         usable_share=_shares(study.project.output_names, screened.usable_y),
         saturated_share=_shares(study.project.input_names, screened.saturated),
-        excluded=tuple(Exclusion(a, b, f.signal, f.kind) for f in findings if f.excludes for a, b in f.spans),
-        findings=tuple(map(_finding, findings)),
+        excluded=tuple(
+            Exclusion(*span, f.signal, f.kind, calendar.stamps(span))
+            for f in findings
+            if f.excludes
+            for span in f.spans
+        ),
+        findings=tuple(_finding(f, calendar) for f in findings),
         refused=screened.refusal,
+        time_zone=record.zone,
+        span_calendar=calendar.stamps(whole),
+        used_calendar=_stamps(used, calendar),
         excitation=_excitation(study, screened) if screened.segments else None,
     )
 
@@ -65,8 +78,13 @@ def _shares(names: tuple[str, ...], where: BoolArray) -> dict[str, float]:
     return {name: float(np.mean(column)) for name, column in zip(names, where.T, strict=True)}
 
 
-def _finding(f: Finding) -> DataFinding:
-    return DataFinding(f.kind, f.signal, f.message, f.samples, f.excludes, f.value, f.spans[: levels.MOST_SPANS])
+def _finding(f: Finding, calendar: Calendar) -> DataFinding:
+    spans = f.spans[: levels.MOST_SPANS]
+    return DataFinding(f.kind, f.signal, f.message, f.samples, f.excludes, f.value, spans, _stamps(spans, calendar))
+
+
+def _stamps(spans: Sequence[tuple[float, float]], calendar: Calendar) -> tuple[tuple[str, str], ...]:
+    return tuple(stamps for span in spans if (stamps := calendar.stamps(span)) is not None)
 
 
 def _excitation(study: Study, screened: Screened) -> Excitation:
