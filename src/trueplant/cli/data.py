@@ -44,6 +44,8 @@ def show_check(found: Check) -> None:
             say_lines(f"  cannot be used: {record.refused}")
         for name, share in record.usable_share.items():
             say_lines(f"  {name}: {100 * share:.0f} % of the samples can be used")
+        for moves in record.setpoints:
+            say_lines(f"  {moves.message}")
         for finding in record.findings:
             say_lines(f"  {finding.message}{_where(finding, calendar)}")
     for reason in found.reasons:

@@ -32,7 +32,7 @@ from trueplant.result.controllers import (
     StepResponseMetrics,
 )
 from trueplant.result.curves import CoherenceCurves, Curves, MuCurves, Residuals, RetuningCurves, Trend
-from trueplant.result.data import DataFinding, Excitation, Exclusion, ExperimentData, SignalExcitation
+from trueplant.result.data import DataFinding, Excitation, Exclusion, ExperimentData, SetpointMoves, SignalExcitation
 from trueplant.result.derived import Derived
 from trueplant.result.element import Element, Importance, Interval, Parameter
 from trueplant.result.fit import FitRow, ResidualTest, ValidationFit
@@ -148,6 +148,7 @@ __all__ = [
     "Result",
     "RetuningCurves",
     "RetuningLimits",
+    "SetpointMoves",
     "Settings",
     "Settled",
     "SignalCoherence",

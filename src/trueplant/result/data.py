@@ -69,6 +69,28 @@ class Excitation:
 
 
 @dataclass(frozen=True)
+class SetpointMoves:
+    """How one set-point moves over a whole record."""
+
+    signal: str
+    """Its output."""
+    unit: str
+    moves: int
+    """Ramps in one direction count once."""
+    smallest: float | None
+    median: float | None
+    largest: float | None
+    """Sizes of the moves, without their sign."""
+    interval: float | None
+    """Median time from one move to the next, in time units."""
+    noise: float
+    """Standard deviation of what PV does from sample to sample by itself."""
+    always: bool
+    """Does it change most of the time, so that it has no levels?"""
+    message: str
+
+
+@dataclass(frozen=True)
 class ExperimentData:
     """One experiment: what was read, what is used, what was found."""
 
@@ -94,6 +116,8 @@ class ExperimentData:
     span_calendar: Stamps | None = field(default=None, metadata=ABSENT)
     used_calendar: tuple[Stamps, ...] = field(default=(), metadata=ABSENT)
     excitation: Excitation | None = field(default=None, metadata=ABSENT)
+    setpoints: tuple[SetpointMoves, ...] = field(default=(), metadata=ABSENT)
+    """How each recorded set-point moves."""
 
     def calendar(self, unit: str) -> Calendar:
         """Its times in words; `unit` is that of the project."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from trueplant.arrays import BoolArray
-from trueplant.record import Finding, Screened, excitation
+from trueplant.record import Finding, Record, Screened, excitation
+from trueplant.record.moves import pv_noise, setpoint_moves
 from trueplant.result import (
     Calendar,
     DataFinding,
@@ -15,9 +17,11 @@ from trueplant.result import (
     Exclusion,
     ExperimentData,
     Provenance,
+    SetpointMoves,
     Settings,
     SignalExcitation,
 )
+from trueplant.result.data_words import moves_sentence
 from trueplant.study import levels
 from trueplant.study.study import Study
 from trueplant.version import __version__
@@ -71,7 +75,32 @@ def _table(study: Study, screened: Screened) -> ExperimentData:
         span_calendar=calendar.stamps(whole),
         used_calendar=_stamps(used, calendar),
         excitation=_excitation(study, screened) if screened.segments else None,
+        setpoints=_setpoints(study, record),
     )
+
+
+def _setpoints(study: Study, record: Record) -> tuple[SetpointMoves, ...]:
+    """How each recorded set-point moves, whatever screening made of the record."""
+    rows = []
+    for i, (entry, moves) in enumerate(zip(study.project.outputs, setpoint_moves(record), strict=True)):
+        if moves is None:
+            continue
+        sizes = np.abs(moves.sizes)
+        smallest, median, largest = np.quantile(sizes, [0.0, 0.5, 1.0]).tolist() if sizes.size else (None,) * 3
+        found = SetpointMoves(
+            entry.name,
+            entry.unit,
+            moves=int(sizes.size),
+            smallest=smallest,
+            median=median,
+            largest=largest,
+            interval=float(np.median(np.diff(moves.times))) if sizes.size > 1 else None,
+            noise=pv_noise(record.y[:, i]),
+            always=moves.always,
+            message="",
+        )
+        rows.append(replace(found, message=moves_sentence(found, entry.sp or entry.name, study.project.time_unit)))
+    return tuple(rows)
 
 
 def _shares(names: tuple[str, ...], where: BoolArray) -> dict[str, float]:
