@@ -75,6 +75,7 @@ from trueplant.result.robustness import (
 from trueplant.result.status import ElementVerdict, Status
 from trueplant.result.track import Track
 from trueplant.result.uncertainty import HeldElement, UncertainParameter, UncertainRow, Uncertainty
+from trueplant.result.usable import ExpectedGain, UsableStretch
 
 __all__ = [
     "Axis",
@@ -109,6 +110,7 @@ __all__ = [
     "ElementVerdict",
     "Excitation",
     "Exclusion",
+    "ExpectedGain",
     "ExperimentData",
     "FaceplateSettings",
     "FitRow",
@@ -164,6 +166,7 @@ __all__ = [
     "UncertainParameter",
     "UncertainRow",
     "Uncertainty",
+    "UsableStretch",
     "ValidationFit",
     "VariancePart",
     "Window",
