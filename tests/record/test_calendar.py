@@ -62,6 +62,7 @@ def test_the_axis_shows_what_the_words_say():
 
 def test_what_both_ends_share_is_said_once():
     assert AUTUMN.span(-600, -560) == "2024-10-26 16:00:00 to 16:40:00 CEST"
+    assert AUTUMN.span(-600, -600) == AUTUMN.text(-600) and Calendar("min").span(3, 3) == "3 min"
     assert AUTUMN.span(-600, -60) == "2024-10-26 16:00:00 to 2024-10-27 01:00:00 CEST"
 
 
@@ -79,6 +80,11 @@ def test_numbers_keep_their_unit():
     assert calendar.text(None) == "unknown"
     with pytest.raises(DataError, match="numbers for its time"):
         calendar.time(datetime(2024, 1, 1))
+
+
+def test_the_ends_of_the_calendar_are_no_internal_error():
+    with pytest.raises(DataError, match="end of the calendar"):
+        SPRING.time(datetime(1, 1, 1))
 
 
 def test_seconds_are_rounded_where_the_unit_is_longer():

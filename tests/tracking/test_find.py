@@ -99,7 +99,7 @@ def test_where_nothing_is_usable_it_is_said_why(only: tuple[tuple[int, int], ...
 
 def test_moves_far_below_the_noise_are_not_usable():
     found = found_in(month(std=5.0, only=(SMALL,)))
-    assert found.status == Status.REFUSED and "too little" in found.reasons[0].message
+    assert found.status == Status.REFUSED and "too little against" in found.reasons[0].message
 
 
 def test_a_record_without_a_model_is_searched_as_well(columns: dict[str, np.ndarray], numbers: Check):

@@ -68,7 +68,8 @@ class Calendar:
         """The time of a moment. One without an offset is by the clock of the record; in the hour that comes twice in
         autumn it is the first one, or the second (`late`).
 
-        Raises DataError for numeric time, and for an offset where the record's own is not known.
+        Raises DataError for numeric time, for an offset where the record's own is not known, and for a moment that has
+        no UTC in the years 1 to 9999.
         """
         if self.start is None:
             raise DataError(f"{moment.isoformat(' ')} is a time stamp, but the record has numbers for its time")
@@ -80,7 +81,10 @@ class Calendar:
                 "out, or set data.time_zone"
             )
         if moment.tzinfo is not None:
-            moment = moment.astimezone(UTC)
+            try:
+                moment = moment.astimezone(UTC)
+            except OverflowError:
+                raise DataError(f"{moment.isoformat(' ')} is at the end of the calendar; correct it") from None
         return (moment - self.start).total_seconds() / unit_seconds(self.unit)
 
     def stamp(self, time: float | None) -> str | None:
@@ -102,6 +106,8 @@ class Calendar:
 
     def span(self, start: float, end: float) -> str:
         """A stretch for a sentence: what both ends share is said once."""
+        if start == end:
+            return self.text(start)
         first, last = self.moment(start), self.moment(end)
         if first is None or last is None:
             return f"{number(start)} to {number(end)} {self.unit}".rstrip()

@@ -11,9 +11,10 @@ def moves_sentence(found: SetpointMoves, column: str, time_unit: str) -> str:
     noise = f"PV noise is {_with_unit(found.noise, found.unit)}."
     if found.smallest is None or found.largest is None or found.median is None:
         return f"{column} never moved; {noise}"
-    by = f"by {_with_unit(found.largest, found.unit)}"
-    if found.smallest < found.largest:
-        by = f"by {found.smallest:.3g} to {_with_unit(found.largest, found.unit)} (median {found.median:.3g})"
+    smallest, largest = f"{found.smallest:.3g}", _with_unit(found.largest, found.unit)
+    by = f"by {largest}"
+    if smallest != f"{found.largest:.3g}":
+        by = f"by {smallest} to {largest} (median {found.median:.3g})"
     if found.always:
         return f"{column} changes all the time, {by} in one direction; {noise}"
     times = "once" if found.moves == 1 else counted(found.moves, "time")

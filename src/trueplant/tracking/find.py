@@ -51,7 +51,7 @@ def find(project: Project, say: Progress = quiet, frames: Sequence[Any] | None =
     if any(m.times.size for m in moves.values()):
         say("a first estimate")
         rows = _first_estimate(study, {k: m.times for k, m in moves.items()}, first)
-        settle = max((settling(row.fit) for row in rows), default=first)
+        settle = max((row.settle for row in rows), default=first)
         moves = moves_by_experiment(study, settle)
         say("weighing the stretches")
         tried = _candidates(study, rows, moves, settle)
@@ -71,6 +71,12 @@ class _EstimatedRow:
     fit: RowFit
     held: tuple[Held, ...]
     update: int
+
+    @property
+    def settle(self) -> float:
+        """How long a move keeps showing, and what lies around it has to be to tell the noise."""
+        row = self.fit.row
+        return max(settling(self.fit), levels.FEWEST_AROUND * row.pieces[0].h * row.stride)
 
     @property
     def size(self) -> Array:
@@ -160,8 +166,9 @@ def _information(row: _EstimatedRow, blocks: Blocks | None, span: tuple[float, f
     size = row.size
     if blocks is None:
         return np.zeros((size.size, size.size))
-    middle = (blocks.start + blocks.end) / 2
-    total = blocks.information[(middle >= span[0]) & (middle <= span[1])].sum(axis=0)
+    inside = np.minimum(blocks.end, span[1]) - np.maximum(blocks.start, span[0])
+    share = np.maximum(inside, 0.0) / (blocks.end - blocks.start)
+    total = np.tensordot(share, blocks.information, axes=1)
     level = total[:-1, -1] / np.sqrt(max(total[-1, -1], np.finfo(float).tiny))
     told: Array = (total[:-1, :-1] - np.outer(level, level)) * np.outer(size, size)
     return told
@@ -244,8 +251,8 @@ def _why_none(study: Study, found: Check, moves: Mapping[int, OutsideMoves], tri
     lost = sum(m.lost for m in moves.values())
     if tried:
         text = (
-            "no stretch of these data tells a gain to half of its size: the set-points move too little against what "
-            "disturbances do to PV. Make larger moves, or more of them close to each other"
+            "in no stretch of these data do the moves tell a gain to half of its size, beyond chance: they are too "
+            "little against what disturbances do to PV. Make larger moves, or more of them close to each other"
         )
     elif lost:
         text = (

@@ -74,6 +74,9 @@ AUTOMATIC = 0.5
 touch a limit for some samples, and loops that are put to manual at once show nothing. Judgement."""
 FIRST_SETTLED = 100
 """Samples taken for the settling time until a first estimate knows it, where the model has no lag."""
+FEWEST_AROUND = FEWEST_ERRORS / 4
+"""Prediction errors before and after the moves of a stretch where the plant settles in fewer: a stretch then has about
+as many as a window."""
 JOINED = 3.0
 """Settling times without a move after which a stretch ends: what lies between is idle, and the disturbance moves on."""
 LONGEST_FOUND = 60.0
