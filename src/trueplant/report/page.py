@@ -39,8 +39,11 @@ def render(result: Result) -> str:
             confidence=_confidence(result),
             most_rows=levels.MOST_ROWS,
             provenance=result.provenance,
+            origin=tables.origin(
+                result.provenance, {one.name: one.calendar(result.provenance.time_unit) for one in result.data}
+            ),
             data=[(one, tables.experiment_parts(one, result.provenance.time_unit)) for one in result.data],
-            experiments=tables.experiments_table(result.data),
+            experiments=tables.experiments_table(result.data, result.provenance.time_unit),
             fit=tables.fit_table(result.fit),
             residual_tests=tables.residual_table(result.fit),
             loop_line=loop_line(result),

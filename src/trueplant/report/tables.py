@@ -20,6 +20,7 @@ from trueplant.result import (
     MethodParameter,
     Methods,
     Parameter,
+    Provenance,
     Trend,
 )
 from trueplant.result.codec import entries_of
@@ -151,11 +152,24 @@ def residual_table(fit: Sequence[FitRow]) -> Table:
     return as_table(list(rows.values()))
 
 
-def experiments_table(data: Sequence[ExperimentData]) -> Table:
+def experiments_table(data: Sequence[ExperimentData], unit: str) -> Table:
     """What is a single value of each experiment."""
     headings = ("name", "loop", "samples", "sample_time", "start", "refused")
-    rows = tuple((one.name, one.loop, one.samples, one.sample_time, one.start, one.refused) for one in data)
+    starts = [one.calendar(unit).text(0.0) if one.start else None for one in data]
+    rows = tuple(
+        (one.name, one.loop, one.samples, one.sample_time, start, one.refused)
+        for one, start in zip(data, starts, strict=True)
+    )
     return Table(tuple(map(label, headings)), rows)
+
+
+def origin(provenance: Provenance, calendars: Mapping[str, Calendar]) -> dict[str, object]:
+    """Where a result comes from, the times of the records in words."""
+    spans = {
+        name: (calendars.get(name) or Calendar(provenance.time_unit)).span(*span)
+        for name, span in provenance.time_spans.items()
+    }
+    return entries_of(provenance) | {"time_spans": spans}
 
 
 def experiment_parts(one: ExperimentData, unit: str) -> dict[str, object]:

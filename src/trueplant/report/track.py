@@ -12,6 +12,7 @@ from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.levels import MOST_ROWS
 from trueplant.report.page import environment
 from trueplant.report.style import BOTTOM, TOP, area, framed, inert, line, over_time, shortened
+from trueplant.report.tables import origin
 from trueplant.result import Axis, Calendar, Change, ChangeKind, Parameter, Status, Track, TrackedElement, Window
 from trueplant.result.numbers import counted
 from trueplant.result.track_words import change_sentence, moved_words, refused_stretches
@@ -38,11 +39,18 @@ def render(track: Track) -> str:
             moved=lambda p: moved_words(p).replace("->", "→"),
             calendar=track.calendar,
             provenance=track.provenance,
+            origin=origin(track.provenance, _calendars(track)),
             most_rows=MOST_ROWS,
             **frame(book),
         )
     )
     return page + "\n"
+
+
+def _calendars(track: Track) -> dict[str, Calendar]:
+    """The times of each record in words, where the common axis has time stamps."""
+    zone = track.time_zone
+    return {e.name: Calendar.of(track.time_unit, e.start, zone) for e in track.experiments if track.start}
 
 
 def _drawn(track: Track, element: TrackedElement, book: Book) -> Drawn | None:

@@ -235,14 +235,14 @@ def _expected(study: Study, row: _EstimatedRow, spec: Spec, place: int, error: f
     project, unit = study.project, study.input_unit(spec.column)
     own = spec.structure.units(project.outputs[row.output].unit, unit, project.time_unit)
     first = next(part.start for s, part in zip(row.fit.row.specs, row.fit.row.slices, strict=True) if s is spec)
-    known = error <= 1.0
+    value, std_error = float(row.fit.theta[place]), error * float(row.size[place])
     return ExpectedGain(
         output=project.output_names[row.output],
         input=study.columns[spec.column],
         parameter=row.fit.row.names[place],
         unit=own[place - first],
-        value=float(row.fit.theta[place]),
-        std_error=error * float(row.size[place]) if known else None,
+        value=value,
+        std_error=std_error if std_error <= abs(value) else None,
     )
 
 

@@ -10,10 +10,15 @@ import pytest
 
 from support.stamped import AMSTERDAM, project_text, record, square_wave, stamped
 from trueplant.cli.data import show_check
+from trueplant.cli.track import show as show_track
 from trueplant.errors import ProjectError
 from trueplant.project import Project
-from trueplant.result import Check, Track
+from trueplant.report.page import render
+from trueplant.report.track import render as render_track
+from trueplant.result import Check, Curves, Track
+from trueplant.result.codec import build, plain
 from trueplant.study.check import check
+from trueplant.study.pipeline import analyse
 from trueplant.tracking.track import track
 
 N = 1500
@@ -104,14 +109,11 @@ def test_a_track_bears_time_stamps_beside_its_numbers(tracks: dict[str, Track]):
 
 
 def test_the_page_and_the_terminal_say_when(tracks: dict[str, Track], capsys: pytest.CaptureFixture[str]):
-    from trueplant.cli.track import show
-    from trueplant.report.track import render
-
     local = tracks["local"]
     when = local.calendar.text(local.changes[0].time)
-    page = render(local)
+    page = render_track(local)
     assert when in page and "Amsterdam)" in page and '"type":"date"' in page
-    show(local)
+    show_track(local)
     assert when[:16] in capsys.readouterr().out
 
 
@@ -120,3 +122,16 @@ def test_a_project_file_on_disk_is_read_in_its_zone(tmp_path: Path):
     stamped(COLUMNS, "local").write_csv(tmp_path / "march.csv")
     found = check(Project.load(tmp_path / "p.toml"))
     assert found.data[0].calendar("min").text(0.0) == "2024-03-30 19:00:00 CET"
+
+
+def test_the_report_says_when():
+    """Its table of the data, its trends and where it comes from; a saved result keeps its zone."""
+    data = f"{ZONE}\n{EXCLUDE.format('2024-03-31T01:30:00', '2024-03-31T03:30:00')}"
+    result = analyse(Project.from_toml(project_text(data)), frames=[stamped(COLUMNS, "local")])
+    page = render(result)
+    assert page.count("2024-03-30 19:00:00 CET to 2024-03-31 20:59:00 CEST") >= 2
+    assert "2024-03-31 01:30:00 CET to 2024-03-31 03:30:00 CEST" in page and '"type":"date"' in page
+    assert result.curves is not None
+    again = build(Curves, plain(result.curves))
+    assert again.calendar(again.trends[0]) == result.curves.calendar(result.curves.trends[0])
+    assert again.calendar(again.trends[0]).text(0.0) == "2024-03-30 19:00:00 CET"
