@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from datetime import UTC, date, datetime, time, timedelta, timezone
 from pathlib import Path
 
+import pytest
 import tomlkit
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,7 +16,7 @@ from hypothesis import strategies as st
 import trueplant as tp
 from support import ROOT
 from trueplant.project import plant_project
-from trueplant.project.document import edited, sections, to_toml, with_formulas
+from trueplant.project.document import edited, sections, to_toml, with_exclusions, with_formulas
 
 TEXT = """\
 # Splitter, March. Ask Kari before changing [limits].
@@ -275,3 +277,36 @@ def test_every_example_keeps_its_text():
         after = project.with_model({(0, 0): tp.tf("1.5/(7 s + 1)")}).to_toml()
         assert after.count("#") == text.count("#")
         assert 0 < len(changed_lines(text, after)) <= 5
+
+
+MORE = [
+    {"from": datetime(2024, 3, 1, tzinfo=timezone(timedelta(hours=1))), "to": datetime(2024, 3, 2, 7, 30)},
+    {"from": 1, "to": 2.5, "file": "b.csv"},
+]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '[data]   # the data\nfiles = ["a.csv"]  # one\n\n# outputs follow\n[[output]]\nname = "x"\n',
+        '[data]\nfiles = ["a.csv"]\nexclude = [{from = 1, to = 2}]  # trip\ntime = "t"\n[[output]]\nname = "x"\n',
+        "[data]\nexclude = [\n  {from = 1, to = 2},  # trip\n  # more\n  {from = 5, to = 6},\n]\n[[output]]\n",
+        '[data]\nfiles = ["a.csv"]\n[[data.exclude]]\nfrom = 1  # trip\nto = 2\n[[output]]\nname = "x"\n',
+        'time_unit = "min"\ndata = {files = ["a.csv"]}\noutput = [{name = "x"}]  # all\n',
+        'data.files = ["a.csv"]  # one\ndata.time = "t"\n[[output]]\nname = "x"\n',
+        '[[experiment]]\nfile = "a.csv"  # one\n',
+        '[data]\r\nfiles = ["a.csv"]  # one\r\n\r\n[[output]]\r\nname = "x"\r\n',
+        '[data]\nfiles = ["a.csv"]',
+        '[data]\nfiles = ["a.csv"]\nexclude = []\n',
+    ],
+)
+def test_exclusions_are_added_and_nothing_else_changes(text: str):
+    wanted = tomllib.loads(text)
+    data = wanted.setdefault("data", {})
+    data["exclude"] = [*data.get("exclude", []), *MORE]
+    found = with_exclusions(text, MORE)
+    assert tomllib.loads(found) == wanted
+    # what was there stands in its order, comments and all
+    rest = iter(re.findall(r"#.*|\w+|\S", found))
+    assert all(part in rest for part in re.findall(r"#.*|\w+|\S", text))
+    assert ("\r\n" in text) == ("\r\n" in found) and ("\r\n" not in text or "\n" not in found.replace("\r\n", ""))

@@ -171,3 +171,23 @@ def test_set_points_are_held_over_gaps_between_the_same_values() -> None:
     x = np.array([[nan, 1, nan, nan, nan, 1, nan, 2, 2, nan], [1, 1, 1, nan, nan, nan, nan, 2, nan, 2]], dtype=float).T
     expected = [[nan, 1, 1, 1, 1, 1, nan, 2, 2, nan], [1, 1, 1, nan, nan, nan, nan, 2, 2, 2]]
     np.testing.assert_array_equal(hold_same(x), np.array(expected, dtype=float).T)
+
+
+@pytest.mark.parametrize(
+    ("excluded", "spans"),
+    [
+        ([(100, 149)], [(0, 299)]),  # shorter than what lies on either side: one record with samples missing
+        ([(60, 249)], [(0, 59), (250, 299)]),
+        ([(40, 99), (130, 259)], [(0, 39), (100, 129), (260, 299)]),
+        ([(0, 199)], [(200, 299)]),
+        ([(40, 199)], [(0, 39), (200, 299)]),
+        ([(40, 119)], [(0, 299)]),  # longer than the part before, but not than that after
+    ],
+)
+def test_what_is_excluded_for_longer_than_it_separates_cuts_the_record(excluded, spans):
+    t = np.arange(300.0)
+    frame = {"t": t, "pv": np.sin(t / 7) + 0.01 * np.cos(3 * t), "op": np.cos(t / 5)}
+    layout = Layout((Channel("T", "pv"),), (Channel("Q", "op"),), time_unit="min")
+    found = screen(read_record(frame, layout), layout, exclude=excluded)
+    assert [(s.t[0], s.t[-1]) for s in found.segments] == spans
+    assert sum(np.isfinite(s.y).sum() for s in found.segments) == 300 - sum(b - a + 1 for a, b in excluded)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from datetime import UTC, datetime, timedelta
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
 
 from support.report_sample import refused, sample
-from trueplant.report import captions, figures
+from trueplant.report import captions, figures, tables
 from trueplant.report.decimate import compact, merged, min_max
 from trueplant.report.numbers import number, percentage, probability, to_precision
 from trueplant.report.tables import comparison, parameter_row, percent_scale
@@ -188,9 +190,10 @@ def test_logarithmic_axes_have_a_few_ticks_inside(limits):
 
 
 def test_residuals_of_joined_experiments_are_drawn_by_sample():
-    found = sample(experiments=1).curves.residuals[0]
+    curves = sample(experiments=1).curves
+    found = curves.residuals[0]
     joined = dataclasses.replace(found, t=np.concatenate([found.t, found.t]), e=np.concatenate([found.e, found.e]))
-    x = figures.residuals_over_time(joined, "degC", "min", 4000).data[0].x
+    x = figures.residuals_over_time(curves, joined, "degC", 4000).data[0].x
     assert np.array_equal(x, np.arange(found.t.size * 2))
 
 
@@ -258,3 +261,32 @@ def test_a_saved_result_without_a_response_is_drawn_again(curves):
     again = build(Curves, plain(nothing))
     assert again.np_value.shape == (0,)
     assert len(figures.bode(again, 0, 0, 1.96).data) == len(figures.bode(nothing, 0, 0, 1.96).data)
+
+
+def test_trends_and_left_out_spans_stand_in_calendar_time():
+    """Across a change of the clock, and with gaps; numbers where the record has none."""
+    curves = sample(experiments=1).curves
+    start = datetime(2024, 3, 31, 0, 30, tzinfo=UTC)
+    trend = dataclasses.replace(
+        curves.trends[0],
+        start=start.isoformat(),
+        time_zone="Europe/Amsterdam",
+        excluded=((10.0, 40.0, curves.outputs[0], "spike"),),
+    )
+    for figure in (
+        figures.trends(curves, trend, [("y", 0)], 4000),
+        figures.residuals_over_time(dataclasses.replace(curves, trends=(trend,)), curves.residuals[0], "degC", 4000),
+    ):
+        assert figure.layout.xaxis.type == "date" and "Europe/Amsterdam" in figure.layout.xaxis.title.text
+    figure = figures.trends(curves, trend, [("y", 0)], 4000)
+    lines = {trace.meta["role"]: trace for trace in figure.data}
+    walls = [
+        (start + timedelta(minutes=float(t))).astimezone(ZoneInfo("Europe/Amsterdam")).strftime("%Y-%m-%d %H:%M:%S")
+        for t in trend.t
+    ]
+    assert list(lines["measured"].x) == walls
+    assert list(lines["excluded"].x)[:4] == ["2024-03-31 01:40:00"] * 2 + ["2024-03-31 03:10:00"] * 2
+    (row,) = tables.excluded_table(trend, curves.calendar(trend)).rows
+    assert row[0] == "2024-03-31 01:40:00 CET to 2024-03-31 03:10:00 CEST"
+    numeric = figures.trends(curves, curves.trends[0], [("y", 0)], 4000)
+    assert numeric.layout.xaxis.type is None and "(min)" in numeric.layout.xaxis.title.text

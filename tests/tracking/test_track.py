@@ -243,6 +243,6 @@ def test_stretches_refused_alike_are_said_together() -> None:
     windows.append(Window("top", "march.csv", 60.0, 300.0, "ok"))
     found = Track("ok", (), (), {}, "min", (), windows=tuple(windows))
     assert refused_stretches(found) == [
-        ("top, bottom", "march.csv", "0 to 60, 500 to 560", still),
-        ("top", "march.csv", "300 to 340", short),
+        ("top, bottom", "march.csv", "0 to 60 min, 500 to 560 min", still),
+        ("top", "march.csv", "300 to 340 min", short),
     ]

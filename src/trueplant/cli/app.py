@@ -28,6 +28,8 @@ Json = Annotated[bool, typer.Option("--json", help="Print result.json, and nothi
 PaperJson = Annotated[bool, typer.Option("--json", help="Print paper.json, and nothing else.")]
 Seeds = Annotated[int, typer.Option("--seeds", min=2, help="Simulated records of the splitter for each kind of noise.")]
 CheckJson = Annotated[bool, typer.Option("--json", help="Print check.json, and nothing else.")]
+Find = Annotated[bool, typer.Option("--find", help="Rank the stretches of a long history with usable moves.")]
+Write = Annotated[bool, typer.Option("--write", help="With --find: exclude all else in the project file.")]
 TrackJson = Annotated[bool, typer.Option("--json", help="Print track.json, and nothing else.")]
 Precision = Annotated[
     float, typer.Option("--precision", metavar="PERCENT", help="Standard error that windows are made long enough for.")
@@ -77,8 +79,14 @@ def track(
 
 
 @app.command(short_help="Screen the data only: what can be used, and why not.")
-def check(project: ProjectFile, json: CheckJson = False) -> int:
+def check(project: ProjectFile, find: Find = False, write: Write = False, json: CheckJson = False) -> int:
     """Read and screen the data only: what is usable, what is not and why."""
+    if write and not find:
+        raise UsageError("--write goes with --find: it excludes all but the stretches that were found")
+    if find:
+        from trueplant.cli.find import find_usable
+
+        return find_usable(project, write, json)
     from trueplant.cli.data import check
 
     return check(project, json)

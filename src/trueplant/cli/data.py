@@ -6,17 +6,17 @@ import hashlib
 import os
 import sys
 from dataclasses import dataclass
-from datetime import datetime, timedelta
 from pathlib import Path
 
 from trueplant.claims import claim
 from trueplant.cli.show import say_lines
 from trueplant.errors import UsageError
 from trueplant.output import as_json, write_files
-from trueplant.record.times import unit_seconds
-from trueplant.result import Check, Code, Status
+from trueplant.result import Calendar, Check, Code, DataFinding, Status
 
 REFUSED = 3
+SHOWN = 3
+"""Stretches of a finding that are printed."""
 
 
 def check(path: Path, json: bool) -> int:
@@ -38,18 +38,17 @@ def show_check(found: Check) -> None:
     """Record by record, then what the data cannot answer."""
     unit = found.provenance.time_unit
     for record in found.data:
-        span = f"{record.span[0]:g} to {record.span[1]:g} {unit}"
-        if record.start:
-            begin = datetime.fromisoformat(record.start)
-            first, last = (begin + timedelta(seconds=s * unit_seconds(unit)) for s in record.span)
-            span = f"{first:%Y-%m-%d %H:%M:%S} to {last:%Y-%m-%d %H:%M:%S %Z}".rstrip()
+        calendar = record.calendar(unit)
+        span = calendar.span(*record.span)
         say_lines(f"{record.name}: {record.samples} samples, {span}, one every {record.sample_time:g} {unit}")
         if record.refused:
             say_lines(f"  cannot be used: {record.refused}")
         for name, share in record.usable_share.items():
             say_lines(f"  {name}: {100 * share:.0f} % of the samples can be used")
+        for moves in record.setpoints:
+            say_lines(f"  {moves.message}")
         for finding in record.findings:
-            say_lines(f"  {finding.message}")
+            say_lines(f"  {finding.message}{_where(finding, calendar)}")
     for reason in found.reasons:
         if reason.code != Code.RECORD:
             say_lines(f"{reason.where}: {reason.message}" if reason.where else reason.message)
@@ -69,6 +68,16 @@ class Hints:
         """Those that a project file has to say too."""
         keys = {"separator": self.separator, "encoding": self.encoding}
         return {key: value for key, value in keys.items() if value is not None}
+
+
+def _where(finding: DataFinding, calendar: Calendar) -> str:
+    """Where a finding is: its longest stretches in order of time, and how many more there are."""
+    longest = sorted(sorted(finding.spans, key=lambda s: s[0] - s[1])[:SHOWN])
+    if not longest:
+        return ""
+    left = len(finding.spans) - len(longest)
+    places = ", ".join(calendar.span(*span) for span in longest)
+    return f" {places}{f', and {left} shorter' if left else ''}."
 
 
 def init(data: Path, out: Path | None, force: bool, hints: Hints) -> int:

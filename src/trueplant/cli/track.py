@@ -14,8 +14,8 @@ from trueplant.cli.analyse import REFUSED, saying
 from trueplant.cli.show import console, say_lines, text
 from trueplant.output import as_json, prepare_output, write_files
 from trueplant.project.project import Project
-from trueplant.result import Change, ElementHistory, Status, Track, TrackedElement
-from trueplant.result.track_words import moved_words, off_words, refused_stretches, time_text
+from trueplant.result import Calendar, Change, ElementHistory, Status, Track, TrackedElement
+from trueplant.result.track_words import moved_words, off_words, refused_stretches
 
 JSON, PAGE = "track.json", "track.html"
 
@@ -50,20 +50,22 @@ def show(track: Track) -> None:
     out.print(text(track.headline, style="bold"))
     if track.elements:
         table = Table(box=SIMPLE_HEAD, pad_edge=False)
-        for heading in ("element", "history", "windows", f"when ({track.time_unit})", "what changed"):
+        for heading in ("element", "history", "windows", "when", "what changed"):
             table.add_column(heading, justify="right" if heading == "windows" else "left", overflow="fold")
         for element in track.elements:
             changes = [c for c in track.changes if (c.output, c.input) == (element.output, element.input)]
             name = text(f"{element.input} -> {element.output}")
             word = "step or drift" if element.history == ElementHistory.UNDECIDED else element.history
             style = _STYLES.get(element.history, "bold red")
-            cells = [_cells(c) for c in changes] or [(Text(""), text(_standing(element) or element.reason))]
+            cells = [_cells(c, track.calendar) for c in changes] or [
+                (Text(""), text(_standing(element) or element.reason))
+            ]
             for k, (when, what) in enumerate(cells):
                 first = (name, text(word, style=style), text(str(element.windows)))
                 table.add_row(*(first if k == 0 else (Text(""),) * 3), when, what)
         out.print(table)
     for names, file, spans, why in refused_stretches(track):
-        out.print(text(f"refused: {names}, {file}, {spans} {track.time_unit}: {why}"))
+        out.print(text(f"refused: {names}, {file}, {spans}: {why}"))
     for reason in (*track.reasons, *track.notes):
         out.print(text(f"{'refused' if reason in track.reasons else 'note'}: {reason.message}"))
 
@@ -74,7 +76,7 @@ def _standing(element: TrackedElement) -> str:
     return "all the time " + ", ".join(off_words(p) for p in off) if off else ""
 
 
-def _cells(change: Change) -> tuple[Text, Text]:
-    low, high = map(time_text, change.interval)
-    when = f"{low} to {high}" if change.time is None else f"{time_text(change.time)} ({low} to {high})"
+def _cells(change: Change, calendar: Calendar) -> tuple[Text, Text]:
+    span = calendar.span(*change.interval)
+    when = span if change.time is None else f"{calendar.text(change.time)} ({span})"
     return text(when), text(", ".join(moved_words(p) for p in change.parameters if p.changed))

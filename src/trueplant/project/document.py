@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from typing import Any
@@ -40,9 +41,14 @@ def edited(text: str, change: Callable[[Tables], None]) -> str:
     """
     parts = []
     for section in sections(text):
-        document = tomlkit.parse(section)
+        lines = re.split(r"(?<=\n)", section)
+        # comments after the last entry belong to the next section
+        own = max(
+            (k for k, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")), default=0
+        )
+        document = tomlkit.parse("".join(lines[:own]))
         change(document)
-        parts.append(tomlkit.dumps(document))
+        parts += [tomlkit.dumps(document), *lines[own:]]
     return "".join(parts)
 
 
@@ -67,6 +73,14 @@ def _is_toml(text: str) -> bool:
     except tomllib.TOMLDecodeError:
         return False
     return True
+
+
+def same_toml(text: str, tables: Mapping[str, Any]) -> bool:
+    """Is this TOML text, and does it say just this?"""
+    try:
+        return tomllib.loads(text) == tables
+    except tomllib.TOMLDecodeError:
+        return False
 
 
 def with_moved_paths(text: str, move: Callable[[str], str]) -> str:
@@ -111,11 +125,50 @@ def with_formulas(text: str, formulas: Mapping[tuple[str, str], str]) -> str:
     return text
 
 
+def with_exclusions(text: str, entries: Sequence[Mapping[str, Any]]) -> str:
+    """The project ``text`` with more entries in ``data.exclude``, in the form that it already has there."""
+    data = tomllib.loads(text).get("data", {})
+    if any(part.lstrip().startswith("[[data.exclude]]") for part in sections(text)) or not data:
+        more = {"data": {"exclude": [dict(entry) for entry in entries]}}
+        return _in_its_lines(text, f"{text.rstrip()}\n\n{to_toml(more)}")
+
+    waiting = list(entries)
+
+    def change(tables: Tables) -> None:
+        own = tables.get("data", {})
+        if waiting and "exclude" in own:
+            _add_lines(own["exclude"], waiting)
+            waiting.clear()
+        elif waiting and "exclude" not in data and own:
+            own["exclude"] = _add_lines(tomlkit.array(), waiting, isinstance(own, InlineTable))
+            waiting.clear()
+
+    return _in_its_lines(text, edited(text, change))
+
+
+def _add_lines(array: Array, entries: Sequence[Mapping[str, Any]], one_line: bool = False) -> Array:
+    """The array with each entry on a line of its own."""
+    closed = "\n" in array.as_string()
+    for entry in entries:
+        if one_line:
+            array.append(_inline(entry))
+        else:
+            array.add_line(_inline(entry))
+    if not one_line and not closed:
+        array.add_line(indent="")
+    return array
+
+
+def _in_its_lines(before: str, after: str) -> str:
+    """Line ends as they were."""
+    return after.replace("\r\n", "\n").replace("\n", "\r\n") if "\r\n" in before else after
+
+
 def _element(pair: tuple[str, str], formula: str) -> dict[str, str]:
     return {"output": pair[0], "input": pair[1], "tf": formula}
 
 
-def _inline(entries: Mapping[str, str]) -> InlineTable:
+def _inline(entries: Mapping[str, Any]) -> InlineTable:
     table = tomlkit.inline_table()
     table.update(entries)
     return table

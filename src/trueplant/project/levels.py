@@ -31,3 +31,9 @@ SHOWN_COLUMNS = 20
 
 SHOWN_CHARACTERS = 60
 """Of a wrong value in an error message: half a line of a terminal."""
+
+# -- exclusions ----------------------------------------------------------------------------------------------
+
+NO_ENTRY = 0.1
+"""Share of a usable stretch that may be idle beside it without an entry of its own. Judgement: no analysis is hurt by
+it, and a second look, which finds the ends of a stretch a little elsewhere, leaves the file as it is."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -18,7 +18,7 @@ from trueplant.lti import TransferFunction, TransferMatrix, tf, to_formula
 from trueplant.project.checks import check_project
 from trueplant.project.controllers import controller_of, layout_of
 from trueplant.project.declaration import Declaration
-from trueplant.project.document import to_toml, with_formulas, with_moved_paths
+from trueplant.project.document import same_toml, to_toml, with_exclusions, with_formulas, with_moved_paths
 from trueplant.project.messages import message
 from trueplant.record.layout import Layout
 
@@ -132,6 +132,23 @@ class Project(Declaration):
             if self.wanted(i, j) or to_formula(tf(self.formula(i, j))) != formula:
                 formulas[self.output_names[i], sources[j]] = formula
         return self._read(with_formulas(self.to_toml(), formulas), Path(self._source))
+
+    def with_exclusions(self, entries: Sequence[Mapping[str, Any]]) -> Self:
+        """This project with more entries in data.exclude; nothing else of its text changes.
+
+        Raises ProjectError where the form of its text does not allow that.
+        """
+        before = self.to_toml()
+        wanted = tomllib.loads(before)
+        data = wanted.setdefault("data", {})
+        data["exclude"] = [*data.get("exclude", []), *map(dict, entries)]
+        text = with_exclusions(before, entries)
+        if not same_toml(text, wanted):
+            lines = to_toml({"data": {"exclude": [dict(entry) for entry in entries]}}).strip()
+            raise ProjectError(
+                f"{self._source}: data.exclude cannot be written into this file; do it by hand:\n{lines}"
+            )
+        return self._read(text, Path(self._source))
 
     def to_toml(self, folder: str | os.PathLike[str] | None = None) -> str:
         """The project as TOML text; with ``folder``, relative paths are written so that they hold from there.

@@ -263,3 +263,9 @@ LONGEST_WINDOW = 1 << 18
 SERIES_BELOW = 1.0
 """Size of s h below which the moments of a step are taken from their power series: the recursion loses digits there,
 and 18 terms of the series give all of them."""
+
+# -- moves ---------------------------------------------------------------------------------------------------
+
+ALWAYS_MOVING = 0.2
+"""Share of samples at which a set-point changes, from which on it is said to change all the time: no operator moves it
+at every fifth sample, while one that is computed changes at nearly all. Judgement."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Sequence
-from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from trueplant.record import levels
 from trueplant.record.layout import Layout
 from trueplant.record.numbers import counted
 from trueplant.record.table import Table, did_you_mean
-from trueplant.record.times import find_time, parse_times
+from trueplant.record.times import Times, find_time, parse_times
 from trueplant.record.types import Finding, Kind
 
 _SYNONYMS = {
@@ -95,8 +94,8 @@ def bad_quality(table: Table, name: str) -> BoolArray:
     return ~(good_codes | np.isnan(codes)) | words
 
 
-def to_wide(table: Table, layout: Layout) -> tuple[Table, datetime | None]:
-    """A table with the column "time" in seconds and one for each tag of the layout, and the moment at time 0.
+def to_wide(table: Table, layout: Layout) -> tuple[Table, Times]:
+    """A table with the column "time" in seconds and one for each tag of the layout, and the times as they were read.
 
     Tags that share their stamps are set side by side. Otherwise the stamps of the most often recorded tag are
     kept; held tags (OP, SP, mode) take their last value, and each value of a continuous tag (PV) goes to
@@ -141,7 +140,7 @@ def to_wide(table: Table, layout: Layout) -> tuple[Table, datetime | None]:
         notes.append(Finding(Kind.ALIGNED, table.source, message, value=shift))
     whole = pl.DataFrame([s.alias(n) for n, s in frame.items()])
     wide = dataclasses.replace(table, names=tuple(frame), frame=whole, lines=None, notes=tuple(notes))
-    return wide, times.start
+    return wide, times
 
 
 def _codes(table: Table, column: str, wanted: Sequence[str]) -> NDArray[np.int64]:

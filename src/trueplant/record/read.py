@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
 from trueplant.record import levels
+from trueplant.record.calendar import unit_seconds
 from trueplant.record.frames import as_table
 from trueplant.record.layout import Channel, Layout
 from trueplant.record.long import bad_quality, is_long, nothing_good, to_wide
@@ -23,7 +23,7 @@ from trueplant.record.numbers import counted, no_measurements
 from trueplant.record.readers import read_table
 from trueplant.record.runs import spans_of
 from trueplant.record.table import Table
-from trueplant.record.times import find_time, parse_times, partners, put_in_order, unit_seconds
+from trueplant.record.times import Times, find_time, parse_times, partners, put_in_order
 from trueplant.record.types import Finding, Kind, Record
 
 Rows = NDArray[np.int64]
@@ -51,10 +51,18 @@ def read_record(
     if not layout.outputs or not layout.inputs:
         raise DataError(f"{table.source}: declare at least one output and one input")
     name = name or (Path(path_or_frame).stem if is_file else "frame")
-    columns, start = _in_time(table, layout)
+    columns, times = _in_time(table, layout)
     record = _record(columns, layout, name)
     source = str(path_or_frame) if is_file else ""
-    return replace(record, closed=closed, start=start, source=source, sha256=table.sha256, notes=tuple(columns.notes))
+    return replace(
+        record,
+        closed=closed,
+        start=times.start,
+        zone=times.zone,
+        source=source,
+        sha256=table.sha256,
+        notes=tuple(columns.notes),
+    )
 
 
 def _wanted(layout: Layout, start: Table) -> list[str] | None:
@@ -69,11 +77,11 @@ def _wanted(layout: Layout, start: Table) -> list[str] | None:
     return [*used, time, *partners(start, time)]
 
 
-def _in_time(table: Table, layout: Layout) -> tuple[_Columns, datetime | None]:
-    """The columns of a table, long or wide, on its rows in order of time, and the moment at time 0."""
+def _in_time(table: Table, layout: Layout) -> tuple[_Columns, Times]:
+    """The columns of a table, long or wide, on its rows in order of time, and what its column of time says."""
     per_unit = unit_seconds(layout.project_time_unit)
     if is_long(table, layout):
-        table, start = to_wide(table, layout)
+        table, times = to_wide(table, layout)
         rows, t = np.arange(len(table)), table.numbers("time")[0]
         notes = list(table.notes)
     else:
@@ -85,10 +93,10 @@ def _in_time(table: Table, layout: Layout) -> tuple[_Columns, datetime | None]:
             raise DataError(f"{table.source}: column {time!r} is named as time and as a signal; correct one of them")
         times = parse_times(table, time, layout)
         rows, ordered = put_in_order(table, times)
-        t, start = times.seconds if _is_all(rows, len(table)) else times.seconds[rows], times.start
+        t = times.seconds if _is_all(rows, len(table)) else times.seconds[rows]
         notes = [*table.notes, *times.notes, *ordered]
     _enough(table, rows)
-    return _Columns(table, rows, t if per_unit == 1 else t / per_unit, notes), start
+    return _Columns(table, rows, t if per_unit == 1 else t / per_unit, notes), times
 
 
 def _record(columns: _Columns, layout: Layout, name: str) -> Record:

@@ -16,7 +16,7 @@ from trueplant.record.numbers import counted
 from trueplant.record.refusal import why_refused
 from trueplant.record.resolution import without_rounding
 from trueplant.record.runs import equal_runs, hold_short, several, spans_of, spread, true_runs
-from trueplant.record.segments import Clock, clock_of, segments_of
+from trueplant.record.segments import Clock, between_parts, clock_of, segments_of
 from trueplant.record.types import Finding, Kind, Record, Refusal, Screened, Unusable
 
 
@@ -54,7 +54,7 @@ def screen(
     for k, channel in enumerate(layout.disturbances):
         log.missing(record.d[:, k], channel.name)
     free = ~saturated & record.automatic
-    segments = segments_of(record, usable, free, clock, experiment)
+    segments = segments_of(record, usable, free, clock, experiment, left_out=between_parts(excluded))
     refusal = why_refused(record, layout, usable, excluded, log.findings)
     if refusal is None and not segments:
         refusal = Refusal(

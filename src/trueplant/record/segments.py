@@ -9,7 +9,7 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.record import levels
-from trueplant.record.runs import hold_same, hold_short, true_runs
+from trueplant.record.runs import hold_same, hold_short, spread, true_runs
 from trueplant.record.types import Record, Segment
 
 
@@ -58,17 +58,28 @@ def _rounded(t: Array, steps: Array, h: float, near: BoolArray) -> bool:
     return bool(whole and even and q < levels.ROUNDED_UNIT * h)
 
 
+def between_parts(excluded: BoolArray) -> BoolArray:
+    """(N,) of what was excluded the stretches that are at least as long as each of the parts that they separate.
+
+    The parts are records of their own then: how OP came from one to the other tells nothing of either.
+    """
+    begin, length = true_runs(excluded)
+    kept = np.append(begin, excluded.size) - np.concatenate([[0], begin + length])
+    parts = length >= np.maximum(kept[:-1], kept[1:])
+    return spread(begin[parts], length[parts], excluded.size)
+
+
 def segments_of(
-    record: Record, usable: BoolArray, free: BoolArray, clock: Clock, experiment: int
+    record: Record, usable: BoolArray, free: BoolArray, clock: Clock, experiment: int, *, left_out: BoolArray
 ) -> tuple[Segment, ...]:
-    """Cut at gaps and where OP is missing for long, put each piece on a grid, and drop what is too short.
+    """Cut at gaps, where OP is missing for long and at what is left out; put each piece on a grid, drop short ones.
 
     u and d are held, y is NaN where it is not usable, each segment begins and ends with a usable PV.
     """
     r, u, d = (hold_short(x, levels.SHORT_GAP)[0] for x in (hold_same(record.r), record.u, record.d))
     lost = np.isfinite(record.y) & ~usable
     whole = _Signals(record.t, r, u, np.where(lost, np.nan, record.y) if lost.any() else record.y, d, free)
-    known = np.logical_and(np.isfinite(u).all(axis=1), np.isfinite(d).all(axis=1))
+    known = np.isfinite(u).all(axis=1) & np.isfinite(d).all(axis=1) & ~left_out
     cut = np.concatenate([[False], np.diff(record.t) > clock.gap])
     out: list[Segment] = []
     for begin, length in zip(*true_runs(known), strict=True):

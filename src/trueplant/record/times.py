@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from trueplant.arrays import Array
 from trueplant.errors import DataError
 from trueplant.record import levels
+from trueplant.record.calendar import offset_name, unit_seconds, zone_of
 from trueplant.record.guard import foreign
 from trueplant.record.layout import Layout
 from trueplant.record.numbers import counted
@@ -25,8 +25,6 @@ from trueplant.record.types import Finding, Kind
 if TYPE_CHECKING:
     import polars as pl
 
-SECONDS = {"ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0, "hr": 3600.0, "d": 86400.0}
-"""Length of each time unit."""
 ORDERS = ("dmy", "mdy", "ymd")
 """Of day, month and year in dates."""
 FORMATS = (*ORDERS, *MOMENTS)
@@ -49,18 +47,14 @@ class Times:
     seconds: Array
     start: datetime | None = None
     """The moment at seconds = 0; None for numeric time."""
+    zone: str | None = None
+    """In which moments are to be shown; None where no zone is known."""
     notes: tuple[Finding, ...] = ()
 
 
-_Stamps = tuple["pl.Series", bool, tuple[Finding, ...]]
-"""Moments; are they in UTC; and what there is to say of them."""
-
-
-def unit_seconds(unit: str) -> float:
-    """Seconds in a time unit. Raises DataError for an unknown one."""
-    if unit not in SECONDS:
-        raise DataError(f"unknown time unit {unit!r}; use one of: ms, s, min, h, d")
-    return SECONDS[unit]
+_Stamps = tuple["pl.Series", str | None, tuple[Finding, ...]]
+"""Moments; the zone in which they were written, from which they are in UTC now, None where none is known; and what
+there is to say of them."""
 
 
 def _bare(name: str) -> str:
@@ -103,10 +97,12 @@ def parse_times(table: Table, name: str, layout: Layout, groups: NDArray[np.int6
     read = _from_temporal(table, name) if series.dtype.is_temporal() else _from_cells(table, name, layout)
     if isinstance(read, Times):
         return read
-    stamps, utc, notes = read
-    if not utc and layout.time_zone is not None:
-        stamps, utc = _to_utc(table, stamps, layout.time_zone, groups), True
-    return _since_start(table, name, stamps, utc, notes)
+    stamps, zone, notes = read
+    if layout.time_zone is not None:
+        zone_of(layout.time_zone)
+        stamps = stamps if zone is not None else _to_utc(table, stamps, layout.time_zone, groups)
+        zone = layout.time_zone
+    return _since_start(table, name, stamps, zone, notes)
 
 
 def _from_cells(table: Table, name: str, layout: Layout) -> Times | _Stamps:
@@ -140,7 +136,7 @@ def _from_numbers(table: Table, name: str, values: Array, layout: Layout) -> Tim
     stamps = pl.select(pl.when(pl.Series(known)).then(pl.Series(micro)).otherwise(None)).to_series()
     stamps = stamps.cast(pl.Datetime("us"))
     message = f"{name}: numbers such as {values[known][0]:.15g} were read as moments ({moments.name})."
-    return stamps, moments.utc, (Finding(Kind.TIME, "time", message),)
+    return stamps, "UTC" if moments.utc else None, (Finding(Kind.TIME, "time", message),)
 
 
 def _from_temporal(table: Table, name: str) -> _Stamps:
@@ -152,12 +148,13 @@ def _from_temporal(table: Table, name: str) -> _Stamps:
         raise DataError(f"{table.source}: {name!r} holds times without a date; give full time stamps or numbers")
     with foreign(f"{table.source}: column {name!r} holds dates that cannot be", "correct them"):
         stamps = series.cast(pl.Datetime("us", getattr(series.dtype, "time_zone", None)))
-        if stamps.dtype.time_zone is None:  # type: ignore[attr-defined]
-            return stamps, False, ()
-        return stamps.dt.convert_time_zone("UTC").dt.replace_time_zone(None), True, ()
+        zone: str | None = stamps.dtype.time_zone  # type: ignore[attr-defined]
+        if zone is None:
+            return stamps, None, ()
+        return stamps.dt.convert_time_zone("UTC").dt.replace_time_zone(None), zone, ()
 
 
-def _since_start(table: Table, name: str, stamps: pl.Series, utc: bool, notes: tuple[Finding, ...]) -> Times:
+def _since_start(table: Table, name: str, stamps: pl.Series, zone: str | None, notes: tuple[Finding, ...]) -> Times:
     micro = stamps.dt.epoch("us")
     strange = ((micro < _YEAR_1) | (micro >= _YEAR_10000)).fill_null(False)
     if bool(strange.any()):
@@ -171,7 +168,7 @@ def _since_start(table: Table, name: str, stamps: pl.Series, utc: bool, notes: t
     seconds = ((micro - first).cast(float) * 1e-6).fill_null(float("nan")).to_numpy()
     assert isinstance(first, int)
     start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=first)
-    return Times(np.array(seconds), start if utc else start.replace(tzinfo=None), notes)
+    return Times(np.array(seconds), start if zone else start.replace(tzinfo=None), zone, notes)
 
 
 def _refuse(table: Table, name: str, row: int) -> None:
@@ -210,7 +207,22 @@ def _from_text(table: Table, name: str, order: str | None) -> _Stamps:
         _refuse(table, name, int(unread.arg_max() or 0))
     if stamps.null_count() == len(stamps):
         raise DataError(f"{table.source}: the time column {name!r} is empty; name another one as `time`")
-    return (stamps, False, notes) if offsets is None else (stamps - offsets, True, notes)
+    if offsets is None:
+        return stamps, None, notes
+    zone_name, said = _borne(offsets)
+    return stamps - offsets, zone_name, (*notes, *said)
+
+
+def _borne(offsets: pl.Series) -> tuple[str, tuple[Finding, ...]]:
+    """The zone of stamps that bear these offsets: UTC, which is said, where there are several."""
+    names = [offset_name(int(one.total_seconds())) for one in sorted(offsets.drop_nulls().unique().to_list())]
+    if len(names) == 1:
+        return names[0], ()
+    message = (
+        f"Stamps bear several offsets from UTC ({', '.join(names)}): times are shown in UTC. For those of the clock on "
+        "the wall, name its zone as data.time_zone."
+    )
+    return "UTC", (Finding(Kind.TIME, "time", message),)
 
 
 def _with_date(table: Table, name: str) -> pl.Series:
@@ -295,16 +307,7 @@ def _order_of(notation: str) -> str:
 
 def _to_utc(table: Table, stamps: pl.Series, zone: str, groups: NDArray[np.int64] | None) -> pl.Series:
     """Local clock to UTC. The repeated hour in autumn is split where the clock steps back."""
-    import zoneinfo
-
     import polars as pl
-
-    try:
-        zoneinfo.ZoneInfo(zone)
-    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
-        near = difflib.get_close_matches(zone, zoneinfo.available_timezones(), n=3, cutoff=levels.NEAR_ZONE)
-        hint = f"did you mean {' or '.join(near)}?" if near else "use a name such as Europe/Berlin or UTC"
-        raise DataError(f"unknown time zone {zone!r}; {hint}") from None
 
     def utc(which: str) -> pl.Series:
         local = stamps.dt.replace_time_zone(zone, ambiguous=which, non_existent="null")  # type: ignore[arg-type]

@@ -13,8 +13,8 @@ import numpy as np
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
 from trueplant.record import levels
+from trueplant.record.calendar import unit_seconds
 from trueplant.record.resolution import resolution
-from trueplant.record.times import unit_seconds
 from trueplant.record.types import Finding, Kind, Record
 
 Spans = Sequence[tuple[float, float]]
@@ -86,8 +86,8 @@ def _without(one: _Part, other: _Part) -> Record:
     elif not agree.all() or not same.any():
         where = record.t[other.used][near]
         raise DataError(
-            f"{names} overlap in time from {where[0]:g} to {where[-1]:g} {record.time_unit} of {record.name}, and "
-            "their samples differ there: leave one of them out, or exclude that stretch of it (data.exclude)"
+            f"{names} overlap in time ({record.calendar.span(where[0], where[-1])} of {record.name}), and their "
+            "samples differ there: leave one of them out, or exclude that stretch of it (data.exclude)"
         )
     keep = np.ones(record.t.size, dtype=bool)
     keep[other.used] = ~near

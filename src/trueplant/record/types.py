@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.record.calendar import Calendar
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,9 @@ class Record:
     slave_sp: Array | None = None
     slave_pv: Array | None = None
     start: datetime | None = None
+    """The moment at t = 0: in UTC, or without a zone as the clock showed it; None for numeric time."""
+    zone: str | None = None
+    """In which moments are shown: a name, or an offset from UTC."""
     source: str = ""
     sha256: str = ""
     notes: tuple[Finding, ...] = ()
@@ -49,6 +53,11 @@ class Record:
     def sample_time(self) -> float:
         """Median step of t."""
         return float(np.median(np.diff(self.t)))
+
+    @property
+    def calendar(self) -> Calendar:
+        """Its times in words."""
+        return Calendar(self.time_unit, self.start, self.zone)
 
     @property
     def mean_pv(self) -> Array:

@@ -15,7 +15,19 @@ from trueplant.arrays import Array, ComplexArray, IntArray
 from trueplant.lti.structure import gain_unit
 from trueplant.report.decimate import compact, merged, min_max
 from trueplant.report.numbers import number
-from trueplant.report.style import BOTTOM, LIGHT, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
+from trueplant.report.style import (
+    BOTTOM,
+    LIGHT,
+    TOP,
+    area,
+    framed,
+    inert,
+    line,
+    over_time,
+    shortened,
+    whole_ticks,
+    with_unit,
+)
 from trueplant.result import CoherenceCurves, Curves, Residuals, Trend
 
 PANEL, GAP = 120, 34
@@ -221,6 +233,7 @@ def trends(curves: Curves, trend: Trend, panels: Sequence[tuple[str, int]], limi
         subplot_titles=[inert(shortened(names[kind][k])) for kind, k in panels],
     )
     figure.update_annotations(x=0, xanchor="left", font_size=12)
+    calendar = curves.calendar(trend)
     for row, (kind, k) in enumerate(panels, start=1):
         if kind == "y":
             signals = [
@@ -234,24 +247,22 @@ def trends(curves: Curves, trend: Trend, panels: Sequence[tuple[str, int]], limi
         else:
             signals = [("measured", "OP", trend.u[:, k], "hv")]
             limits = axis_range(trend.u[:, k], np.zeros(0))
-        for shade in _excluded(trend, names[kind][k], (*curves.outputs, *curves.inputs), limits):
+        for shade in _excluded(curves, trend, names[kind][k], limits):
             figure.add_trace(shade, row=row, col=1)
         for role, name, x, shape in signals:
             if np.isfinite(x).any():
                 t, drawn = min_max(trend.t, x, limit)
-                trace = line(role, name, x=t, y=compact(drawn))
+                trace = line(role, name, x=calendar.axis(t), y=compact(drawn))
                 trace.line.shape = shape
                 figure.add_trace(trace, row=row, col=1)
         unit = inert(shortened(units[kind][k], 16))
         figure.update_yaxes(title_text=unit, range=limits, nticks=5, row=row, col=1)
-    figure.update_xaxes(title_text=with_unit("Time", inert(curves.time_unit)), row=len(panels), col=1)
-    if trend.t.size:
-        figure.update_xaxes(range=[float(trend.t[0]), float(trend.t[-1])])
-    return whole_ticks(framed(figure, height), trend.t)
+    return over_time(framed(figure, height), calendar, trend.t, len(panels))
 
 
-def _excluded(trend: Trend, signal: str, signals: tuple[str, ...], limits: list[float]) -> list[go.Scatter]:
-    """Shading of the spans left out of `signal`; a span that names none of the `signals` concerns all of them."""
+def _excluded(curves: Curves, trend: Trend, signal: str, limits: list[float]) -> list[go.Scatter]:
+    """Shading of the spans left out of `signal`; a span that names no signal concerns all of them."""
+    signals, calendar = (*curves.outputs, *curves.inputs), curves.calendar(trend)
     by_reason: dict[str, list[tuple[float, float]]] = {}
     for low, high, named, reason in trend.excluded:
         if named == signal or named not in signals:
@@ -266,19 +277,21 @@ def _excluded(trend: Trend, signal: str, signals: tuple[str, ...], limits: list[
         x = [v for xs, _ in corners for v in xs]
         y = [v for _, ys in corners for v in ys]
         said = inert(f"left out: {reason}")
-        shades.append(area("excluded", said, x=x, y=y, hoveron="fills", hoverinfo="text", text=said))
+        shades.append(area("excluded", said, x=calendar.axis(x), y=y, hoveron="fills", hoverinfo="text", text=said))
     return shades
 
 
-def residuals_over_time(found: Residuals, unit: str, time_unit: str, limit: int) -> go.Figure:
+def residuals_over_time(curves: Curves, found: Residuals, unit: str, limit: int) -> go.Figure:
     """Prediction errors over time; by sample number where several experiments follow each other."""
+    calendar = curves.calendar(curves.trends[0] if len(curves.trends) == 1 else None)
     in_order = bool(np.all(np.diff(found.t) > 0))
     t = found.t if in_order else np.arange(found.t.size, dtype=float)
     x, e = min_max(t, found.e, limit)
-    figure = go.Figure(line("measured", "prediction error", x=x, y=compact(e)))
-    label = with_unit("Time", inert(time_unit)) if in_order else "Sample (all experiments, one after the other)"
-    figure.update_xaxes(title_text=label)
+    figure = go.Figure(line("measured", "prediction error", x=calendar.axis(x) if in_order else x, y=compact(e)))
     figure.update_yaxes(title_text=inert(shortened(unit or "Error", 16)), nticks=5)
+    if in_order:
+        return over_time(framed(figure, 210), calendar, t)
+    figure.update_xaxes(title_text="Sample (all experiments, one after the other)")
     return whole_ticks(framed(figure, 210), t)
 
 

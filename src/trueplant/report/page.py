@@ -39,8 +39,11 @@ def render(result: Result) -> str:
             confidence=_confidence(result),
             most_rows=levels.MOST_ROWS,
             provenance=result.provenance,
-            data=result.data,
-            experiments=tables.experiments_table(result.data),
+            origin=tables.origin(
+                result.provenance, {one.name: one.calendar(result.provenance.time_unit) for one in result.data}
+            ),
+            data=[(one, tables.experiment_parts(one, result.provenance.time_unit)) for one in result.data],
+            experiments=tables.experiments_table(result.data, result.provenance.time_unit),
             fit=tables.fit_table(result.fit),
             residual_tests=tables.residual_table(result.fit),
             loop_line=loop_line(result),
@@ -171,7 +174,9 @@ def _figures(curves: Curves, book: Book, z: float) -> dict[str, Any]:
         lambda i, j: (figures.step_response(curves, i, j), captions.step_response(curves, i, j)),
         book,
     )
-    shown = [(t, _trend_figures(curves, t, book, limit), tables.excluded_table(t)) for t in curves.trends]
+    shown = [
+        (t, _trend_figures(curves, t, book, limit), tables.excluded_table(t, curves.calendar(t))) for t in curves.trends
+    ]
     bodes = _matrix(
         curves,
         (curves.bode_model, curves.bode_plant),
@@ -234,7 +239,7 @@ def _residual_figures(curves: Curves, found: Residuals, book: Book, limit: int) 
 
     unit = dict(zip(curves.outputs, curves.output_units, strict=True)).get(found.output, "")
     over_time = book.add(
-        figures.residuals_over_time(found, unit, curves.time_unit, limit),
+        figures.residuals_over_time(curves, found, unit, limit),
         f"Prediction errors of {found.output}",
         captions.residuals_over_time(found, unit),
     )

@@ -8,12 +8,15 @@ bears its role in `meta`, by which the page recolours it for a dark screen or fo
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from trueplant.arrays import Array
 from trueplant.printable import printable
+from trueplant.result import Calendar
 
 LIGHT = {
     "ink": "#1b1f24",
@@ -64,6 +67,17 @@ WIDTH = {"measured": 1.2, "setpoint": 1.6, "stem": 1.2, "bound": 1.4, "limit": 1
 """2 where nothing is said."""
 LEFT, RIGHT, TOP, BOTTOM = 64, 14, 26, 48
 """Margins in pixels, equal in all figures so that their axes line up."""
+
+
+_LINE = 18
+"""Pixels of the second line of labels, the date below the clock."""
+_DATES = [
+    {"dtickrange": [None, 60_000], "value": "%H:%M:%S\n%Y-%m-%d"},
+    {"dtickrange": [60_000, 86_400_000 - 1], "value": "%H:%M\n%Y-%m-%d"},
+    {"dtickrange": [86_400_000, "M1"], "value": "%Y-%m-%d"},
+    {"dtickrange": ["M1", None], "value": "%Y-%m"},
+]
+"""Labels of a time axis by the distance of its ticks in ms ("M1": a month)."""
 
 
 def inert(text: str) -> str:
@@ -134,6 +148,20 @@ def framed(figure: go.Figure, height: int) -> go.Figure:
     figure.update_xaxes(**axis)
     figure.update_yaxes(automargin=True, **axis)
     return figure
+
+
+def over_time(
+    figure: go.Figure, calendar: Calendar, span: Sequence[float] | Array, row: int | None = None
+) -> go.Figure:
+    """`figure` with a time axis: dates and clock times where there are time stamps. `row`: of panels, the lowest."""
+    place = {} if row is None else {"row": row, "col": 1}
+    figure.update_xaxes(title_text=with_unit("Time", inert(calendar.label)), **place)
+    if calendar.start is not None:
+        figure.update_xaxes(type="date", tickformatstops=_DATES)
+        figure.update_layout(height=figure.layout.height + _LINE, margin_b=BOTTOM + _LINE)
+    if len(span):
+        figure.update_xaxes(range=list(calendar.axis([float(span[0]), float(span[-1])])))
+    return figure if calendar.start is not None else whole_ticks(figure, np.asarray(span, dtype=float))
 
 
 def whole_ticks(figure: go.Figure, t: NDArray[np.float64]) -> go.Figure:

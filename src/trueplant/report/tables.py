@@ -13,12 +13,14 @@ from trueplant.report.labels import label
 from trueplant.report.numbers import MISSING, finite, interval, number, percentage, probability, to_precision
 from trueplant.report.walk import Table, as_table
 from trueplant.result import (
+    Calendar,
     Element,
     ExperimentData,
     FitRow,
     MethodParameter,
     Methods,
     Parameter,
+    Provenance,
     Trend,
 )
 from trueplant.result.codec import entries_of
@@ -152,17 +154,51 @@ def residual_table(fit: Sequence[FitRow]) -> Table:
     return as_table(list(rows.values()))
 
 
-def experiments_table(data: Sequence[ExperimentData]) -> Table:
+def experiments_table(data: Sequence[ExperimentData], unit: str) -> Table:
     """What is a single value of each experiment."""
     headings = ("name", "loop", "samples", "sample_time", "start", "refused")
-    rows = tuple((one.name, one.loop, one.samples, one.sample_time, one.start, one.refused) for one in data)
+    starts = [one.calendar(unit).text(0.0) if one.start else None for one in data]
+    rows = tuple(
+        (one.name, one.loop, one.samples, one.sample_time, start, one.refused)
+        for one, start in zip(data, starts, strict=True)
+    )
     return Table(tuple(map(label, headings)), rows)
 
 
-def excluded_table(trend: Trend) -> Table:
+def origin(provenance: Provenance, calendars: Mapping[str, Calendar]) -> dict[str, object]:
+    """Where a result comes from, the times of the records in words."""
+    spans = {
+        name: (calendars.get(name) or Calendar(provenance.time_unit)).span(*span)
+        for name, span in provenance.time_spans.items()
+    }
+    return entries_of(provenance) | {"time_spans": spans}
+
+
+def experiment_parts(one: ExperimentData, unit: str) -> dict[str, object]:
+    """What is more than a single value of an experiment, its times in words."""
+    calendar = one.calendar(unit)
+    parts = {name: part for name, part in entries_of(one, ("used_calendar", "span_calendar")).items()}
+    parts["span"] = (calendar.span(*one.span),)
+    parts["used"] = _spans(one.used, calendar)
+    parts["excluded"] = tuple(
+        {"span": calendar.span(x.start, x.end), "signal": x.signal, "reason": x.reason} for x in one.excluded
+    )
+    parts["findings"] = tuple(
+        entries_of(x, ("calendar",)) | {"spans": "; ".join(_spans(x.spans, calendar))} for x in one.findings
+    )
+    return {name: part for name, part in parts.items() if not isinstance(part, str | int | float | None)}
+
+
+def _spans(spans: Sequence[tuple[float, float]], calendar: Calendar) -> tuple[str, ...]:
+    left = len(spans) - levels.MOST_ROWS
+    more = (f"and {left} more in result.json",) if left > 0 else ()
+    return (*(calendar.span(*span) for span in spans[: levels.MOST_ROWS]), *more)
+
+
+def excluded_table(trend: Trend, calendar: Calendar) -> Table:
     """The spans that are left out of a trend."""
-    rows = tuple((float(low), float(high), signal, reason) for low, high, signal, reason in trend.excluded)
-    return Table(tuple(map(label, ("from", "to", "signal", "reason"))), rows)
+    rows = tuple((calendar.span(low, high), signal, reason) for low, high, signal, reason in trend.excluded)
+    return Table(tuple(map(label, ("span", "signal", "reason"))), rows)
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,11 @@ from trueplant.report.figures import GAP, PANEL, axis_range
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.levels import MOST_ROWS
 from trueplant.report.page import environment
-from trueplant.report.style import BOTTOM, TOP, area, framed, inert, line, shortened, whole_ticks, with_unit
-from trueplant.result import Change, ChangeKind, Parameter, Status, Track, TrackedElement, Window
+from trueplant.report.style import BOTTOM, TOP, area, framed, inert, line, over_time, shortened
+from trueplant.report.tables import origin
+from trueplant.result import Axis, Calendar, Change, ChangeKind, Parameter, Status, Track, TrackedElement, Window
 from trueplant.result.numbers import counted
-from trueplant.result.track_words import change_sentence, moved_words, refused_stretches, time_text
+from trueplant.result.track_words import change_sentence, moved_words, refused_stretches
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -32,17 +33,24 @@ def render(track: Track) -> str:
             headline=track.headline.replace("->", "→"),
             confidence=track.provenance.settings.confidence,
             precision=track.provenance.settings.precision_percent,
-            changes=[(c, change_sentence(c, track.time_unit).replace("->", "→")) for c in track.changes],
+            changes=[(c, change_sentence(c, track.calendar).replace("->", "→")) for c in track.changes],
             figures=figures,
             refused=refused_stretches(track),
             moved=lambda p: moved_words(p).replace("->", "→"),
-            time=time_text,
+            calendar=track.calendar,
             provenance=track.provenance,
+            origin=origin(track.provenance, _calendars(track)),
             most_rows=MOST_ROWS,
             **frame(book),
         )
     )
     return page + "\n"
+
+
+def _calendars(track: Track) -> dict[str, Calendar]:
+    """The times of each record in words, where the common axis has time stamps."""
+    zone = track.time_zone
+    return {e.name: Calendar.of(track.time_unit, e.start, zone) for e in track.experiments if track.start}
 
 
 def _drawn(track: Track, element: TrackedElement, book: Book) -> Drawn | None:
@@ -56,7 +64,7 @@ def _drawn(track: Track, element: TrackedElement, book: Book) -> Drawn | None:
     refused = sum(w.status == Status.REFUSED for w in windows)
     caption = f"{counted(estimated, 'window')} estimated, {counted(refused, 'stretch', 'es')} of the record refused."
     if changes:
-        caption += " " + " ".join(change_sentence(c, track.time_unit).replace("->", "→") for c in changes)
+        caption += " " + " ".join(change_sentence(c, track.calendar).replace("->", "→") for c in changes)
     return book.add(figure, f"Parameters of {element.input} → {element.output}", caption)
 
 
@@ -91,35 +99,34 @@ def element_figure(
         values = np.array([x for _, p in answered for x in ((p.plant,) if p.ci is None else (*p.ci, p.plant))], float)
         model = next((p.model for _, p in found), None)
         limits = axis_range(values[np.isfinite(values)], np.array([] if model is None else [model], dtype=float))
-        for trace in _traces(windows, changes, answered, limits, span):
+        for trace in _traces(track.calendar, windows, changes, answered, limits):
             figure.add_trace(trace, row=row, col=1)
         if model is not None:
-            figure.add_trace(line("model", "model", x=list(span), y=[model] * 2), row=row, col=1)
+            ends = track.calendar.axis(span)
+            figure.add_trace(line("model", "model", x=ends, y=[model] * 2), row=row, col=1)
         unit = next((p.unit for _, p in found), "")
         figure.update_yaxes(title_text=inert(shortened(unit, 16)), range=limits, nticks=5, row=row, col=1)
-    figure.update_xaxes(title_text=with_unit("Time", inert(track.time_unit)), row=len(names), col=1)
-    figure.update_xaxes(range=list(span))
-    return whole_ticks(framed(figure, height), np.array(span))
+    return over_time(framed(figure, height), track.calendar, span, len(names))
 
 
 def _traces(
+    calendar: Calendar,
     windows: Sequence[Window],
     changes: Sequence[Change],
     answered: Sequence[tuple[Window, Parameter]],
     limits: list[float],
-    span: tuple[float, float],
 ) -> list[go.Scatter]:
     traces = []
-    pixel = (span[1] - span[0]) / 1000
+    pixel = (max(w.end for w in windows) - min(w.start for w in windows)) / 1000
     for window in windows:
         if window.status == Status.REFUSED:
             text = inert(f"refused: {window.reason}")
-            traces.append(_shade("excluded", window.start, window.end, limits, text))
+            traces.append(_shade("excluded", calendar.axis([window.start, window.end]), limits, text))
     for change in changes:
         if change.kind != ChangeKind.DRIFT:
             low, high = change.interval
-            text = inert(f"{change.kind} between {time_text(low)} and {time_text(high)}")
-            traces.append(_shade("speaks", low, max(high, low + pixel), limits, text))
+            text = inert(f"{change.kind} within {calendar.span(low, high)}")
+            traces.append(_shade("speaks", calendar.axis([low, max(high, low + pixel)]), limits, text))
     x, y = [], []
     for window, parameter in answered:
         if parameter.ci is not None:
@@ -127,18 +134,18 @@ def _traces(
             x += [window.start, window.start, window.end, window.end, None]
             y += [float(low), float(high), float(high), float(low), None]
     if x:
-        traces.append(area("plant_band", "interval", x=x, y=y, hoverinfo="skip"))
+        traces.append(area("plant_band", "interval", x=calendar.axis(x), y=y, hoverinfo="skip"))
     x = [t for w, _ in answered for t in (w.start, w.end, None)]
     y = [v for _, p in answered for v in (p.plant, p.plant, None)]
-    traces.append(line("plant", "plant", x=x, y=y))
+    traces.append(line("plant", "plant", x=calendar.axis(x), y=y))
     for change in changes:
         if change.time is not None:
-            traces.append(line("bound", "change", x=[change.time] * 2, y=limits))
+            traces.append(line("bound", "change", x=calendar.axis([change.time] * 2), y=limits))
     return traces
 
 
-def _shade(role: str, low: float, high: float, limits: list[float], text: str) -> go.Scatter:
-    x, y = [low, low, high, high], [*limits, *limits[::-1]]
+def _shade(role: str, ends: Axis, limits: list[float], text: str) -> go.Scatter:
+    x, y = [ends[0], ends[0], ends[1], ends[1]], [*limits, *limits[::-1]]
     return area(role, text, x=x, y=y, hoveron="fills", hoverinfo="text", text=text)
 
 

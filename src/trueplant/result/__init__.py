@@ -1,5 +1,6 @@
 """What an analysis returns: typed, frozen, with its words and its JSON."""
 
+from trueplant.record.calendar import Axis, Calendar
 from trueplant.result.budget import ParameterBudget, Source, VariancePart
 from trueplant.result.changes import (
     Change,
@@ -31,7 +32,7 @@ from trueplant.result.controllers import (
     StepResponseMetrics,
 )
 from trueplant.result.curves import CoherenceCurves, Curves, MuCurves, Residuals, RetuningCurves, Trend
-from trueplant.result.data import DataFinding, Excitation, Exclusion, ExperimentData, SignalExcitation
+from trueplant.result.data import DataFinding, Excitation, Exclusion, ExperimentData, SetpointMoves, SignalExcitation
 from trueplant.result.derived import Derived
 from trueplant.result.element import Element, Importance, Interval, Parameter
 from trueplant.result.fit import FitRow, ResidualTest, ValidationFit
@@ -74,12 +75,15 @@ from trueplant.result.robustness import (
 from trueplant.result.status import ElementVerdict, Status
 from trueplant.result.track import Track
 from trueplant.result.uncertainty import HeldElement, UncertainParameter, UncertainRow, Uncertainty
+from trueplant.result.usable import ExpectedGain, UsableStretch
 
 __all__ = [
+    "Axis",
     "Background",
     "BandTest",
     "BlackBox",
     "BlackBoxElement",
+    "Calendar",
     "CascadeCheck",
     "Change",
     "ChangeKind",
@@ -106,6 +110,7 @@ __all__ = [
     "ElementVerdict",
     "Excitation",
     "Exclusion",
+    "ExpectedGain",
     "ExperimentData",
     "FaceplateSettings",
     "FitRow",
@@ -145,6 +150,7 @@ __all__ = [
     "Result",
     "RetuningCurves",
     "RetuningLimits",
+    "SetpointMoves",
     "Settings",
     "Settled",
     "SignalCoherence",
@@ -160,6 +166,7 @@ __all__ = [
     "UncertainParameter",
     "UncertainRow",
     "Uncertainty",
+    "UsableStretch",
     "ValidationFit",
     "VariancePart",
     "Window",

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
+from trueplant.result.codec import ABSENT
+from trueplant.result.data import Stamps
 from trueplant.result.element import Interval, Parameter
 from trueplant.result.status import ElementVerdict, Status
 
@@ -57,6 +59,8 @@ class Window:
     status: Status
     reason: str = ""
     elements: tuple[WindowElement, ...] = ()
+    calendar: Stamps | None = field(default=None, metadata=ABSENT)
+    """As below: where the records have time stamps."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,8 @@ class Change:
     """In which a step lies at the confidence asked for; of a drift the whole stretch."""
     p_adjusted: float
     parameters: tuple[Moved, ...]
+    time_calendar: str | None = field(default=None, metadata=ABSENT)
+    interval_calendar: Stamps | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True)
@@ -120,3 +126,4 @@ class TrackedExperiment:
     start: str | None
     """Time stamp of the record's time 0."""
     span: Interval
+    span_calendar: Stamps | None = field(default=None, metadata=ABSENT)

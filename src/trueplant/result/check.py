@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from trueplant.result.codec import document
+from trueplant.result.codec import ABSENT, document
 from trueplant.result.data import ExperimentData
 from trueplant.result.numbers import counted
 from trueplant.result.provenance import Provenance
 from trueplant.result.reason import Reason
 from trueplant.result.status import Status
+from trueplant.result.usable import UsableStretch
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,10 +25,14 @@ class Check:
     notes: tuple[Reason, ...]
     provenance: Provenance
     data: tuple[ExperimentData, ...]
+    usable: tuple[UsableStretch, ...] | None = field(default=None, metadata=ABSENT)
+    """The stretches with usable moves, the most worth first; None where they were not looked for."""
 
     @property
     def headline(self) -> str:
         """Whether it is worth going on, in a sentence."""
+        if self.usable:
+            return f"{counted(len(self.usable), 'stretch', 'es')} with usable moves found."
         usable = [one for one in self.data if one.refused is None]
         if self.status == Status.REFUSED:
             why = self.reasons[0].message if self.reasons else "no usable data are left after screening"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
 from trueplant.arrays import Array, ComplexArray, IntArray
+from trueplant.record.calendar import Calendar
+from trueplant.result.codec import ABSENT
 from trueplant.result.element import Interval
 
 
@@ -27,6 +29,9 @@ class Trend:
     """(N, n_y) the same for the estimated plant."""
     excluded: tuple[tuple[float, float, str, str], ...]
     """(from, to, signal, reason)."""
+    start: str | None = field(default=None, metadata=ABSENT)
+    """Time stamp of time 0."""
+    time_zone: str | None = field(default=None, metadata=ABSENT)
 
     def decimated(self, most: int) -> Trend:
         """At most about so many samples: of each stretch those at which any signal is highest or lowest."""
@@ -158,6 +163,10 @@ class Curves:
     mu: tuple[MuCurves, ...] = ()
     retuning: tuple[RetuningCurves, ...] = ()
     coherence: CoherenceCurves | None = None
+
+    def calendar(self, trend: Trend | None) -> Calendar:
+        """The times of a trend in words; without one those of several experiments, which are numbers."""
+        return Calendar(self.time_unit) if trend is None else Calendar.of(self.time_unit, trend.start, trend.time_zone)
 
     def points(self, i: int, j: int) -> tuple[ComplexArray, Array]:
         """(n_w2,) non-parametric estimate of one element, its standard error; JSON keeps no shape of what is empty."""

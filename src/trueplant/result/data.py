@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from trueplant.record.calendar import Calendar
 from trueplant.result.codec import ABSENT, key
 from trueplant.result.element import Interval
+
+Stamps = tuple[str, str]
+"""Time stamps of both ends of a stretch, with their offset from UTC where the record's zone is known."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +22,8 @@ class Exclusion:
     signal: str
     reason: str
     """The kind of the finding."""
+    calendar: Stamps | None = field(default=None, metadata=ABSENT)
+    """As this stretch and others below: where the record has time stamps."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,7 @@ class DataFinding:
     """The measured size where there is one."""
     spans: tuple[Interval, ...]
     """The first of them."""
+    calendar: tuple[Stamps, ...] = field(default=(), metadata=ABSENT)
 
 
 @dataclass(frozen=True)
@@ -62,6 +69,28 @@ class Excitation:
 
 
 @dataclass(frozen=True)
+class SetpointMoves:
+    """How one set-point moves over a whole record."""
+
+    signal: str
+    """Its output."""
+    unit: str
+    moves: int
+    """Ramps in one direction count once."""
+    smallest: float | None
+    median: float | None
+    largest: float | None
+    """Sizes of the moves, without their sign."""
+    interval: float | None
+    """Median time from one move to the next, in time units."""
+    noise: float
+    """Standard deviation of what PV does from sample to sample by itself."""
+    always: bool
+    """Does it change most of the time, so that it has no levels?"""
+    message: str
+
+
+@dataclass(frozen=True)
 class ExperimentData:
     """One experiment: what was read, what is used, what was found."""
 
@@ -82,4 +111,14 @@ class ExperimentData:
     findings: tuple[DataFinding, ...]
     refused: str | None
     """Why nothing of it can be used."""
+    time_zone: str | None = field(default=None, metadata=ABSENT)
+    """In which its time stamps are shown: a name, or an offset from UTC."""
+    span_calendar: Stamps | None = field(default=None, metadata=ABSENT)
+    used_calendar: tuple[Stamps, ...] = field(default=(), metadata=ABSENT)
     excitation: Excitation | None = field(default=None, metadata=ABSENT)
+    setpoints: tuple[SetpointMoves, ...] = field(default=(), metadata=ABSENT)
+    """How each recorded set-point moves."""
+
+    def calendar(self, unit: str) -> Calendar:
+        """Its times in words; `unit` is that of the project."""
+        return Calendar.of(unit, self.start, self.time_zone)

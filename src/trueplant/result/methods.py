@@ -55,6 +55,8 @@ class ControllerCheck:
     """The same relative to OP's own movement."""
     since: float | None = field(default=None, metadata=key("from"))
     """From when on they differ; None if throughout, or not at all."""
+    since_calendar: str | None = field(default=None, metadata=key("from_calendar") | ABSENT)
+    """The time stamp of that, where the record has time stamps."""
     ratios: tuple[LawRatio, ...] = ()
     """For each output that the law acts on: its gain, integral time and derivative time."""
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from trueplant.record.times import unit_seconds
-from trueplant.result.numbers import number, spoken
+from trueplant.result.numbers import duration, number, spoken
 from trueplant.result.parameter_words import kind_of, word_of
 from trueplant.result.plans import MoreData
 
@@ -19,7 +18,7 @@ def plan_sentence(unit: str, plan: MoreData) -> str:
     ]
     worst = max(plan.settles, key=lambda s: (s.now is None, (s.now or 0.0) / s.wanted))
     known = f"±{number(worst.then, 2)}{' ' + worst.unit if worst.unit else ''}"
-    text = f"move {' and '.join(parts)} for {_duration(plan.length, unit)}: "
+    text = f"move {' and '.join(parts)} for {duration(plan.length, unit)}: "
     name = word_of(worst.parameter) if kind_of(worst.parameter) == "tau" else spoken(worst.parameter)
     element = f"{spoken(worst.input)} -> {spoken(worst.output)}"
     text += f"the {name} of {element} would then be known to {known}"
@@ -39,12 +38,3 @@ def plan_sentence(unit: str, plan: MoreData) -> str:
 
 def _plain(value: float) -> str:
     return f"{value:.6g}"
-
-
-def _duration(length: float, unit: str) -> str:
-    """In the project's unit, or in hours or days where that reads better."""
-    seconds = length * unit_seconds(unit)
-    for size, name in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2 * size and size > unit_seconds(unit):
-            return f"{number(seconds / size, 2)} {name}"
-    return f"{_plain(length)} {unit}"

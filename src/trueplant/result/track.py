@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
+from trueplant.record.calendar import Calendar
 from trueplant.result.changes import Change, TrackedElement, TrackedExperiment, Window
 from trueplant.result.codec import document
 from trueplant.result.provenance import Provenance
@@ -25,9 +26,19 @@ class Track:
     provenance: Provenance
     time_unit: str
     experiments: tuple[TrackedExperiment, ...]
+    """In the order of the project."""
     elements: tuple[TrackedElement, ...] = ()
     changes: tuple[Change, ...] = ()
     windows: tuple[Window, ...] = ()
+    start: str | None = None
+    """Time stamp of time 0 of the common axis, where all records have time stamps."""
+    time_zone: str | None = None
+    """In which its time stamps are shown: a name, or an offset from UTC."""
+
+    @property
+    def calendar(self) -> Calendar:
+        """The times of the common axis in words."""
+        return Calendar.of(self.time_unit, self.start, self.time_zone)
 
     @property
     def headline(self) -> str:

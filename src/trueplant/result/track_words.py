@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from trueplant.record.calendar import Calendar
 from trueplant.result.changes import Change, ChangeKind, ElementHistory, Moved, TrackedElement, Window
 from trueplant.result.element import Parameter
 from trueplant.result.numbers import counted, number, spoken
@@ -20,7 +21,7 @@ class Tracked(Protocol):
     @property
     def reasons(self) -> tuple[Reason, ...]: ...
     @property
-    def time_unit(self) -> str: ...
+    def calendar(self) -> Calendar: ...
     @property
     def elements(self) -> tuple[TrackedElement, ...]: ...
     @property
@@ -34,7 +35,7 @@ def headline(track: Tracked) -> str:
     if track.status == Status.REFUSED:
         why = track.reasons[0].message if track.reasons else "the data do not say enough"
         return f"Nothing can be followed: {why.rstrip('.')}."
-    text = " ".join(change_sentence(change, track.time_unit) for change in track.changes[:3])
+    text = " ".join(change_sentence(change, track.calendar) for change in track.changes[:3])
     if len(track.changes) > 3:
         text += f" {len(track.changes) - 3} more changes were found."
     steady = [e for e in track.elements if e.history == ElementHistory.CONSTANT]
@@ -75,21 +76,16 @@ def off_words(p: Parameter) -> str:
     return f"{spoken(p.name)} {number(p.plant)} ({number(low)} to {number(high)}){unit}, model {number(p.model)}{unit}"
 
 
-def change_sentence(change: Change, unit: str) -> str:
-    """Such as: reflux -> top temperature changed in a step at 412 min (401 to 420): gain 3.2 -> 4.1 (+28 %)."""
+def change_sentence(change: Change, calendar: Calendar) -> str:
+    """Such as: reflux -> top temperature changed in a step at 412 min (401 to 420 min): gain 3.2 -> 4.1 (+28 %)."""
     where = f"{spoken(change.input)} -> {spoken(change.output)}"
-    low, high = map(time_text, change.interval)
     moved = ", ".join(moved_words(p) for p in change.parameters if p.changed)
+    span = calendar.span(*change.interval)
     if change.kind == ChangeKind.STEP:
-        return f"{where} changed in a step at {time_text(change.time)} {unit} (between {low} and {high}): {moved}."
+        return f"{where} changed in a step at {calendar.text(change.time)} ({span}): {moved}."
     if change.kind == ChangeKind.DRIFT:
-        return f"{where} drifted from {low} to {high} {unit}: {moved}."
-    return f"{where} changed between {low} and {high} {unit}, in a step or little by little (not told apart): {moved}."
-
-
-def time_text(time: float | None) -> str:
-    """A time with six significant digits, whole numbers in full."""
-    return "unknown" if time is None else f"{time:.0f}" if abs(time) >= 1e5 else f"{time:.6g}"
+        return f"{where} drifted from {span}: {moved}."
+    return f"{where} changed within {span}, in a step or little by little (not told apart): {moved}."
 
 
 def moved_words(p: Moved) -> str:
@@ -108,7 +104,7 @@ def refused_stretches(track: Tracked) -> list[tuple[str, str, str, str]]:
     spans: dict[tuple[str, str, str], list[str]] = {}
     for (experiment, reason, start, end), names in outputs.items():
         place = (_listed(names), experiment, reason)
-        spans.setdefault(place, []).append(f"{time_text(start)} to {time_text(end)}")
+        spans.setdefault(place, []).append(track.calendar.span(start, end))
     return [(names, experiment, ", ".join(when), reason) for (names, experiment, reason), when in spans.items()]
 
 

@@ -10,7 +10,7 @@ from trueplant.result import Check, Code, Reason, Status
 from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.prepare import prepare
 from trueplant.study.data.tables import data_tables, provenance
-from trueplant.study.study import Progress, quiet
+from trueplant.study.study import Progress, Study, quiet
 from trueplant.threads import one_thread
 
 
@@ -20,7 +20,11 @@ def check(project: Project, say: Progress = quiet, frames: Sequence[Any] | None 
 
     `frames` stand in for the files of the experiments. Raises what `prepare` raises.
     """
-    study = prepare(project, say, frames)
+    return checked(prepare(project, say, frames))
+
+
+def checked(study: Study) -> Check:
+    """What the records show; refused where nothing can be answered from all of them together."""
     reasons = doubts(study)
     refused = not study.segments or blocked(reasons)
     if refused and not reasons:

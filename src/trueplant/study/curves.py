@@ -133,6 +133,8 @@ def _trend(study: Study, identified: Identified, k: int, plant: TransferMatrix) 
     return Trend(
         name=study.project.experiments[k].name,
         t=record.t,
+        start=record.start.isoformat() if record.start else None,
+        time_zone=record.zone,
         r=record.r,
         y=record.y,
         u=record.u,

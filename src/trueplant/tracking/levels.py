@@ -66,3 +66,23 @@ LEAST_TO_SHAPE = 3
 UNDATED = 5.0
 """In this part of a settling time (a fifth) at both ends of the dated stretch no step is looked for: PV has not
 answered yet."""
+
+# -- usable stretches of a long history --------------------------------------------------------------------------
+
+AUTOMATIC = 0.5
+"""Share of a settling time after a move in which OP has to be free for the move to count: a kick of the controller may
+touch a limit for some samples, and loops that are put to manual at once show nothing. Judgement."""
+FIRST_SETTLED = 100
+"""Samples taken for the settling time until a first estimate knows it, where the model has no lag."""
+FEWEST_AROUND = FEWEST_ERRORS / 4
+"""Prediction errors before and after the moves of a stretch where the plant settles in fewer: a stretch then has about
+as many as a window."""
+JOINED = 3.0
+"""Settling times without a move after which a stretch ends: what lies between is idle, and the disturbance moves on."""
+LONGEST_FOUND = 60.0
+"""Settling times of the longest stretch; longer ones are divided, so that the best part of a history can be taken.
+Judgement: thirty moves told apart are enough for one analysis."""
+MOST_FOUND = 20
+"""Stretches that are ranked: of more nobody reads the table, and an analysis gains little by them. Judgement."""
+MOST_CANDIDATES = 2000
+"""Stretches that are weighed against each other; of more, those with most moves."""

@@ -251,7 +251,7 @@ def _pilots(
     samples = sum(len(s) for s in study.segments)
     wanted = levels.PILOT * stride
     while True:
-        stretch = _most_moves(study, moves, wanted)
+        stretch = most_moves(study, moves, wanted)
         found = identify_matrix(
             stretch[1],
             study.model,
@@ -270,7 +270,7 @@ def _gain_unknown(estimate: OutputEstimate) -> bool:
     return bool(np.any(estimate.row.is_gain[list(unanswered(estimate))]))
 
 
-def _most_moves(study: Study, moves: Mapping[int, Array], samples: int) -> tuple[int, list[Segment]]:
+def most_moves(study: Study, moves: Mapping[int, Array], samples: int) -> tuple[int, list[Segment]]:
     """The experiment, and its stretch of so many samples, in which most moves are made."""
     best, most = (0, list(study.segments[:1])), -1
     for k, moved in moves.items():

@@ -11,7 +11,8 @@ import numpy as np
 
 from trueplant.errors import DataError, ProjectError, UsageError
 from trueplant.project.project import Project
-from trueplant.record.times import unit_seconds
+from trueplant.record import Record
+from trueplant.record.calendar import unit_seconds
 from trueplant.result import Code, Reason, Status, Track, TrackedExperiment, Window, WindowElement
 from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.prepare import prepare
@@ -70,7 +71,7 @@ def track(
         if s.refusal
         for output in project.output_names
     ]
-    return Track(
+    found = Track(
         status=Status.OK if any(w.status == Status.OK for w in windows) else Status.REFUSED,
         reasons=tuple(reasons),
         notes=(*study.notes, *_notes(followed)),
@@ -81,6 +82,7 @@ def track(
         elements=tuple(replace(e, standing=standing.get((e.output, e.input))) for e in elements),
         changes=tuple(changes),
     )
+    return _with_calendar(found, study)
 
 
 def lay_out(study: Study) -> list[TrackedExperiment]:
@@ -92,7 +94,7 @@ def lay_out(study: Study) -> list[TrackedExperiment]:
     unit = unit_seconds(study.project.time_unit)
     spans = [(float(r.t[0]), float(r.t[-1])) for r in records]
     starts = [r.start for r in records]
-    if all(s is not None for s in starts) and len({s.tzinfo is None for s in starts if s}) == 1:
+    if _stamped(records):
         offsets = [(s - starts[0]).total_seconds() / unit for s in starts if s and starts[0]]
     elif all(b[0] > a[1] for a, b in pairwise(spans)):
         offsets = [0.0] * len(records)
@@ -106,9 +108,36 @@ def lay_out(study: Study) -> list[TrackedExperiment]:
         if after <= before:
             raise DataError(f"{first} and {second} overlap in time: a plant is followed through one record at a time")
     return [
-        TrackedExperiment(r.name, o, r.start.isoformat() if r.start else None, (o + a, o + b))
+        TrackedExperiment(
+            r.name, o, r.start.isoformat() if r.start else None, (o + a, o + b), r.calendar.stamps((a, b))
+        )
         for o, (a, b), r in zip(offsets, spans, records, strict=True)
     ]
+
+
+def _stamped(records: Sequence[Record]) -> bool:
+    """Do all records bear time stamps of one kind, so that these are their common axis?"""
+    return {r.start is not None and r.start.tzinfo is None for r in records} != {True, False} and all(
+        r.start is not None for r in records
+    )
+
+
+def _with_calendar(found: Track, study: Study) -> Track:
+    """The time stamps beside the times, where the common axis has them."""
+    records = [s.record for s in study.screened]
+    if not _stamped(records):
+        return found
+    calendar = records[0].calendar
+    return replace(
+        found,
+        start=records[0].start.isoformat() if records[0].start else None,
+        time_zone=calendar.zone,
+        windows=tuple(replace(w, calendar=calendar.stamps((w.start, w.end))) for w in found.windows),
+        changes=tuple(
+            replace(c, time_calendar=calendar.stamp(c.time), interval_calendar=calendar.stamps(c.interval))
+            for c in found.changes
+        ),
+    )
 
 
 def _window(one: Followed, window: Fitted | Stretch) -> Window:
@@ -149,7 +178,7 @@ def _refused(study: Study, experiments: list[TrackedExperiment], reasons: list[R
         for output in study.project.output_names
         for s, e in zip(study.screened, experiments, strict=True)
     )
-    return Track(
+    found = Track(
         status=Status.REFUSED,
         reasons=tuple(reasons),
         notes=study.notes,
@@ -158,3 +187,4 @@ def _refused(study: Study, experiments: list[TrackedExperiment], reasons: list[R
         experiments=tuple(experiments),
         windows=windows,
     )
+    return _with_calendar(found, study)

@@ -105,7 +105,7 @@ def test_another_tuning_is_dated(declared_first):
     found = checked(declared, frame)
     assert found.confirmed is False
     assert found.message.startswith("the controller has changed: ")
-    at = float(re.search(r"until t = (\d+)" if declared_first else r"from t = (\d+) on the declared", found.message)[1])
+    at = float(re.search(r"until (\d+)" if declared_first else r"from (\d+)[. \w]* on the declared", found.message)[1])
     assert at == pytest.approx(declared.samples, abs=200)
     assert found.since == (at if declared_first else None)
     assert ratios(found)["gain"] > 1.05

@@ -56,11 +56,11 @@ def _entry(study: Study, k: int, name: str, controller: Controller, i: int) -> C
     if not found.known and not found.off and found.left <= found.allowed:
         text = "OP and PV move too little, or were rounded too coarsely, to tell its gain or its integral time"
         return replace(said, message=f"{unchecked.message}{text}: {_words(ratios)}")
-    return _denied(study, said, found, written, controller, i)
+    return _denied(study, k, said, found, written, controller, i)
 
 
 def _denied(
-    study: Study, said: ControllerCheck, found: Judged, written: _Written, controller: Controller, i: int
+    study: Study, k: int, said: ControllerCheck, found: Judged, written: _Written, controller: Controller, i: int
 ) -> ControllerCheck:
     """What wrote OP instead: one law throughout, else the declared one in a part of the record and another in the rest.
 
@@ -73,11 +73,14 @@ def _denied(
             return replace(said, confirmed=False, message=f"{text}it does {words}, with the gains and times declared")
     then = parted(found) if found.left > found.allowed else None
     if then is not None:
-        when = f"until t = {then.at:g}", f"from t = {then.at:g} on"
+        calendar = study.screened[k].record.calendar
+        at = calendar.text(then.at)
+        when = f"until {at}", f"from {at} on"
         own, rest = when if then.declared_first else when[::-1]
         law = _words(_ratios(study, then.ratios))
         message = f"the controller has changed: {own} the declared one reproduces OP, {rest} it is {law}"
-        return replace(said, confirmed=False, message=message, since=then.at if then.declared_first else None)
+        since = then.at if then.declared_first else None
+        return replace(said, confirmed=False, message=message, since=since, since_calendar=calendar.stamp(since))
     if found.off:
         text += f"{_words(said.ratios)}, throughout"
         return replace(said, confirmed=False, message=text)

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from trueplant.errors import ProjectError, UnstableLoop
+from trueplant.errors import DataError, ProjectError, UnstableLoop
 from trueplant.identify import INTEGRATING, SELF_REGULATING, Spec
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.lti.structure import Structure, structure_of, translated
 from trueplant.project import Project
 from trueplant.project.controllers import check_signs
 from trueplant.record import Record, Screened, read_record, screen
-from trueplant.record.times import unit_seconds
+from trueplant.record.calendar import unit_seconds
 from trueplant.record.twice import counted_once
 from trueplant.result import Code, Reason
 from trueplant.study.data.scan import hidden_dynamics, written_between
@@ -62,7 +62,7 @@ def _screened(project: Project, say: Progress, frames: Sequence[Any] | None) -> 
         source = plan.path if frames is None else frames[k]
         record = read_record(source, layout, name=plan.name, closed=plan.closed, say=say)
         records.append(record)
-        excluded.append([(_moment(e.start, record, project), _moment(e.end, record, project)) for e in plan.exclude])
+        excluded.append([(_time(e.start, record, project), _time(e.end, record, project, True)) for e in plan.exclude])
     found = []
     for k, (plan, record) in enumerate(zip(plans, counted_once(records, excluded), strict=True)):
         limits = {name: lim for name, lim in zip(project.input_names, plan.limits, strict=True) if lim is not None}
@@ -98,19 +98,15 @@ def _full_model(project: Project) -> TransferMatrix:
     return TransferMatrix(tuple((*a, *b) for a, b in rows), model.time_unit)
 
 
-def _moment(moment: float | datetime, record: Record, project: Project) -> float:
-    """A point of time of an excluded stretch in the record's own time."""
-    unit = unit_seconds(project.time_unit)
+def _time(moment: float | datetime, record: Record, project: Project, late: bool = False) -> float:
+    """A point of time of an excluded stretch in the record's own time; `late` as in `Calendar.time`."""
     if not isinstance(moment, datetime):
-        return moment * unit_seconds(project.data.time_unit or project.time_unit) / unit
-    if record.start is None:
-        raise ProjectError(
-            f"{project.source}: data.exclude names a timestamp, but {record.name} has numbers for its time"
-        )
-    start = record.start
-    if start.tzinfo is None or moment.tzinfo is None:
-        start, moment = start.replace(tzinfo=None), moment.replace(tzinfo=None)
-    return (moment - start).total_seconds() / unit
+        own = unit_seconds(project.data.time_unit or project.time_unit)
+        return moment * own / unit_seconds(project.time_unit)
+    try:
+        return record.calendar.time(moment, late)
+    except DataError as error:
+        raise ProjectError(f"{project.source}: data.exclude of {record.name}: {error}") from None
 
 
 def _spec(project: Project, system: TransferFunction, i: int, j: int) -> Spec:

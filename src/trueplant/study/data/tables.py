@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from trueplant.arrays import BoolArray
-from trueplant.record import Finding, Screened, excitation
+from trueplant.record import Finding, Record, Screened, excitation
+from trueplant.record.moves import pv_noise, setpoint_moves
 from trueplant.result import (
+    Calendar,
     DataFinding,
     Excitation,
     Exclusion,
     ExperimentData,
     Provenance,
+    SetpointMoves,
     Settings,
     SignalExcitation,
 )
+from trueplant.result.data_words import moves_sentence
 from trueplant.study import levels
 from trueplant.study.study import Study
 from trueplant.version import __version__
@@ -43,30 +50,70 @@ def data_tables(study: Study) -> tuple[ExperimentData, ...]:
 
 def _table(study: Study, screened: Screened) -> ExperimentData:
     record = screened.record
-    findings = screened.findings
+    findings, calendar = screened.findings, record.calendar
+    whole = float(record.t[0]), float(record.t[-1])
+    used = tuple((float(s.t[0]), float(s.t[-1])) for s in screened.segments)
     return ExperimentData(
         name=record.name,
         loop="closed" if record.closed else "open",
         samples=int(record.t.size),
         sample_time=record.sample_time,
         start=record.start.isoformat() if record.start else None,
-        span=(float(record.t[0]), float(record.t[-1])),
-        used=tuple((float(s.t[0]), float(s.t[-1])) for s in screened.segments),
+        span=whole,
+        used=used,
         usable_share=_shares(study.project.output_names, screened.usable_y),
         saturated_share=_shares(study.project.input_names, screened.saturated),
-        excluded=tuple(Exclusion(a, b, f.signal, f.kind) for f in findings if f.excludes for a, b in f.spans),
-        findings=tuple(map(_finding, findings)),
+        excluded=tuple(
+            Exclusion(*span, f.signal, f.kind, calendar.stamps(span))
+            for f in findings
+            if f.excludes
+            for span in f.spans
+        ),
+        findings=tuple(_finding(f, calendar) for f in findings),
         refused=screened.refusal,
+        time_zone=record.zone,
+        span_calendar=calendar.stamps(whole),
+        used_calendar=_stamps(used, calendar),
         excitation=_excitation(study, screened) if screened.segments else None,
+        setpoints=_setpoints(study, record),
     )
+
+
+def _setpoints(study: Study, record: Record) -> tuple[SetpointMoves, ...]:
+    """How each recorded set-point moves, whatever screening made of the record."""
+    rows = []
+    for i, (entry, moves) in enumerate(zip(study.project.outputs, setpoint_moves(record), strict=True)):
+        if moves is None:
+            continue
+        sizes = np.abs(moves.sizes)
+        smallest, median, largest = np.quantile(sizes, [0.0, 0.5, 1.0]).tolist() if sizes.size else (None,) * 3
+        found = SetpointMoves(
+            entry.name,
+            entry.unit,
+            moves=int(sizes.size),
+            smallest=smallest,
+            median=median,
+            largest=largest,
+            interval=float(np.median(np.diff(moves.times))) if sizes.size > 1 else None,
+            noise=pv_noise(record.y[:, i]),
+            always=moves.always,
+            message="",
+        )
+        rows.append(replace(found, message=moves_sentence(found, entry.sp or entry.name, study.project.time_unit)))
+    return tuple(rows)
 
 
 def _shares(names: tuple[str, ...], where: BoolArray) -> dict[str, float]:
     return {name: float(np.mean(column)) for name, column in zip(names, where.T, strict=True)}
 
 
-def _finding(f: Finding) -> DataFinding:
-    return DataFinding(f.kind, f.signal, f.message, f.samples, f.excludes, f.value, f.spans[: levels.MOST_SPANS])
+def _finding(f: Finding, calendar: Calendar) -> DataFinding:
+    spans = f.spans[: levels.MOST_SPANS]
+    return DataFinding(f.kind, f.signal, f.message, f.samples, f.excludes, f.value, spans, _stamps(spans, calendar))
+
+
+def _stamps(spans: Sequence[tuple[float, float]], calendar: Calendar) -> tuple[tuple[str, str], ...]:
+    return tuple(stamps for span in spans if (stamps := calendar.stamps(span)) is not None)
 
 
 def _excitation(study: Study, screened: Screened) -> Excitation:

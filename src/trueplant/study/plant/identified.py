@@ -143,7 +143,8 @@ def _loads(study: Study, estimates: Mapping[int, OutputEstimate]) -> tuple[Reaso
     for found in found_loads(_fits(estimates)):
         column = found.load.column
         size = f"{found.size:.3g} (95 % +- {1.96 * found.error:.2g}) {study.input_unit(column)}".rstrip()
-        step = f"at {found.load.time:.6g} {study.project.time_unit} like {study.columns[column]} by {size}"
+        when = study.screened[found.experiment].record.calendar.text(found.load.time)
+        step = f"at {when} like {study.columns[column]} by {size}"
         told.setdefault(found.experiment, []).append(step)
     return tuple(
         Reason(

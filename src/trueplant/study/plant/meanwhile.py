@@ -100,10 +100,13 @@ def _moved(study: Study, i: int, moved: Moved | None, level: float) -> Reason | 
     p = 1.0 if moved is None else moved.p_value(study.project.analysis.confidence)
     if moved is None or not p < level:
         return None
+    k = moved.fit.row.pieces[0].experiment
+    when = study.screened[k].record.calendar.text(moved.refined().time)
     message = (
         "the plant was not the same throughout the record: one plant suits it best until about "
-        f"t = {moved.refined().time:.4g}, and another from then on (p = {p:.1g}, with a noise of its own for each). "
+        f"{when}, and another from then on (p = {p:.1g}, with a noise of its own for each). "
         "What is given for it here lies between the two; `trueplant track` says what has changed and since when"
     )
-    experiment = study.project.experiments[moved.fit.row.pieces[0].experiment].name
-    return Reason(Code.CAUSE_MOVED_MEANWHILE, message, f"{study.project.output_names[i]}, {experiment}")
+    return Reason(
+        Code.CAUSE_MOVED_MEANWHILE, message, f"{study.project.output_names[i]}, {study.project.experiments[k].name}"
+    )
