@@ -164,7 +164,7 @@ def test_exports_that_contradict_each_other_are_an_error(folder, capsys):
     frame[:400].write_csv(folder / "first.csv")
     frame[300:].with_columns(pl.col("pv") + 1).write_csv(folder / "second.csv")
     several(folder, "first.csv", "second.csv")
-    refused(["check", "project.toml"], capsys, "first.csv and second.csv overlap in time from 0 to 49.5 s")
+    refused(["check", "project.toml"], capsys, "first.csv and second.csv overlap in time (2024-")
     # the same instants in between, of another clock
     frame[300:].with_columns(pl.col("t") + timedelta(milliseconds=200)).write_csv(folder / "second.csv")
     refused(["check", "project.toml"], capsys, "first.csv and second.csv overlap in time")
@@ -356,7 +356,7 @@ def test_times_that_can_be_read_in_two_ways_are_asked_for(cells, unit, words, fo
         (lambda k: 45352.5 + 0.00035 * k, "spreadsheet", "2024-03-01 12:00:00"),
         (lambda k: 45352.5 + 0.00035 * k, "numbers", "45352.5 to 45352.7 s"),
         (NOTATIONS["unix ms"], "unix ms", "2024-03-01 22:00:00"),
-        (NOTATIONS["unix ms"], "numbers", "1.70933e+12"),
+        (NOTATIONS["unix ms"], "numbers", "1709330400000 to 1709348400000 s"),
     ],
 )
 def test_the_project_says_how_times_are_meant(cells, said, words, folder, capsys):

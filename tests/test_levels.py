@@ -76,7 +76,8 @@ ELSEWHERE = {
         "mismatch/polynomial.py:TERMS",
     },
     "the calendar": {
-        "record/calendar.py:_QUARTER",
+        "calendar.py:_NEAR_ZONE",
+        "calendar.py:_QUARTER",
         "record/stamps.py:_DAY",
         "record/stamps.py:_EPOCH",
         "record/stamps.py:_LENGTHS",

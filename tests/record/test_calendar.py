@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from trueplant.calendar import Calendar
 from trueplant.errors import DataError
 from trueplant.record import Channel, Layout, read_record
-from trueplant.record.calendar import Calendar
 
 AMSTERDAM = "Europe/Amsterdam"
 SPRING = Calendar("min", datetime(2024, 3, 31, 0, 0, tzinfo=UTC), AMSTERDAM)
@@ -125,6 +125,15 @@ def test_the_zone_of_a_column_of_moments_is_kept():
         pl.DataFrame({"time": moments[:20], **{k: v for k, v in frame(0).items() if k != "time"}}), layout()
     )
     assert record.zone == AMSTERDAM and record.calendar.text(60.0) == "2024-03-31 03:00:00 CEST"
+
+
+def test_an_offset_can_be_the_declared_zone():
+    stamps = [f"2024-07-01 10:{k:02d}:00" for k in range(20)]
+    record = read_record(frame(stamps), layout(time_zone="+05:30"))
+    assert record.start == datetime(2024, 7, 1, 4, 30, tzinfo=UTC)
+    assert record.calendar.stamp(0.0) == "2024-07-01T10:00:00+05:30"
+    with pytest.raises(DataError, match="unknown time zone"):
+        read_record(frame(stamps), layout(time_zone="+5 hours"))
 
 
 def test_an_unknown_zone_is_named_even_where_stamps_bear_offsets():

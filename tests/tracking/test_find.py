@@ -97,6 +97,15 @@ def test_where_nothing_is_usable_it_is_said_why(only: tuple[tuple[int, int], ...
     assert why in found.headline
 
 
+def test_a_set_point_that_is_missing_for_a_while_is_found_elsewhere(columns: dict[str, np.ndarray], numbers: Check):
+    sp = columns["sp"].copy()
+    sp[:2050] -= 0.5
+    sp[2000:2100] = np.nan
+    found = found_in(columns | {"sp": sp})
+    assert found.usable is not None and numbers.usable is not None
+    assert [(one.start, one.moves) for one in found.usable] == [(one.start, one.moves) for one in numbers.usable]
+
+
 def test_moves_far_below_the_noise_are_not_usable():
     found = found_in(month(std=5.0, only=(SMALL,)))
     assert found.status == Status.REFUSED and "too little against" in found.reasons[0].message
@@ -191,8 +200,9 @@ def test_a_file_without_usable_moves_is_excluded_whole(columns: dict[str, np.nda
         some = {key: x[part] for key, x in columns.items()}
         stamped(some | {"t": some["t"] / 60}, "numbers").write_csv(tmp_path / name)
     text = project_text('time_unit = "h"', MODE).replace('["march.csv"]', '["idle.csv", "moves.csv"]')
-    (tmp_path / "p.toml").write_text(text, "utf-8")
+    (tmp_path / "p.toml").write_bytes(b"\xef\xbb\xbf" + text.encode())
     assert main(["check", str(tmp_path / "p.toml"), "--find", "--write"]) == 0
+    assert (tmp_path / "p.toml").read_bytes().startswith(b"\xef\xbb\xbf\ntime_unit")
     cut = Project.load(tmp_path / "p.toml").data.exclude
     assert [e.file for e in cut] == ["idle.csv", "moves.csv", "moves.csv"]
     assert (cut[0].start, cut[0].end) == (0, pytest.approx(4999 / 60))

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
+from trueplant.calendar import unit_seconds
 from trueplant.project import levels
 from trueplant.project.project import Project
-from trueplant.record.calendar import unit_seconds
 from trueplant.result import Check, ExperimentData
 
 Span = tuple[float, float]

@@ -7,13 +7,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from trueplant.calendar import unit_seconds
 from trueplant.errors import DataError
 from trueplant.project.guess import Seen, guess_counted_unit, guess_loops, guess_time
 from trueplant.record.layout import Layout
 from trueplant.record.long import LongParts, long_parts
 from trueplant.record.modes import read_modes
 from trueplant.record.table import Table
-from trueplant.record.times import find_time, parse_times, unit_seconds
+from trueplant.record.times import find_time, parse_times
 
 
 def look(table: Table, time: str | None = None, said: Mapping[str, str] | None = None) -> Seen:

@@ -71,9 +71,8 @@ TEXT_CONTROLS = 0.02
 RAGGED_SHARE = 0.2
 """Share of lines with another number of fields from which decimal commas are the likely cause. Judgement: a spoilt line
 is a single one."""
-NEAR_NAME, NEAR_ZONE = 0.6, 0.5
-"""Similarity (difflib) from which a name is offered as "did you mean". The library's own default, and lower for zones,
-whose names share a continent."""
+NEAR_NAME = 0.6
+"""Similarity (difflib) from which a name is offered as "did you mean": the library's own default."""
 MOSTLY = 0.5
 """Share of a column from which it is of a kind: quality codes in words, good codes, numeric time, backward steps."""
 GOOD_OPC = 192

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.calendar import unit_seconds
 from trueplant.errors import DataError
 from trueplant.record import levels
-from trueplant.record.calendar import unit_seconds
 from trueplant.record.frames import as_table
 from trueplant.record.layout import Channel, Layout
 from trueplant.record.long import bad_quality, is_long, nothing_good, to_wide

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, timezone
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.arrays import Array
+from trueplant.calendar import Calendar, offset_name, unit_seconds, zone_of
 from trueplant.errors import DataError
 from trueplant.record import levels
-from trueplant.record.calendar import offset_name, unit_seconds, zone_of
 from trueplant.record.guard import foreign
 from trueplant.record.layout import Layout
 from trueplant.record.numbers import counted
@@ -99,8 +99,11 @@ def parse_times(table: Table, name: str, layout: Layout, groups: NDArray[np.int6
         return read
     stamps, zone, notes = read
     if layout.time_zone is not None:
-        zone_of(layout.time_zone)
-        stamps = stamps if zone is not None else _to_utc(table, stamps, layout.time_zone, groups)
+        declared = zone_of(layout.time_zone)
+        if zone is None and isinstance(declared, timezone):
+            stamps = stamps - declared.utcoffset(None)
+        elif zone is None:
+            stamps = _to_utc(table, stamps, layout.time_zone, groups)
         zone = layout.time_zone
     return _since_start(table, name, stamps, zone, notes)
 
@@ -369,7 +372,8 @@ def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[F
     late = np.flatnonzero(t[rows] < np.maximum.accumulate(t[rows]))
     if late.size > max(1, levels.LOST_TIMES * rows.size):
         k = int(late[0])
-        shown = f"{_shown(times, t[rows[k - 1]])} to {_shown(times, t[rows[k]])}"
+        calendar = Calendar("s", times.start, times.zone)
+        shown = f"{calendar.text(t[rows[k - 1]])} to {calendar.text(t[rows[k]])}"
         hint = ""
         back = t[rows[k - 1]] - t[rows[k]]
         least, most = levels.CLOCK_CHANGE
@@ -391,9 +395,3 @@ def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[F
         notes.append(Finding(Kind.DUPLICATE, "time", message, samples=count, excludes=True))
         rows = rows[keep]
     return rows, tuple(notes)
-
-
-def _shown(times: Times, seconds: float) -> str:
-    if times.start is None:
-        return f"{seconds:g} s"
-    return str(np.datetime64(times.start.replace(tzinfo=None), "ms") + np.timedelta64(round(seconds * 1e3), "ms"))

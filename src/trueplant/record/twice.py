@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.calendar import unit_seconds
 from trueplant.errors import DataError
 from trueplant.record import levels
-from trueplant.record.calendar import unit_seconds
 from trueplant.record.resolution import resolution
 from trueplant.record.types import Finding, Kind, Record
 

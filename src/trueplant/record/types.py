@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
-from trueplant.record.calendar import Calendar
+from trueplant.calendar import Calendar
 
 
 @dataclass(frozen=True, eq=False)

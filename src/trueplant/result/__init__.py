@@ -1,6 +1,6 @@
 """What an analysis returns: typed, frozen, with its words and its JSON."""
 
-from trueplant.record.calendar import Axis, Calendar
+from trueplant.calendar import Axis, Calendar
 from trueplant.result.budget import ParameterBudget, Source, VariancePart
 from trueplant.result.changes import (
     Change,

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from trueplant.arrays import Array, ComplexArray, IntArray
-from trueplant.record.calendar import Calendar
+from trueplant.calendar import Calendar
 from trueplant.result.codec import ABSENT
 from trueplant.result.element import Interval
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from trueplant.record.calendar import Calendar
+from trueplant.calendar import Calendar
 from trueplant.result.codec import ABSENT, key
 from trueplant.result.element import Interval
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from trueplant.record.calendar import unit_seconds
+from trueplant.calendar import unit_seconds
 
 
 def spoken(name: str) -> str:

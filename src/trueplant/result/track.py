@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
-from trueplant.record.calendar import Calendar
+from trueplant.calendar import Calendar
 from trueplant.result.changes import Change, TrackedElement, TrackedExperiment, Window
 from trueplant.result.codec import document
 from trueplant.result.provenance import Provenance

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from trueplant.record.calendar import Calendar
+from trueplant.calendar import Calendar
 from trueplant.result.changes import Change, ChangeKind, ElementHistory, Moved, TrackedElement, Window
 from trueplant.result.element import Parameter
 from trueplant.result.numbers import counted, number, spoken

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from trueplant.calendar import unit_seconds
 from trueplant.errors import DataError, ProjectError, UsageError
 from trueplant.project.project import Project
 from trueplant.record import Record
-from trueplant.record.calendar import unit_seconds
 from trueplant.result import Code, Reason, Status, Track, TrackedExperiment, Window, WindowElement
 from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.prepare import prepare

@@ -44,11 +44,11 @@ def outside_moves(study: Study, k: int, settle: float) -> OutsideMoves:
         source, free = segment.u, np.ones((len(segment), segment.u.shape[1]), dtype=bool)
         if segment.closed:
             computed = study.computed | alone[id(segment)]
-            source = np.where(computed | ~np.isfinite(segment.r).all(axis=0), 0.0, segment.r)
+            source = np.where(computed, 0.0, segment.r)
             free = _free(study, k, segment)
         kept = _followed(free, max(1, round(settle / segment.h)))
         for channel, x in enumerate(source.T):
-            change = np.sign(np.diff(x))
+            change = np.nan_to_num(np.sign(np.diff(x)))  # what it did while it was missing is no move
             at = np.flatnonzero(change) + 1
             begins = np.diff(change, prepend=0.0)[at - 1] != 0
             good = kept[at, channel]

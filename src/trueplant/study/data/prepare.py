@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from trueplant.calendar import unit_seconds
 from trueplant.errors import DataError, ProjectError, UnstableLoop
 from trueplant.identify import INTEGRATING, SELF_REGULATING, Spec
 from trueplant.lti import TransferFunction, TransferMatrix
@@ -15,7 +16,6 @@ from trueplant.lti.structure import Structure, structure_of, translated
 from trueplant.project import Project
 from trueplant.project.controllers import check_signs
 from trueplant.record import Record, Screened, read_record, screen
-from trueplant.record.calendar import unit_seconds
 from trueplant.record.twice import counted_once
 from trueplant.result import Code, Reason
 from trueplant.study.data.scan import hidden_dynamics, written_between

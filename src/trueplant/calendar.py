@@ -13,12 +13,14 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.errors import DataError
-from trueplant.record import levels
 
 SECONDS = {"ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0, "hr": 3600.0, "d": 86400.0}
 """Length of each time unit."""
 Axis: TypeAlias = Sequence[float | None] | Array | list[str | None]
 """Values of a figure's axis of time; None or NaN is a break."""
+_NEAR_ZONE = 0.5
+"""Similarity (difflib) from which a zone is offered as "did you mean": lower than the library's default, as the names
+share a continent."""
 _QUARTER = 900
 """Seconds: offsets from UTC change at whole quarters of an hour only."""
 
@@ -35,7 +37,7 @@ def zone_of(name: str) -> tzinfo:
     try:
         return datetime.strptime(name, "%z").tzinfo or UTC if name[:1] in ("+", "-") else zoneinfo.ZoneInfo(name)
     except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
-        near = difflib.get_close_matches(name, zoneinfo.available_timezones(), n=3, cutoff=levels.NEAR_ZONE)
+        near = difflib.get_close_matches(name, zoneinfo.available_timezones(), n=3, cutoff=_NEAR_ZONE)
         hint = f"did you mean {' or '.join(near)}?" if near else "use a name such as Europe/Berlin or UTC"
         raise DataError(f"unknown time zone {name!r}; {hint}") from None
 
