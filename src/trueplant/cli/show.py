@@ -65,11 +65,16 @@ def elements_table(result: Result) -> Table:
     """One row a parameter: what the model says, what the plant does, and the verdict of its element."""
     plant = f"plant ({100 * result.provenance.settings.confidence:g} % interval)"
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    modelled = any(element.tf_model is not None for element in result.elements)
     for heading in ("element", "verdict", "grade", "parameter", "model", plant, "change"):
-        table.add_column(heading, justify="right" if heading in ("model", "change") else "left", overflow="fold")
+        compared = heading in ("model", "change")
+        if modelled or not compared:
+            table.add_column(heading, justify="right" if compared else "left", overflow="fold")
     for element in result.elements:
         for k, parameter in enumerate(element.parameters or (None,)):
-            table.add_row(*(_element_cells(element) if k == 0 else ("", "", "")), *_parameter_cells(element, parameter))
+            name, model, answer, change = _parameter_cells(element, parameter)
+            cells = (name, model, answer, change) if modelled else (name, answer)
+            table.add_row(*(_element_cells(element) if k == 0 else ("", "", "")), *cells)
     return table
 
 
@@ -93,7 +98,7 @@ def _element_cells(element: Element) -> tuple[Text, Text, Text]:
     return name, text(element.verdict, style=_STYLE.get(element.verdict, "")), text(element.grade)
 
 
-def _parameter_cells(element: Element, parameter: Parameter | None) -> tuple[Text, ...]:
+def _parameter_cells(element: Element, parameter: Parameter | None) -> tuple[Text, Text, Text, Text]:
     if parameter is None:
         return Text(""), Text(""), text(element.reason), Text("")
     unit = f" {parameter.unit}" if parameter.unit else ""
