@@ -218,3 +218,25 @@ def test_the_digest_is_that_of_the_file(write) -> None:
 
     file = write(HEADER + rows())
     assert read_record(file, ONE).sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("ending", ["csv", "xlsx"])
+def test_lines_above_the_header_may_hold_dates_and_numbers(tmp_path, ending):
+    """As spreadsheets save them: each line has as many fields as the data."""
+    banner = [["Report", "unit 3", "", ""], ["Created", "01.05.2024", "", ""], ["Interval", "60", "", ""]]
+    head = [["Time", "FIC1.PV", "FIC1.OP", "FIC1.MODE"], ["", "m3/h", "%", ""]]
+    data = [[f"2024-05-01 00:{k:02d}:00", f"{k}.5", "" if k == 0 else f"{k}", "AUTO"] for k in range(30)]
+    path = tmp_path / f"a.{ending}"
+    if ending == "csv":
+        path.write_text("\n".join(";".join(row) for row in [*banner, *head, *data]))
+    else:
+        import xlsxwriter
+
+        with xlsxwriter.Workbook(str(path)) as book:
+            sheet = book.add_worksheet()
+            for k, row in enumerate([*banner, *head, *data]):
+                sheet.write_row(k, 0, row)
+    table = read_table(path)
+    assert table.names == tuple(head[0]) and table.units == {"FIC1.PV": "m3/h", "FIC1.OP": "%"}
+    assert len(table) == 30 and table.where(0) == "line 6"
+    assert table.numbers("FIC1.PV")[0][3] == 3.5

@@ -235,6 +235,16 @@ def test_a_loop_in_manual_for_a_while_is_used_and_said(tmp_path):
     assert finding["message"] == "heater was in manual for 20 % of the record."
 
 
+def test_a_loop_in_no_known_mode_is_said_and_is_no_error(tmp_path):
+    """Codes of modes that nobody has explained count as not automatic, all the time."""
+    record = in_manual(9, 0.5) | {"mode": np.where(np.arange(SAMPLES) < 500, 16, 4)}
+    result = answered(tmp_path, record, mode="mode")
+    found = {f["kind"]: f["message"] for f in result.to_dict()["data"][0]["findings"]}
+    assert f"4 ({SAMPLES - 500})" in found["mode"] and "16 (500)" in found["mode"]
+    assert "nothing is automatic" in found["mode"] and "automatic_values = [" in found["mode"]
+    assert found["manual"] == "heater was in manual for 100 % of the record."
+
+
 @pytest.mark.parametrize("digits", [12, 4])
 def test_compressed_signals_are_answered_qualified_or_refused(tmp_path, digits):
     """Deviations in standard deviations of what the disturbance does to PV (0.1) and, about, to OP."""

@@ -7,7 +7,7 @@ The plant, in minutes: a flow that moves a temperature, that temperature, and a 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -98,7 +98,8 @@ class Export:
     feed: str = ""
     """Column that is offered as a disturbance."""
     time_unit: str = "min"
-    options: tuple[str, ...] = field(default=())
+    bad: bool = False
+    """Are bad samples marked in another way than by a status column?"""
 
 
 def wide(
@@ -150,7 +151,9 @@ def german_name(loop: str, signal: str) -> str:
 
 def german(path: Path, all_signals: Signals) -> None:
     stamps = [f"{moment:%d.%m.%Y %H:%M:%S}" for moment in all_signals.moments]
-    cells = wide(all_signals, german_name, "Zeitstempel", stamps, feed="Zulauf Menge")
+    cells = wide(all_signals, german_name, "Zeitstempel", stamps, feed="Zulauf Menge", modes=True, status=True)
+    words = {"AUTO": "Automatik", "CAS": "Kaskade", "MAN": "Hand", "Good": "gut", "Bad": "schlecht"}
+    cells = {name: [words.get(cell, cell) for cell in own] for name, own in cells.items()}
     cells = {
         name: [cell.replace(".", ",") if name != "Zeitstempel" else cell for cell in own] for name, own in cells.items()
     }
@@ -158,12 +161,15 @@ def german(path: Path, all_signals: Signals) -> None:
 
 
 def underscored(loop: str, signal: str) -> str:
-    return f"{loop}_{ {'SP': 'SPT', 'OP': 'OUT'}.get(signal, signal) }"
+    return f"{loop}_{ {'SP': 'SPT', 'OP': 'OUT', 'STATUS': 'PV_Q'}.get(signal, signal) }"
 
 
 def american(path: Path, all_signals: Signals) -> None:
+    """OPC codes for statuses."""
     stamps = [f"{moment:%m/%d/%Y %I:%M:%S %p}" for moment in all_signals.moments]
-    path.write_text(lines(wide(all_signals, underscored, "Date Time", stamps), ","))
+    cells = wide(all_signals, underscored, "Date/Time", stamps, status=True)
+    codes = {"Good": "192", "Bad": "0"}
+    path.write_text(lines({name: [codes.get(cell, cell) for cell in own] for name, own in cells.items()}, ","))
 
 
 def excel(path: Path, all_signals: Signals) -> None:
@@ -182,12 +188,19 @@ def excel(path: Path, all_signals: Signals) -> None:
 
 
 def pi_name(loop: str, signal: str) -> str:
-    return rf"\\PISRV\{loop}.{signal}"
+    return rf"\\pi01\{loop}.{signal}"
 
 
 def datalink(path: Path, all_signals: Signals) -> None:
+    """The time has no name, and what is bad is a message."""
     stamps = [f"{moment:%d-%b-%y %H:%M:%S}" for moment in all_signals.moments]
-    path.write_text(lines(wide(all_signals, pi_name, "Timestamp", stamps), "\t"), encoding="utf-16")
+    cells = wide(all_signals, pi_name, "", stamps)
+    for loop in LOOPS:
+        name, states = pi_name(loop, "PV"), all_signals.status[loop]
+        cells[name] = [
+            cell if state == "Good" else "Bad Input" for cell, state in zip(cells[name], states, strict=True)
+        ]
+    path.write_text(lines(cells, "\t"), encoding="utf-16")
 
 
 def long(path: Path, all_signals: Signals) -> None:
@@ -250,11 +263,11 @@ def parquet(path: Path, all_signals: Signals) -> None:
 
 EXPORTS = {
     "plain": Export("plain.csv", plain, dotted, modes=True, feed="FI300.PV"),
-    "german": Export("werk.csv", german, german_name, feed="Zulauf Menge"),
-    "american": Export("us.csv", american, underscored),
+    "german": Export("werk.csv", german, german_name, modes=True, status=True, feed="Zulauf Menge"),
+    "american": Export("us.csv", american, underscored, status=True),
     "excel": Export("book.xlsx", excel, dotted, units=True),
-    "PI DataLink": Export("datalink.txt", datalink, pi_name),
-    "long": Export("long.csv", long, dotted, modes=True),
+    "PI DataLink": Export("datalink.txt", datalink, pi_name, bad=True),
+    "long": Export("long.csv", long, dotted, modes=True, bad=True),
     "Experion": Export("experion.csv", experion, experion_name, modes=True),
     "DeltaV": Export("deltav.csv", deltav, deltav_name, modes=True, status=True),
     "counted": Export("counted.csv", counted, worded, loops=("TIC205",), feed="feed rate"),

@@ -116,7 +116,7 @@ def _place(parts: list[str]) -> tuple[int, Role] | None:
 
 def _loop_of(parts: list[str], without: int | None) -> tuple[str | None, str]:
     """The kind of loop, and its tag: letters by ISA-5.1 before a number."""
-    for k in range(len(parts) - 1):
+    for k in reversed(range(len(parts) - 1)):  # servers and areas come first
         letters, number = parts[k], parts[k + 1]
         if k != without and number.isdigit() and (found := _ISA.match(letters)):
             return _KINDS.get(found.group(1)[0], "other"), f"{letters}{number}"

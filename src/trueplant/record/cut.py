@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -33,6 +34,15 @@ def looks_like_data(cell: str) -> bool:
     """True for a number (with either decimal mark) or a time stamp."""
     cell = cell.strip()
     return bool(_NUMBER.match(cell) or _TIME.match(cell))
+
+
+def is_banner(row: Sequence[str], below: Iterable[Sequence[str]]) -> bool:
+    """Does a row with a number or a date still stand above the header?
+
+    Then a row of words alone, which fills more cells than it does, is among the rows below.
+    """
+    filled = sum(map(bool, row))
+    return any(sum(map(bool, other)) > filled and not any(map(looks_like_data, other)) for other in below)
 
 
 def fields_of(line: str, separator: str) -> list[str]:
@@ -108,9 +118,13 @@ class Block:
             raise DataError(
                 f"{self.source} has only one column when cut at {self.separator!r}; name its separator in `separator`"
             )
-        for k in map(int, filled[: levels.SNIFFED_LINES]):
+        lines = [int(k) for k in filled[: levels.SNIFFED_LINES] if width[k] == usual]
+        for place, k in enumerate(lines):
             comment = self.text(k).startswith(("#", "//"))
-            if width[k] == usual and not comment and any(map(looks_like_data, self.fields(k))):
+            if comment or not any(map(looks_like_data, self.fields(k))):
+                continue
+            below = map(self.fields, lines[place + 1 : place + 1 + levels.BANNER_LINES])
+            if not is_banner(self.fields(k), below):
                 return k, usual
         raise DataError(f"{self.source} holds no rows of numbers below its header; export the data again")
 

@@ -58,6 +58,9 @@ SHOWN_WORDS = 4
 """Different words of a column that a message shows."""
 SNIFFED_LINES = 300
 """Lines from which separator and header are found. Judgement: logger headers have some tens of lines."""
+BANNER_LINES = 20
+"""Lines below a date or a number in which the header may still follow. Judgement: exports begin with some lines on who
+asked for what."""
 SAME_WIDTH_SHARE = 0.3
 """Share of the sniffed lines that a separator must cut into cells. Low, because a header may be most of a short
 file."""

@@ -24,7 +24,7 @@ _SYNONYMS = {
     "unit": ("unit", "units", "eu", "engunits", "uom", "einheit"),
     "quality": ("quality", "status", "qualitycode", "opcquality", "confidence", "qualitaet"),
 }
-_GOOD = ("good", "ok", "valid", "g", "true", "normal")
+_GOOD = ("good", "ok", "valid", "g", "true", "normal", "gut")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,11 +78,12 @@ def bad_quality(table: Table, name: str) -> BoolArray:
     import polars as pl
 
     codes, words = table.numbers(name)
-    if np.mean(words) > levels.MOSTLY:
-        text = table.frame[name].cast(pl.String).str.strip_chars().str.to_lowercase()
-        good = text.str.contains(rf"^(good|({'|'.join(_GOOD)})\b)").fill_null(True)
-        return ~np.asarray(good.to_numpy(), dtype=bool)
+    text = table.frame[name].cast(pl.String).str.strip_chars().str.to_lowercase()
+    told = text.str.contains(rf"^(good|({'|'.join(_GOOD)})\b)") | (text == "")
+    good_words = np.asarray(told.fill_null(True).to_numpy(), dtype=bool)
     known = codes[np.isfinite(codes)]
+    if not known.size or np.mean(words) > levels.MOSTLY:
+        return ~good_words
     if np.any(known >= levels.GOOD_OPC) and np.all(known <= levels.LARGEST_OPC):
         good_codes = codes >= levels.GOOD_OPC
     elif known.size and np.mean(known == 100) > levels.MOSTLY:
@@ -91,7 +92,7 @@ def bad_quality(table: Table, name: str) -> BoolArray:
         good_codes = codes == 1
     else:
         good_codes = codes == 0
-    return ~(good_codes | np.isnan(codes)) | words
+    return np.where(words, ~good_words, ~(good_codes | np.isnan(codes)))
 
 
 def to_wide(table: Table, layout: Layout) -> tuple[Table, Times]:

@@ -175,6 +175,8 @@ def _sniff(lines: list[str]) -> str | None:
     """The separator that cuts most lines into the same number of cells, most of them numbers or times."""
     best, best_score = None, 0.0
     for separator in SEPARATORS:
+        if separator == " " and best == "\t":
+            continue  # the spaces then stand inside the cells, as in time stamps and messages
         rows = [row for line in lines if len(row := fields_of(line, separator)) > 1]
         if len(rows) < levels.SAME_WIDTH_SHARE * len(lines):
             continue

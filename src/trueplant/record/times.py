@@ -82,7 +82,8 @@ def find_time(table: Table, used: frozenset[str] = frozenset()) -> str:
         if series.dtype == pl.String and bool(series.drop_nulls().str.contains(rf"^\s*({_DATE})").all()):
             return name
     raise DataError(
-        f"{table.source} has no column that looks like time; name it as `time`. It has: {', '.join(table.names[:30])}"
+        f"{table.source} has no column that looks like time; name it as `time` (init: --time). "
+        f"It has: {', '.join(table.names[:30])}"
     )
 
 

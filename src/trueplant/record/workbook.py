@@ -11,7 +11,7 @@ import numpy as np
 
 from trueplant.errors import DataError
 from trueplant.record import levels
-from trueplant.record.cut import looks_like_data
+from trueplant.record.cut import is_banner, looks_like_data
 from trueplant.record.guard import foreign
 from trueplant.record.header import decimal_note, header_of
 from trueplant.record.numbers import decimal_mark
@@ -31,9 +31,7 @@ def read_workbook(source: Source) -> Table:
     numbered = _with_lines(frame)
     frame = numbered.drop("line")
     rows = [["" if c is None else c for c in row] for row in frame.head(100).rows()]
-    first = next(
-        (k for k, row in enumerate(rows) if sum(map(looks_like_data, row)) >= 1 and sum(map(bool, row)) > 1), None
-    )
+    first = next((k for k in range(len(rows)) if _is_data(rows[k:])), None)
     if first is None:
         raise DataError(f"{source.name}, sheet {chosen!r}: no rows of numbers; name the right sheet in `sheet`")
     lines = numbered["line"].to_numpy()[first:].astype(np.int64)
@@ -50,6 +48,13 @@ def read_workbook(source: Source) -> Table:
         units=header.units,
         notes=(*notes, *decimal_note(source.name, decimal, guessed)),
     )
+
+
+def _is_data(rows: list[list[str]]) -> bool:
+    """Does the first of these rows begin the data?"""
+    row = rows[0]
+    several = any(map(looks_like_data, row)) and sum(map(bool, row)) > 1
+    return several and not is_banner(row, rows[1 : 1 + levels.BANNER_LINES])
 
 
 def _with_lines(frame: pl.DataFrame) -> pl.DataFrame:

@@ -87,4 +87,4 @@ def _windows(columns: Sequence[_Column], free: BoolArray, most: int) -> tuple[li
     seen = [(x[:end], given) for x, given in columns]
     signals = np.column_stack([x for x, _ in seen])
     windows = np.lib.stride_tricks.sliding_window_view(signals, levels.LAW_PAST + 1, axis=0)[at, :, ::-1]
-    return seen, windows.reshape(len(at), -1)
+    return seen, windows.reshape(len(at), signals.shape[1] * (levels.LAW_PAST + 1))
