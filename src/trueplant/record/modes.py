@@ -99,7 +99,7 @@ def _sentence(
     column: str, counts: Mapping[str, int], meant: Mapping[str, bool | None], declared: Sequence[object] | None
 ) -> str:
     def listed(wanted: bool | None) -> str:
-        return ", ".join(f"{cell} ({counts[cell]})" for cell, said in meant.items() if said is wanted)
+        return ", ".join(f"{_shown(cell)} ({counts[cell]})" for cell, said in meant.items() if said is wanted)
 
     parts = [f"automatic {listed(True)}" if True in meant.values() else "nothing is automatic"]
     if False in meant.values():
@@ -120,7 +120,11 @@ def _sentence(
     return text
 
 
+def _shown(cell: str) -> str:
+    number = _number(cell)
+    return cell if number is None else f"{number:.15g}"
+
+
 def toml_of(cell: str) -> str:
     """A value of a mode column as a project file names it."""
-    number = _number(cell)
-    return f"{number:g}" if number is not None else f'"{cell}"'
+    return _shown(cell) if _number(cell) is not None else f'"{cell}"'
