@@ -41,3 +41,9 @@ WHOLE_SAMPLE = 1e-9
 
 MOST_DRAW_ROUNDS = 500
 """Times that as many plants are drawn as were asked for, before it is said that almost none can be. Judgement."""
+
+# -- measured step responses ---------------------------------------------------------------------------------
+
+UNSETTLED = 0.05
+"""Change from one tenth of a step response to the next, relative to its largest value, from which it has not come to
+rest: a ramp changes by a tenth, a first-order response cut off after three time constants by 0.02."""
