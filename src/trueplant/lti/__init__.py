@@ -5,6 +5,7 @@ from trueplant.lti.formula import Transform, parse_pv, require_proper, tf, to_fo
 from trueplant.lti.measured import MeasuredStep, largest_difference
 from trueplant.lti.reduce import simplified, simplified_matrix
 from trueplant.lti.sampled import sampled_response
+from trueplant.lti.states import StateSpace
 from trueplant.lti.structure import Structure, structure_of
 from trueplant.lti.transfer import Term, TransferFunction, TransferMatrix
 from trueplant.lti.uncertain import DrawnPlants, KnownRow, UncertainPlant
@@ -13,6 +14,7 @@ __all__ = [
     "DrawnPlants",
     "KnownRow",
     "MeasuredStep",
+    "StateSpace",
     "Structure",
     "Term",
     "TransferFunction",

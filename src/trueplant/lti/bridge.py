@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from trueplant.arrays import Array
 from trueplant.errors import FormulaError
 from trueplant.lti.reduce import simplified
+from trueplant.lti.states import StateSpace
 from trueplant.lti.transfer import Term, TransferFunction, TransferMatrix
 
 if TYPE_CHECKING:
@@ -45,24 +46,10 @@ def from_control(system: Any, dead_times: ArrayLike | None = None) -> TransferMa
             for i in range(shape[0])
         ]
     else:
-        elements = [[_from_states(system, i, j, delays[i, j]) for j in range(shape[1])] for i in range(shape[0])]
+        A, B, C, D = (np.asarray(matrix, dtype=float) for matrix in (system.A, system.B, system.C, system.D))
+        states = StateSpace(A, B, C, D, delays)
+        elements = [[states.transfer(i, j) for j in range(shape[1])] for i in range(shape[0])]
     return TransferMatrix(tuple(map(tuple, elements)))
-
-
-def _from_states(system: Any, i: int, j: int, dead_time: float) -> TransferFunction:
-    """C (sI - A)^-1 B + D = (det(sI - A + k b c) - det(sI - A))/(k det(sI - A)) + d for any k.
-
-    k makes k b c as large as A, so that the difference keeps its digits.
-    """
-    a = np.asarray(system.A, dtype=float)
-    product = np.outer(system.B[:, j], system.C[i, :])
-    direct = TransferFunction.rational([system.D[i, j]], 1.0, dead_time)
-    if not product.any():
-        return direct
-    k = (np.linalg.norm(a) or 1.0) / np.linalg.norm(product)
-    den, moved = np.poly(a).real, np.poly(a - k * product).real
-    num = np.where(np.abs(moved - den) <= 1e-13 * (np.abs(moved) + np.abs(den)), 0.0, moved - den) / k
-    return simplified(direct + TransferFunction.rational(num, den, dead_time))
 
 
 def to_control(g: TransferMatrix | TransferFunction, pade_order: int | None = None) -> control.TransferFunction:

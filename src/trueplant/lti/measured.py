@@ -70,7 +70,7 @@ class MeasuredStep:
     @property
     def t(self) -> Array:
         """(n + 1,) instants of the values."""
-        return np.arange(self.values.size) * self.sample_time
+        return np.asarray(np.arange(self.values.size) * self.sample_time, dtype=float)
 
     @property
     def size(self) -> float:

@@ -118,7 +118,7 @@ class Declaration(Table):
         element = self.element(i, j)
         if element is None or not element.estimate:
             return False
-        return element.structure is not None or not tf(element.tf).is_zero
+        return element.structure is not None or element.tf is None or not tf(element.tf).is_zero
 
     def structure(self, i: int, j: int) -> str | None:
         """The declared structure of element i, j; None where it is the model's own."""

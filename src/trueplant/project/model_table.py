@@ -1,8 +1,17 @@
-"""The table of one element of the model."""
+"""The table of one element of the model: a formula, a measured step response or an element of a state space."""
 
 from __future__ import annotations
 
-from trueplant.project.fields import Formula, Name, StructureName, Table
+from typing import Literal
+
+from pydantic import model_validator
+
+from trueplant.project.fields import Formula, Name, Positive, StructureName, Table, problem
+
+FORMS = ("tf", "step", "state_space")
+"""Keys of which each element has one."""
+OF_STEP = ("column", "time", "sample_time", "kind", "ramp")
+"""Keys that belong to `step`."""
 
 
 class ModelElement(Table):
@@ -10,6 +19,36 @@ class ModelElement(Table):
 
     output: Name
     input: Name
-    tf: Formula
+    tf: Formula | None = None
+    step: Name | None = None
+    column: Name | None = None
+    time: Name | None = None
+    sample_time: Positive | None = None
+    kind: Literal["step", "fir"] = "step"
+    ramp: bool = False
+    state_space: Name | None = None
+    gain_unit: Literal["engineering", "percent of span"] = "engineering"
     estimate: bool = True
     structure: StructureName | None = None
+
+    @property
+    def file(self) -> str | None:
+        """Of the project's folder, if the element is not a formula."""
+        return self.step or self.state_space
+
+    @model_validator(mode="after")
+    def _is_said_once(self) -> ModelElement:
+        given = [key for key in FORMS if getattr(self, key) is not None]
+        if not given:
+            raise problem(
+                "is missing: add a formula, or instead of it step = ... or state_space = ... with a file", "tf"
+            )
+        if len(given) > 1:
+            raise problem(f"says what {given[0]} says: keep one of them", given[1])
+        for key in OF_STEP if self.step is None else ():
+            if key in self.model_fields_set:
+                raise problem("belongs to step = ...: leave it out", key)
+        if self.step is not None and (self.sample_time is None) == (self.time is None):
+            said = "the same in two ways" if self.time else "the times of the coefficients are missing"
+            raise problem(f"{said}: give one of sample_time = ... and time = ... (a column)", "step")
+        return self

@@ -107,7 +107,8 @@ def _plant(project: Project, plan: Simulate) -> tuple[TransferMatrix, TransferMa
                 f"project: name them alike and in the same order"
             )
         return other.model_matrix(), other.disturbance_matrix()
-    cells = {(e.output, e.input): e.tf for e in plan.plant}
+    found = project.read_models(("simulate", "plant"), plan.plant)
+    cells = {place: one.system for place, one in found.items()}
     rows = [[cells.get((y, u), 0.0) for u in sources] for y in project.output_names]
     n_u, whole = len(project.inputs), TransferMatrix.of(rows, project.time_unit)
     return whole.columns(0, n_u), whole.columns(n_u) if project.disturbances else None

@@ -74,6 +74,7 @@ class Output(Table):
     sp: Name | None = None
     unit: str = ""
     limits: Limits | None = None
+    span: Limits | None = None
 
 
 class Input(Table):
@@ -83,6 +84,7 @@ class Input(Table):
     op: Name
     unit: str = ""
     limits: Limits | None = None
+    span: Limits | None = None
     mode: Name | None = None
     automatic_values: list[int | float | str] = Field(default_factory=list)
     hold: Literal["zoh", "linear"] = "zoh"

@@ -33,7 +33,7 @@ from trueplant.result.controllers import (
 from trueplant.result.curves import CoherenceCurves, Curves, MuCurves, Residuals, RetuningCurves, Trend
 from trueplant.result.data import DataFinding, Excitation, Exclusion, ExperimentData, SignalExcitation
 from trueplant.result.derived import Derived
-from trueplant.result.element import Element, Importance, Interval, Parameter
+from trueplant.result.element import DeclaredStep, Element, Importance, Interval, Parameter
 from trueplant.result.fit import FitRow, ResidualTest, ValidationFit
 from trueplant.result.methods import (
     Background,
@@ -93,6 +93,7 @@ __all__ = [
     "Curves",
     "DataFinding",
     "DeclaredDisturbance",
+    "DeclaredStep",
     "Derived",
     "DetectedElement",
     "Detection",
