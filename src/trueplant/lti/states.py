@@ -59,6 +59,19 @@ class StateSpace:
         if not (np.isfinite(self.sample_time) and self.sample_time >= 0):
             raise FormulaError(f"the sample time must be 0 (continuous) or more, not {self.sample_time:g}")
 
+    @classmethod
+    def of_fraction(cls, num: Array, den: Array, dead_time: float, sample_time: float) -> StateSpace:
+        """One discrete element num(z)/den(z), coefficients in descending powers. Raises FormulaError if improper."""
+        from scipy.signal import tf2ss
+
+        num, den = (np.trim_zeros(np.asarray(p, dtype=float), "f") for p in (num, den))
+        if not den.size:
+            raise FormulaError("division by zero: the denominator is 0")
+        if num.size > den.size:
+            raise FormulaError("a discrete fraction is improper: it would answer before it is asked")
+        A, B, C, D = tf2ss(num if num.size else np.zeros(1), den)
+        return cls(A, B, C, D, np.array([[dead_time]]), sample_time)
+
     @property
     def shape(self) -> tuple[int, int]:
         return int(self.D.shape[0]), int(self.D.shape[1])

@@ -9,7 +9,6 @@ from typing import Any
 from pydantic import Field, PrivateAttr, ValidationError
 
 from trueplant import datasets
-from trueplant.lti import tf
 from trueplant.project.fields import Limits, Table, TimeUnit, problem
 from trueplant.project.law_table import Controller
 from trueplant.project.messages import message
@@ -112,13 +111,6 @@ class Declaration(Table):
         """The declared element from input j to output i; j counts the inputs, then the measured disturbances."""
         pair = (self.output_names[i], (*self.input_names, *self.disturbance_names)[j])
         return next((e for e in self.model if (e.output, e.input) == pair), None)
-
-    def estimate(self, i: int, j: int) -> bool:
-        """Whether element i, j is to be estimated: not if it is kept, and not if it is zero without a structure."""
-        element = self.element(i, j)
-        if element is None or not element.estimate:
-            return False
-        return element.structure is not None or element.tf is None or not tf(element.tf).is_zero
 
     def structure(self, i: int, j: int) -> str | None:
         """The declared structure of element i, j; None where it is the model's own."""

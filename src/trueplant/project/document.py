@@ -83,7 +83,7 @@ def with_moved_paths(text: str, move: Callable[[str], str]) -> str:
         elements = (*_entries(tables, "model"), *(plant if isinstance(plant, list) else ()))
         for entry in (*_entries(tables, "experiment"), *data.get("exclude", []), *elements):
             for key in ("file", "step", "state_space"):
-                if key in entry:
+                if isinstance(entry.get(key), str):
                     entry[key] = move(entry[key])
         if isinstance(simulate.get("plant"), str) and simulate["plant"] != "model":
             simulate["plant"] = move(simulate["plant"])

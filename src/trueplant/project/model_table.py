@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from trueplant.project.fields import Formula, Name, Positive, StructureName, Table, problem
+from trueplant.project.fields import Finite, Formula, Name, Positive, StructureName, Table, problem
 
 FORMS = ("tf", "step", "state_space")
 """Keys of which each element has one."""
@@ -20,7 +20,7 @@ class ModelElement(Table):
     output: Name
     input: Name
     tf: Formula | None = None
-    step: Name | None = None
+    step: Name | list[Finite] | None = None
     column: Name | None = None
     time: Name | None = None
     sample_time: Positive | None = None
@@ -33,8 +33,8 @@ class ModelElement(Table):
 
     @property
     def file(self) -> str | None:
-        """Of the project's folder, if the element is not a formula."""
-        return self.step or self.state_space
+        """In the project's folder, if it comes from one."""
+        return self.step if isinstance(self.step, str) else self.state_space
 
     @model_validator(mode="after")
     def _is_said_once(self) -> ModelElement:
@@ -51,4 +51,7 @@ class ModelElement(Table):
         if self.step is not None and (self.sample_time is None) == (self.time is None):
             said = "the same in two ways" if self.time else "the times of the coefficients are missing"
             raise problem(f"{said}: give one of sample_time = ... and time = ... (a column)", "step")
+        for key in ("column", "time") if isinstance(self.step, list) else ():
+            if getattr(self, key) is not None:
+                raise problem("belongs to a file of coefficients: leave it out", key)
         return self

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
+import numpy as np
+
 from trueplant.errors import FormulaError, ProjectError, Refused, UsageError
 from trueplant.lti import MeasuredStep, Structure, TransferFunction, require_proper, tf
 from trueplant.lti.structure import structure_of
@@ -15,7 +17,7 @@ from trueplant.project.declaration import Declaration
 from trueplant.project.fields import require_reason
 from trueplant.project.messages import Where, line_of, path
 from trueplant.project.model_table import ModelElement
-from trueplant.project.step_files import chosen_column, element_name, step_of
+from trueplant.project.step_files import checked_step, chosen_column, element_name, step_of
 from trueplant.project.system_files import read_system
 from trueplant.record.readers import read_table
 
@@ -53,18 +55,21 @@ class ModelFiles:
         if entry.tf is not None:
             return DeclaredModel(tf(entry.tf) * factor if factor != 1.0 else tf(entry.tf))
         given, source, sha256 = self._step(entry) if entry.step is not None else self._system(entry)
-        assert entry.file is not None
         if isinstance(given, TransferFunction):
-            model = DeclaredModel(given * factor, source, entry.file, sha256)
+            model = DeclaredModel(given * factor, source, entry.file or "", sha256)
         else:
             wanted = None if entry.structure is None else Structure.parse(entry.structure)
             fitted = fit_step(given * factor, wanted)
             found = fitted.error, fitted.at
-            model = DeclaredModel(fitted.system, source, entry.file, sha256, given * factor, *found)
+            model = DeclaredModel(fitted.system, source, entry.file or "", sha256, given * factor, *found)
         _check(entry, model)
         return model
 
     def _step(self, entry: ModelElement) -> tuple[MeasuredStep, str, str]:
+        if isinstance(entry.step, list):
+            assert entry.sample_time is not None  # checked with the table
+            coefficients = np.array(entry.step, dtype=float)
+            return checked_step(coefficients, entry.sample_time, entry.kind, entry.ramp), "in the project", ""
         table = self.table(entry.step)
         column = chosen_column(table, entry.column, entry.time, element_name(entry.output, entry.input))
         step = step_of(table, column, entry.sample_time or entry.time or "", kind=entry.kind, ramp=entry.ramp)

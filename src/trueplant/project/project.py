@@ -110,6 +110,13 @@ class Project(Declaration):
             self._models = self.read_models(("model",), self.model)
         return self._models
 
+    def estimate(self, i: int, j: int) -> bool:
+        """Whether element i, j is to be estimated: not if it is kept, and not if it is zero without a structure."""
+        element = self.element(i, j)
+        if element is None or not element.estimate:
+            return False
+        return element.structure is not None or not self.models[element.output, element.input].system.is_zero
+
     def read_models(
         self, where: tuple[str, ...], elements: Sequence[ModelElement]
     ) -> Mapping[tuple[str, str], DeclaredModel]:

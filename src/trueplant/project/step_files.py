@@ -1,4 +1,4 @@
-"""Files of step coefficients or of impulse responses: CSV, Parquet or XLSX, with a column an element."""
+"""Step coefficients and impulse responses, mostly from files with a column an element: CSV, Parquet or XLSX."""
 
 from __future__ import annotations
 
@@ -34,26 +34,38 @@ def step_of(table: Table, column: str, times: float | str, kind: Kind = "step", 
     """One column as a step response. `times` is the column of its times, or the sample time: the first coefficient is
     then that of one sample after the step.
 
-    Raises DataError for what is no number, too few coefficients, times that are not even, a response that is cut off,
-    and a ramp that is none.
+    Raises DataError for what is no number, times that are not even, and what `checked_step` refuses.
     """
     values = _numbers(table, column)
-    if values.size < levels.FEWEST_COEFFICIENTS:
-        raise DataError(
-            f"{table.source}, column {column!r} has {values.size} coefficients, too few to tell a response "
-            f"({levels.FEWEST_COEFFICIENTS} are the least): give all of them until it has settled"
-        )
     h, at_zero = _spacing(table, times) if isinstance(times, str) else (times, False)
-    after = np.cumsum(values) if kind == "fir" else values
-    measured = MeasuredStep(after if at_zero else np.concatenate([[0.0], after]), h, ramp)
-    if measured.settled == ramp and measured.size > 0:
-        what = (
-            "comes to rest, and ramp = true says that it does not: leave ramp out"
-            if ramp
-            else "still moves at its last coefficient: give all of them until it has settled, or ramp = true if it "
-            "integrates"
+    start = values[:1] if at_zero else np.zeros(1)
+    try:
+        return checked_step(values[1:] if at_zero else values, h, kind, ramp, float(start[0]))
+    except DataError as error:
+        raise DataError(f"{table.source}, column {column!r}: {error}") from None
+
+
+def checked_step(
+    coefficients: Array, sample_time: float, kind: Kind = "step", ramp: bool = False, direct: float = 0.0
+) -> MeasuredStep:
+    """Coefficients (n,) from one sample after the step on, and the `direct` one at the step itself.
+
+    Raises DataError for too few coefficients, a response that is cut off, and a ramp that is none.
+    """
+    if coefficients.size < levels.FEWEST_COEFFICIENTS:
+        raise DataError(
+            f"{coefficients.size} coefficients are too few to tell a response ({levels.FEWEST_COEFFICIENTS} are the "
+            "least): give all of them until it has settled"
         )
-        raise DataError(f"{table.source}: the response in column {column!r} {what}")
+    values = np.concatenate([[direct], coefficients])
+    measured = MeasuredStep(np.cumsum(values) if kind == "fir" else values, sample_time, ramp)
+    if measured.settled == ramp and measured.size > 0:
+        raise DataError(
+            "the response comes to rest, and ramp = true says that it does not: leave ramp out"
+            if ramp
+            else "the response still moves at its last coefficient: give all of them until it has settled, or "
+            "ramp = true if it integrates"
+        )
     return measured
 
 

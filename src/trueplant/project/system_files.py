@@ -184,17 +184,12 @@ def _fraction(num: Array, den: Array, late: float, h: float, scale: float) -> Tr
         # s of the file is s of the project times the file's unit in the project's
         stretched = [p * scale ** np.arange(p.size - 1, -1, -1.0) for p in (num, den)]
         return TransferFunction.rational(stretched[0], stretched[1], late * scale)
-    from scipy.signal import tf2ss
-
     if num.size != den.size:
         raise FormulaError(
             "num and den of a discrete model must have as many coefficients (descending powers of z): add the zeros "
             "that were left out"
         )
-    if den[0] == 0:
-        raise FormulaError("den must begin with what is not 0: the model would answer before it is asked")
-    A, B, C, D = tf2ss(np.trim_zeros(num, "f") if num.any() else np.zeros(1), den)
-    return StateSpace(A, B, C, D, np.array([[late * h * scale]]), h * scale).step(0, 0)
+    return StateSpace.of_fraction(num, den, late * h * scale, h * scale).step(0, 0)
 
 
 def _polynomials(given: Any, key: str) -> list[list[Array]]:
