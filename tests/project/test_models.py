@@ -263,9 +263,16 @@ MISTAKES = {
     "few": ({"step": "a.csv", "sample_time": 2.0}, GOOD[:6], "6 coefficients"),
     "cut off": ({"step": "a.csv", "sample_time": 2.0}, GOOD[:8], "still moves at its last coefficient"),
     "no ramp": ({"step": "a.csv", "sample_time": 2.0, "ramp": True}, GOOD, "comes to rest"),
+    "an impulse response": (
+        {"step": "a.csv", "sample_time": 2.0},
+        list(np.diff(GOOD, prepend=0.0)),
+        "ends where it began: if the coefficients are those of an impulse response",
+    ),
+    "step coefficients as impulse response": ({"step": GOOD, "sample_time": 2.0, "kind": "fir"}, None, "still moves"),
+    "list with a column": ({"step": GOOD, "sample_time": 2.0, "column": "a"}, None, "column: belongs to a file"),
     "no response": (
         {"step": "a.csv", "sample_time": 2.0},
-        [(-1.0) ** k for k in range(40)],
+        [1 + 0.9 * (-1.0) ** k for k in range(40)],
         "no transfer function stands for a.csv",
     ),
     "no span": (

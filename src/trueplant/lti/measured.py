@@ -140,6 +140,6 @@ def largest_difference(measured: MeasuredStep, system: TransferFunction) -> tupl
     if not measured.integrating:
         apart[-1] = max(apart[-1], abs(measured.values[-1] - system.dc_gain))
     worst = int(np.argmax(apart))
-    if apart[worst] == 0.0:
+    if apart[worst] <= levels.ROUNDING * measured.size:
         return 0.0, 0.0
     return float(apart[worst] / measured.size) if measured.size else np.inf, float(measured.t[worst])

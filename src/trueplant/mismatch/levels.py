@@ -85,6 +85,9 @@ STEP_SEARCH = 300
 STEP_ROUNDING = 1e-4
 """Errors of a step response, relative to its largest value, that no structure is asked to explain: coefficients are
 written with four digits or so."""
+STEP_RETURNS = 0.02
+"""Last value of a step response, relative to its largest, below which it has returned, as an impulse response does that
+is taken for a step response. Judgement: inverse responses and overshoots fifty times the gain are not known."""
 STEP_USELESS = 2
 """Numbers of parameters in succession that did not help, after which no more are tried: a lead is often of use only
 beside a second lag."""

@@ -9,6 +9,7 @@ from itertools import groupby
 import numpy as np
 
 from trueplant.arrays import Array
+from trueplant.errors import FormulaError
 from trueplant.lti import MeasuredStep, Structure, TransferFunction, largest_difference
 from trueplant.mismatch import levels
 from trueplant.mismatch.reduction import fit_structure
@@ -39,10 +40,16 @@ def fit_step(measured: MeasuredStep, structure: Structure | None = None) -> Fitt
     may be correlated (first order), as those of coefficients that were identified are. Richer ones are tried, by number
     of parameters, until nothing is left to explain or two numbers in succession were of no use.
 
-    Raises Refused where there are too few coefficients for the parameters.
+    Raises Refused where there are too few coefficients for the parameters, and FormulaError for a response that ends
+    where it began: no structure has a gain of 0.
     """
     if measured.size == 0:
         return Fitted(TransferFunction(), structure, 0.0, 0.0)
+    if abs(measured.values[-1]) <= levels.STEP_RETURNS * measured.size:
+        raise FormulaError(
+            "the step response ends where it began: if the coefficients are those of an impulse response, say so (kind "
+            '"fir"); an element whose gain at rest is 0 cannot be estimated: give it as a formula'
+        )
     if structure is not None:
         return _fitted(measured, structure, _parameters(measured, structure))
     best = _Tried.of(measured, min(_candidates(measured), key=_size))

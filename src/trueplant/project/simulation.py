@@ -77,10 +77,10 @@ def simulate_record(project: Project) -> pl.DataFrame:
 
 
 def checked_format(path: str | Path) -> str:
-    """The ending of ``path``. Raises OutputError if it is not one that a record can be written with."""
+    """The ending of ``path``. Raises OutputError if it is not one that a table can be written with."""
     ending = Path(path).suffix.lower()
     if ending not in (".csv", ".parquet"):
-        raise OutputError(f"{path}: a record is written as .csv or .parquet, so the name must end in one of them")
+        raise OutputError(f"{path}: a table is written as .csv or .parquet, so the name must end in one of them")
     return ending
 
 

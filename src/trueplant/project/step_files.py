@@ -63,8 +63,8 @@ def checked_step(
         raise DataError(
             "the response comes to rest, and ramp = true says that it does not: leave ramp out"
             if ramp
-            else "the response still moves at its last coefficient: give all of them until it has settled, or "
-            "ramp = true if it integrates"
+            else "the response still moves at its last coefficient: give all of them until it has settled, or say "
+            "that it integrates (ramp = true; --ramp for trueplant convert) or that these are step coefficients (kind)"
         )
     return measured
 

@@ -44,6 +44,8 @@ class SystemFile:
     outputs: tuple[str, ...]
     """Names; empty where the file has none."""
     inputs: tuple[str, ...]
+    time_unit: str
+    """That of all times; empty where neither the file nor who read it said one."""
     sha256: str = ""
 
     def element(
@@ -73,8 +75,8 @@ class SystemFile:
         return self.elements[i][j]
 
 
-def read_system(path: Path, time_unit: str) -> SystemFile:
-    """A model file, its times in `time_unit`. Raises DataError (file, key, what to do)."""
+def read_system(path: Path, time_unit: str | None = None) -> SystemFile:
+    """A model file, its times in `time_unit`, else in its own. Raises DataError (file, key, what to do)."""
     content = contents(path, DataError)
     try:
         said = json.loads(content.decode("utf-8-sig"))
@@ -88,28 +90,29 @@ def read_system(path: Path, time_unit: str) -> SystemFile:
         raise DataError(f"{path.name}: {error}") from None
 
 
-def _system(source: str, said: Mapping[str, Any], time_unit: str) -> SystemFile:
+def _system(source: str, said: Mapping[str, Any], time_unit: str | None) -> SystemFile:
     if _list(said, "internal"):
         raise FormulaError(
             "InternalDelay: delays inside of the states have no place in a transfer function: give num, den and delays "
             "instead"
         )
-    scale = _scale(said, time_unit)
+    own = _unit(said)
+    scale = unit_seconds(own) / unit_seconds(time_unit) if own and time_unit else 1.0
     h = float(_numbers(_value(said, "sample_time", 0.0), "sample_time", (1,))[0])
     if h < 0:
         raise FormulaError(f"sample_time: {h:g} leaves it open: say how long it is, in the time unit of the file")
     elements = _of_states(said, h, scale) if "A" in said else _of_fractions(said, h, scale)
     outputs, inputs = _names(said, "output_names", len(elements)), _names(said, "input_names", len(elements[0]))
-    return SystemFile(source, elements, outputs, inputs)
+    return SystemFile(source, elements, outputs, inputs, time_unit or own)
 
 
-def _scale(said: Mapping[str, Any], time_unit: str) -> float:
-    """The file's time unit in that of the project."""
-    unit = _value(said, "time_unit", time_unit)
-    unit = UNITS.get(str(unit), str(unit))
-    if unit not in UNITS.values():
+def _unit(said: Mapping[str, Any]) -> str:
+    """The file's time unit in the words of a project; empty where it says none."""
+    unit = str(_value(said, "time_unit", ""))
+    unit = UNITS.get(unit, unit)
+    if unit and unit not in UNITS.values():
         raise FormulaError(f"time_unit: {unit!r} is not known: use one of {', '.join(UNITS.values())}")
-    return unit_seconds(unit) / unit_seconds(time_unit)
+    return unit
 
 
 # -- state space -------------------------------------------------------------------------------------------------
