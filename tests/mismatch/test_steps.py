@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from trueplant.errors import FormulaError
 from trueplant.lti import MeasuredStep, Structure, structure_of, tf
 from trueplant.mismatch.steps import fit_step
 
@@ -74,6 +75,38 @@ def test_noise_is_not_explained_by_more_parameters():
     assert np.all(np.abs(gains - 2) < 4 * 0.04 / np.sqrt(40))
 
 
+def test_more_parameters_than_coefficients_are_refused():
+    few = MeasuredStep.of_system(tf("2/(3 s + 1)"), 2.0, 8)
+    with pytest.raises(FormulaError, match="8 coefficients are too few for the 10 parameters"):
+        fit_step(few, Structure.parse("sopdt+lag+lag+lead+lead+delayed"))
+
+
+def test_impulse_responses_are_not_taken_for_step_responses():
+    washed_out = MeasuredStep(MeasuredStep.of_system(tf("2 exp(-3 s)/(10 s + 1)"), 1.0, 80).fir, 1.0)
+    with pytest.raises(FormulaError, match="ends where it began"):
+        fit_step(washed_out)
+
+
 def test_nothing_stays_nothing():
     fitted = fit_step(MeasuredStep(np.zeros(20), 1.0))
     assert fitted.system.is_zero and fitted.error == 0.0
+
+
+def test_scatter_of_the_coefficients_says_how_far_the_parameters_are_off():
+    """95 % intervals from the covariance, over simulated step tests with independent errors."""
+    exact = MeasuredStep.of_system(tf("2 exp(-3.4 s)/(10 s + 1)"), 1.0, 60)
+    rng, inside = np.random.default_rng(1), []
+    for _ in range(150):
+        noise = np.concatenate([[0.0], 0.02 * rng.standard_normal(60)])
+        fitted = fit_step(MeasuredStep(exact.values + noise, 1.0), Structure.parse("fopdt"))
+        assert fitted.covariance is not None
+        off = structure_of(fitted.system)[1] - [2.0, 10.0, 3.4]
+        inside.append(np.abs(off) < 1.96 * np.sqrt(np.diag(fitted.covariance)))
+    # four standard errors of a share of 150
+    assert np.all(np.abs(np.mean(inside, axis=0) - 0.95) < 4 * np.sqrt(0.95 * 0.05 / 150))
+
+
+def test_exact_coefficients_have_exact_parameters():
+    fitted = fit_step(MeasuredStep.of_system(tf("2 exp(-3.4 s)/((10 s + 1)(4 s + 1))"), 1.0, 90))
+    assert fitted.covariance is not None
+    assert np.all(np.sqrt(np.diag(fitted.covariance)) < 1e-6)

@@ -38,6 +38,9 @@ def files(folder: Path) -> None:
         for j in range(2)
     }
     pl.DataFrame({name: values[1:] for name, values in steps.items()}).write_csv(folder / "steps.csv")
+    rng = np.random.default_rng(11)
+    rough = {n: v[1:] + 0.04 * np.abs(v[-1]) * rng.standard_normal(60) for n, v in steps.items()}
+    pl.DataFrame(rough).write_csv(folder / "rough.csv")
     pl.DataFrame({"t": np.arange(61) * 2.0} | {n: np.diff(v, prepend=0.0) for n, v in steps.items()}).write_parquet(
         folder / "fir.parquet"
     )
@@ -65,6 +68,7 @@ def elements(form: str) -> list[dict[str, Any]]:
                     "gain_unit": "percent of span",
                 },
                 "step": {"step": "steps.csv", "sample_time": 2.0},
+                "rough": {"step": "rough.csv", "sample_time": 2.0},
                 "fir": {"step": "fir.parquet", "kind": "fir", "time": "t"},
                 "states": {"state_space": "states.json"},
                 "sampled": {"state_space": "sampled.json"},
@@ -107,6 +111,16 @@ def test_the_verdict_does_not_depend_on_the_format(folder: Path) -> None:
                 assert p.changed == q.changed
                 assert q.model == pytest.approx(p.model, rel=1e-3)
                 assert q.plant == pytest.approx(p.plant, abs=0.1 * p.std_error)
+
+
+@pytest.mark.slow
+def test_scatter_of_coefficients_is_no_change_of_the_plant(folder: Path) -> None:
+    """Coefficients that scatter by 4 % of the gain, and a record that tells the plant more surely than they do."""
+    _, found = result(folder, "rough")
+    assert {(e.output, e.input) for e in found.elements if e.verdict == "changed"} == {("top", "reflux")}
+    others = [e for e in found.elements if (e.output, e.input) != ("top", "reflux")]
+    # else this would show nothing: by the errors of the plant alone some parameter is off
+    assert max(abs(p.plant - p.model) / p.std_error for e in others for p in e.parameters) > 3
 
 
 @pytest.mark.slow

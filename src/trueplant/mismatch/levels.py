@@ -88,6 +88,9 @@ written with four digits or so."""
 STEP_RETURNS = 0.02
 """Last value of a step response, relative to its largest, below which it has returned, as an impulse response does that
 is taken for a step response. Judgement: inverse responses and overshoots fifty times the gain are not known."""
+STEP_CORRELATION = 0.95
+"""Of neighbouring errors of coefficients, at most: what is left of a misfit looks like a walk, whose size over the
+whole response nobody knows."""
 STEP_USELESS = 2
 """Numbers of parameters in succession that did not help, after which no more are tried: a lead is often of use only
 beside a second lag."""

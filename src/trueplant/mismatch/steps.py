@@ -11,6 +11,7 @@ import numpy as np
 from trueplant.arrays import Array
 from trueplant.errors import FormulaError
 from trueplant.lti import MeasuredStep, Structure, TransferFunction, largest_difference
+from trueplant.lti.structure import structure_of
 from trueplant.mismatch import levels
 from trueplant.mismatch.reduction import fit_structure
 
@@ -20,7 +21,7 @@ AT_ONCE = ("gain", "fopdt+lead")
 """What may answer without delay, beside the others."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fitted:
     """A transfer function in place of a measured step response."""
 
@@ -31,6 +32,9 @@ class Fitted:
     """Largest difference of the two step responses, as a share of the largest value of the measured one."""
     at: float
     """When that is."""
+    covariance: Array | None = None
+    """(n_p, n_p) of the parameters that `structure_of` finds in `system`, by the scatter of the coefficients about it;
+    None where it finds none."""
 
 
 def fit_step(measured: MeasuredStep, structure: Structure | None = None) -> Fitted:
@@ -40,8 +44,8 @@ def fit_step(measured: MeasuredStep, structure: Structure | None = None) -> Fitt
     may be correlated (first order), as those of coefficients that were identified are. Richer ones are tried, by number
     of parameters, until nothing is left to explain or two numbers in succession were of no use.
 
-    Raises Refused where there are too few coefficients for the parameters, and FormulaError for a response that ends
-    where it began: no structure has a gain of 0.
+    Raises FormulaError where there are fewer coefficients than parameters, and for a response that ends where it began:
+    no structure has a gain of 0.
     """
     if measured.size == 0:
         return Fitted(TransferFunction(), structure, 0.0, 0.0)
@@ -49,6 +53,12 @@ def fit_step(measured: MeasuredStep, structure: Structure | None = None) -> Fitt
         raise FormulaError(
             "the step response ends where it began: if the coefficients are those of an impulse response, say so (kind "
             '"fir"); an element whose gain at rest is 0 cannot be estimated: give it as a formula'
+        )
+    if structure is not None and _size(structure) >= measured.values.size:
+        count = measured.values.size - 1
+        raise FormulaError(
+            f"{count} coefficients are too few for the {_size(structure)} parameters of {structure}: give more, or a "
+            "simpler structure"
         )
     if structure is not None:
         return _fitted(measured, structure, _parameters(measured, structure))
@@ -88,8 +98,7 @@ class _Tried:
     def of(cls, measured: MeasuredStep, structure: Structure) -> _Tried:
         p = _parameters(measured, structure)
         e = structure.response(p, np.ones(measured.values.size), measured.sample_time) - measured.values
-        power, rounding = float(e @ e), levels.STEP_ROUNDING * measured.size
-        follows = min(max(float(e[1:] @ e[:-1]) / power, 0.0), 1.0) if power > 0 else 0.0
+        power, rounding, follows = float(e @ e), levels.STEP_ROUNDING * measured.size, min(_correlation(e), 1.0)
         new = np.concatenate([e[:1], e[1:] - follows * e[:-1]])
         criterion = e.size * np.log(np.mean(new**2) + rounding**2) + _size(structure) * np.log(e.size)
         return cls(structure, p, float(criterion), power <= e.size * rounding**2)
@@ -120,4 +129,30 @@ def _parameters(measured: MeasuredStep, structure: Structure) -> Array:
 
 def _fitted(measured: MeasuredStep, structure: Structure, p: Array) -> Fitted:
     system = structure.transfer(p)
-    return Fitted(system, structure, *largest_difference(measured, system))
+    return Fitted(system, structure, *largest_difference(measured, system), _covariance(measured, system))
+
+
+def _covariance(measured: MeasuredStep, system: TransferFunction) -> Array | None:
+    """That of least squares whose errors are correlated (first order): misfit counts as scatter does."""
+    from scipy.signal import lfilter
+
+    try:
+        structure, p = structure_of(system)
+    except FormulaError:
+        return None
+    rows = structure.response_and_gradient(p, np.ones(measured.values.size), measured.sample_time)
+    e, J = rows[0] - measured.values, rows[1:].T
+    power, free = float(e @ e), max(e.size - p.size, 1)
+    follows = min(_correlation(e), levels.STEP_CORRELATION)
+    forwards = lfilter([1.0], [1.0, -follows], J, axis=0)
+    backwards = lfilter([1.0], [1.0, -follows], J[::-1], axis=0)[::-1]
+    scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    inverse = np.linalg.pinv(J.T @ J / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
+    middle = power / free * (J.T @ (forwards + backwards - J))
+    return np.asarray(inverse @ (middle + middle.T) / 2 @ inverse, dtype=float)
+
+
+def _correlation(e: Array) -> float:
+    """Of each error with the next one, 0 at least."""
+    power = float(e @ e)
+    return max(float(e[1:] @ e[:-1]) / power, 0.0) if power > 0 else 0.0

@@ -8,7 +8,8 @@ from functools import cache
 
 import numpy as np
 
-from trueplant.errors import FormulaError, ProjectError, Refused, UsageError
+from trueplant.arrays import Array
+from trueplant.errors import FormulaError, ProjectError, UsageError
 from trueplant.lti import MeasuredStep, Structure, TransferFunction, require_proper, tf
 from trueplant.lti.structure import structure_of
 from trueplant.mismatch.steps import fit_step
@@ -39,6 +40,8 @@ class DeclaredModel:
     """Largest difference of the step response of `system`, as a share of the gain."""
     at: float = 0.0
     """When that is, in the project's time unit."""
+    covariance: Array | None = None
+    """(n_p, n_p) of the parameters that `structure_of` finds in `system`, by the scatter of the coefficients."""
 
 
 class ModelFiles:
@@ -50,7 +53,7 @@ class ModelFiles:
         self.system = cache(lambda name: read_system(project.folder / name, project.time_unit))
 
     def element(self, entry: ModelElement) -> DeclaredModel:
-        """What one entry declares. Raises UsageError or Refused."""
+        """What one entry declares. Raises UsageError."""
         factor = span_factor(self.project, entry)
         if entry.tf is not None:
             return DeclaredModel(tf(entry.tf) * factor if factor != 1.0 else tf(entry.tf))
@@ -60,7 +63,7 @@ class ModelFiles:
         else:
             wanted = None if entry.structure is None else Structure.parse(entry.structure)
             fitted = fit_step(given * factor, wanted)
-            found = fitted.error, fitted.at
+            found = fitted.error, fitted.at, fitted.covariance
             model = DeclaredModel(fitted.system, source, entry.file or "", sha256, given * factor, *found)
         _check(entry, model)
         return model
@@ -94,7 +97,7 @@ def declared_models(
     for k, entry in enumerate(entries):
         try:
             found[entry.output, entry.input] = files.element(entry)
-        except (UsageError, Refused) as error:
+        except UsageError as error:
             key = (*where, k, "step" if entry.step is not None else "state_space")
             line = line_of(key, text)
             place = f"{project.source}, line {line}" if line else project.source

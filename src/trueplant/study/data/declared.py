@@ -40,6 +40,15 @@ def declared_steps(study: Study) -> Mapping[Place, MeasuredStep]:
     }
 
 
+def declared_covariances(study: Study) -> Mapping[Place, Array]:
+    """Of the parameters of elements that were given as coefficients, by the scatter of these."""
+    return {
+        (study.project.output_names.index(output), study.columns.index(source)): one.covariance
+        for (output, source), one in study.project.models.items()
+        if one.covariance is not None
+    }
+
+
 def model_steps(study: Study, t: Array) -> Array:
     """(n_t, n_y, n_u) unit step responses of the model at even times from 0, as they were declared."""
     out = step_responses(study.inputs_model, t)

@@ -14,6 +14,7 @@ from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.result import Code, Element, ElementVerdict, Importance, Reason
 from trueplant.study import levels
+from trueplant.study.data.declared import declared_covariances
 from trueplant.study.plant.causes import causes_of
 from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.parameters import budgets_of, parameters_of
@@ -49,7 +50,7 @@ class Judged:
 
 def judge(study: Study, identified: Identified, plant: TransferMatrix) -> Judged:
     """Verdicts, importance, grades and causes; `plant` (n_y, n_u + n_d) as estimated."""
-    found = detect.elements_found(study.model, identified.estimates)
+    found = detect.elements_found(study.model, identified.estimates, declared_covariances(study))
     elements = _elements(study, identified, found, plant)
     causes = causes_of(study, identified, found, elements) if _answered(elements) else []
     return Judged(found, elements, tuple(causes), restructured(study, found))
