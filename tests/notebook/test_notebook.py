@@ -13,6 +13,8 @@ from jsonschema import Draft202012Validator
 
 import trueplant as tp
 from trueplant.loop import Controller, alternating_steps, simulate
+from trueplant.lti import MeasuredStep, from_control
+from trueplant.notebook.loops import project_of
 from trueplant.output import as_json
 from trueplant.result.schema import published
 
@@ -191,3 +193,38 @@ def test_transfer_functions_have_latex_and_text():
     matrix = tp.TransferMatrix.of([["1/(s + 1)", "0"], ["2", "1/s"]])
     assert str(matrix) == "1/(s + 1), 0\n2, 1/s"
     assert matrix._repr_latex_() == r"$\begin{bmatrix} \frac{1}{s + 1} & 0 \\ 2 & \frac{1}{s} \end{bmatrix}$"
+
+
+def test_what_is_discrete_counts_as_its_step_response():
+    """Sampled by python-control, from python-control and as coefficients: the model that was sampled."""
+    place = ("TIC101", "TIC101")
+    delayed = control.c2d(control.tf([2.0], [10.0, 1.0]), 1.0) * control.tf([1], [1, 0, 0, 0], dt=1.0)
+    step = MeasuredStep.of_system(tp.tf("2 exp(-3 s)/(10 s + 1)"), 1.0, 80)
+    continuous = from_control(control.tf([2.0], [10.0, 1.0]), [[3.0]])
+    w = 1j * np.geomspace(0.01, 1, 20)
+    for given in (
+        delayed,
+        control.ss(delayed),
+        step,
+        {"step": step.values[1:].tolist(), "sample_time": 1.0},
+        continuous,
+    ):
+        made = project_of(["f"], LOOPS[:1], {place: given}, None, "min", {})
+        assert np.allclose(made.model_matrix()[0, 0](w), tp.tf("2 exp(-3 s)/(10 s + 1)")(w), rtol=1e-3)
+        assert (made.models["TIC101", "TIC101 OP"].measured is None) == (given is continuous)
+    whole = project_of(["f"], LOOPS[:1], delayed, None, "min", {})
+    assert np.allclose(whole.model_matrix()[0, 0](w), tp.tf("2 exp(-3 s)/(10 s + 1)")(w), rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("system", "said"),
+    [
+        (control.tf([1], [1, -1.2], dt=1.0), "unstable"),
+        (control.tf([1], [1, -0.5], dt=True), "left open"),
+        (control.tf([1, 0], [1, -0.5], dt=1.0), "in the very sample"),
+        (from_control(control.ss(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)))), "is 2 by 2"),
+    ],
+)
+def test_systems_that_are_no_element(system, said):
+    with pytest.raises(tp.UsageError, match=said):
+        project_of(["f"], LOOPS[:1], {("TIC101", "TIC101"): system}, None, "min", {})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,21 @@ from trueplant.errors import UsageError
 from trueplant.version import __version__
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+class Form(StrEnum):
+    """What a model is written as."""
+
+    TF = "tf"
+    STEP = "step"
+    FIR = "fir"
+
+
+class Kind(StrEnum):
+    """What coefficients are of."""
+
+    STEP = "step"
+    FIR = "fir"
 
 
 def _path(text: str) -> Path:
@@ -113,6 +129,24 @@ def simulate(project: ProjectFile, out: OutFile = None, force: Force = False) ->
     from trueplant.cli.data import simulate
 
     return simulate(project, out, force)
+
+
+@app.command(short_help="A model in another form: tf, step or fir.")
+def convert(
+    model: Annotated[Path, typer.Argument(metavar="IN", help="Project, coefficients (CSV, Parquet), or JSON.")],
+    to: Annotated[Form, typer.Option("--to", help="Formulas, step coefficients or impulse responses.")],
+    out: OutFile = None,
+    force: Force = False,
+    sample_time: Annotated[float | None, typer.Option(min=1e-9, help="Between coefficients, read or written.")] = None,
+    kind: Annotated[Kind, typer.Option(help="What coefficients that are read are.")] = Kind.STEP,
+    ramp: Annotated[list[str] | None, typer.Option(metavar="COLUMN", help="It integrates. May be repeated.")] = None,
+    structure: Annotated[str | None, typer.Option(help="Of formulas for coefficients, such as fopdt.")] = None,
+) -> int:
+    """Write a model as formulas, step coefficients or impulse responses, and say what that costs."""
+    from trueplant.cli.convert import convert
+    from trueplant.project.conversion import Coefficients
+
+    return convert(model, to.value, out, force, Coefficients(kind.value, sample_time, ramp or ()), structure)
 
 
 @app.command(short_help="Run a built-in case end to end, no file needed.")

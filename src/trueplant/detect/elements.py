@@ -24,7 +24,7 @@ from trueplant.identify import (
     specs_of,
     unanswered,
 )
-from trueplant.lti import TransferMatrix
+from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.lti.structure import structure_of
 from trueplant.record import Segment
 
@@ -49,10 +49,26 @@ class Found:
     """What the variances in the covariance are made of."""
     rejected: Rejected | None = None
     """The structure that the record rejects, in favour of that of `spec`; None where it suffices."""
+    of_model: Array | None = None
+    """Covariance of what the model says of each parameter, where it was itself measured; None where it is exact."""
+
+    @property
+    def for_tests(self) -> Found:
+        """With the covariances of the difference to the model."""
+        if self.of_model is None:
+            return self
+        return replace(self, covariance=self.covariance + self.of_model, joint=self.joint + self.of_model)
 
 
-def elements_found(model: TransferMatrix, estimates: Mapping[int, OutputEstimate]) -> dict[tuple[int, int], Found]:
-    """Each estimated element by its place in the matrix, parameters with tau1 >= tau2 >= ..."""
+def elements_found(
+    model: TransferMatrix,
+    estimates: Mapping[int, OutputEstimate],
+    of_model: Mapping[tuple[int, int], Array] | None = None,
+) -> dict[tuple[int, int], Found]:
+    """Each estimated element by its place in the matrix, parameters with tau1 >= tau2 >= ...
+
+    `of_model`: covariances of the model's own parameters, as `structure_of` orders them, where they are not exact.
+    """
     found = {}
     for i, estimate in estimates.items():
         reasons = unanswered(estimate)
@@ -70,8 +86,21 @@ def elements_found(model: TransferMatrix, estimates: Mapping[int, OutputEstimate
                 _model_values(model, i, spec, spec.column in estimate.rejected),
                 estimate.budget.at(index),
                 estimate.rejected.get(spec.column),
+                _of_model(model[i, spec.column], spec, (of_model or {}).get((i, spec.column))),
             )
     return found
+
+
+def _of_model(system: TransferFunction, spec: Spec, covariance: Array | None) -> Array | None:
+    """The covariance of the model's own parameters at their places among those of the element; 0 where it has none."""
+    if covariance is None:
+        return None
+    own, names = structure_of(system)[0].names, spec.structure.names
+    here = [names.index(name) for name in own if name in names]
+    there = [k for k, name in enumerate(own) if name in names]
+    out = np.zeros((len(names), len(names)))
+    out[np.ix_(here, here)] = covariance[np.ix_(there, there)]
+    return out
 
 
 def _model_values(model: TransferMatrix, i: int, spec: Spec, rejected: bool) -> tuple[float | None, ...]:
@@ -100,6 +129,7 @@ def judge_elements(
     With `worth_knowing` infinite all that is answered is tested, and no power is asked of what is called unchanged.
     """
     places = sorted(found)
+    found = {place: one.for_tests for place, one in found.items()}
     evidence = []
 
     @cache

@@ -9,7 +9,9 @@ from numpy.typing import ArrayLike
 
 from trueplant.arrays import Array
 from trueplant.errors import FormulaError
+from trueplant.lti.measured import MeasuredStep
 from trueplant.lti.reduce import simplified
+from trueplant.lti.states import StateSpace
 from trueplant.lti.transfer import Term, TransferFunction, TransferMatrix
 
 if TYPE_CHECKING:
@@ -45,24 +47,42 @@ def from_control(system: Any, dead_times: ArrayLike | None = None) -> TransferMa
             for i in range(shape[0])
         ]
     else:
-        elements = [[_from_states(system, i, j, delays[i, j]) for j in range(shape[1])] for i in range(shape[0])]
+        states = _states(system, delays)
+        elements = [[states.transfer(i, j) for j in range(shape[1])] for i in range(shape[0])]
     return TransferMatrix(tuple(map(tuple, elements)))
 
 
-def _from_states(system: Any, i: int, j: int, dead_time: float) -> TransferFunction:
-    """C (sI - A)^-1 B + D = (det(sI - A + k b c) - det(sI - A))/(k det(sI - A)) + d for any k.
+def is_discrete(system: Any) -> bool:
+    """Whether a system of python-control has a sample time."""
+    return getattr(system, "dt", None) not in (0, None)
 
-    k makes k b c as large as A, so that the difference keeps its digits.
+
+def step_responses(system: Any) -> tuple[tuple[MeasuredStep, ...], ...]:
+    """[n_y][n_u] of a discrete ``control.TransferFunction`` or ``control.StateSpace``, exact.
+
+    Raises FormulaError for one that is unstable, or whose sample time is left open (dt = True).
     """
-    a = np.asarray(system.A, dtype=float)
-    product = np.outer(system.B[:, j], system.C[i, :])
-    direct = TransferFunction.rational([system.D[i, j]], 1.0, dead_time)
-    if not product.any():
-        return direct
-    k = (np.linalg.norm(a) or 1.0) / np.linalg.norm(product)
-    den, moved = np.poly(a).real, np.poly(a - k * product).real
-    num = np.where(np.abs(moved - den) <= 1e-13 * (np.abs(moved) + np.abs(den)), 0.0, moved - den) / k
-    return simplified(direct + TransferFunction.rational(num, den, dead_time))
+    import control
+
+    if not isinstance(system, (control.TransferFunction, control.StateSpace)):
+        raise FormulaError(
+            f"a discrete {type(system).__name__} cannot be converted; give a TransferFunction or StateSpace"
+        )
+    if system.dt is True:
+        raise FormulaError("the sample time of the system is left open (dt = True): say how long it is")
+    h, places = float(system.dt), [[(i, j) for j in range(system.ninputs)] for i in range(system.noutputs)]
+    if isinstance(system, control.TransferFunction):
+        return tuple(
+            tuple(StateSpace.of_fraction(system.num[i][j], system.den[i][j], 0.0, h).step(0, 0) for i, j in row)
+            for row in places
+        )
+    known = _states(system, np.zeros((system.noutputs, system.ninputs)), h)
+    return tuple(tuple(known.step(i, j) for i, j in row) for row in places)
+
+
+def _states(system: Any, dead_times: Array, sample_time: float = 0.0) -> StateSpace:
+    A, B, C, D = (np.asarray(matrix, dtype=float) for matrix in (system.A, system.B, system.C, system.D))
+    return StateSpace(A, B, C, D, dead_times, sample_time)
 
 
 def to_control(g: TransferMatrix | TransferFunction, pade_order: int | None = None) -> control.TransferFunction:

@@ -41,3 +41,16 @@ WHOLE_SAMPLE = 1e-9
 
 MOST_DRAW_ROUNDS = 500
 """Times that as many plants are drawn as were asked for, before it is said that almost none can be. Judgement."""
+
+# -- measured step responses ---------------------------------------------------------------------------------
+
+UNSETTLED = 0.05
+"""Change from one tenth of a step response to the next, relative to its largest value, from which it has not come to
+rest: a ramp changes by a tenth, a first-order response cut off after three time constants by 0.02."""
+REST = 1e-5
+"""Share of its mode to which the slowest pole of a discrete model falls before its step response is cut off."""
+AT_ONE = 1e-9
+"""Distance of a discrete pole from |z| = 1 within which it integrates: rounding of what was sampled."""
+LEAST_COEFFICIENTS, MOST_COEFFICIENTS = 20, 20_000
+"""Of the step response of a discrete model, beside what its poles ask for, and in all: thousands of samples to settle
+are a sample time far too short for the plant, and every one of them is fitted."""

@@ -73,3 +73,24 @@ DEAD_TIMES = (30, 150)
 CLEAR_RESPONSE, LOUD = 3.0, 0.1
 """Standard errors from which a response is clear; share of the largest weighted response from which a frequency counts
 for the range of the grid."""
+
+# From measured step responses to parameters
+STEP_LOWEST, STEP_HIGHEST = 0.3, 0.9
+"""Range of the frequencies that the search begins with: over the length of the response, and as a share of half the
+sampling rate."""
+STEP_FREQUENCIES = 60
+"""How many, evenly on a logarithmic axis."""
+STEP_SEARCH = 300
+"""Evaluations of a search, at most."""
+STEP_ROUNDING = 1e-4
+"""Errors of a step response, relative to its largest value, that no structure is asked to explain: coefficients are
+written with four digits or so."""
+STEP_RETURNS = 0.02
+"""Last value of a step response, relative to its largest, below which it has returned, as an impulse response does that
+is taken for a step response. Judgement: inverse responses and overshoots fifty times the gain are not known."""
+STEP_CORRELATION = 0.95
+"""Of neighbouring errors of coefficients, at most: what is left of a misfit looks like a walk, whose size over the
+whole response nobody knows."""
+STEP_USELESS = 2
+"""Numbers of parameters in succession that did not help, after which no more are tried: a lead is often of use only
+beside a second lag."""

@@ -8,7 +8,8 @@ from typing import Any
 
 from trueplant.errors import UsageError
 from trueplant.loop import PID
-from trueplant.lti import TransferFunction, TransferMatrix, from_control, to_formula
+from trueplant.lti import MeasuredStep, TransferFunction, TransferMatrix, from_control, to_formula
+from trueplant.lti.bridge import is_discrete, step_responses
 from trueplant.project import Project
 
 LAW_KEYS = {
@@ -57,8 +58,9 @@ class Loop:
 
 
 Model = Mapping[tuple[str, str], Any] | TransferMatrix | Any
-"""By (output, input), both named by their loops: a formula, a number, a `TransferFunction` or a python-control system;
-or a whole matrix of either, rows and columns in the order of the loops."""
+"""By (output, input), both named by their loops: a formula, a number, a `TransferFunction`, a `MeasuredStep` or a
+python-control system; or a whole matrix, of ours or of python-control, rows and columns in the order of the loops. What
+is discrete counts as the step response that it has."""
 
 
 def project_of(
@@ -106,29 +108,50 @@ def _elements(loops: Sequence[Loop], model: Model | None) -> list[dict[str, Any]
                 f"the model names the element ({output!r}, {source!r}), and the loops are {', '.join(inputs)}: name "
                 "output and input by their loops"
             )
-        element = dict(system) if isinstance(system, Mapping) else {"tf": _formula(system)}
+        element = dict(system) if isinstance(system, Mapping) else _element(system)
         found.append({"output": output, "input": inputs[source]} | element)
     return found
 
 
 def _of_matrix(loops: Sequence[Loop], model: Any) -> dict[tuple[str, str], Any]:
-    matrix = model if isinstance(model, TransferMatrix) else from_control(model)
-    if matrix.shape != (len(loops), len(loops)):
-        raise UsageError(f"the model is {matrix.shape[0]} by {matrix.shape[1]}, and there are {len(loops)} loops")
+    matrix = _matrix(model)
+    shape = len(matrix), len(matrix[0])
+    if shape != (len(loops), len(loops)):
+        raise UsageError(f"the model is {shape[0]} by {shape[1]}, and there are {len(loops)} loops")
     return {
-        (row.name, column.name): matrix[i, j]
+        (row.name, column.name): matrix[i][j]
         for i, row in enumerate(loops)
         for j, column in enumerate(loops)
-        if not matrix[i, j].is_zero
+        if isinstance(matrix[i][j], MeasuredStep) or not matrix[i][j].is_zero
     }
 
 
-def _formula(system: Any) -> str | float:
+def _matrix(model: Any) -> Sequence[Sequence[Any]]:
+    """The elements of a matrix: transfer functions, or step responses where it is discrete."""
+    if isinstance(model, TransferMatrix):
+        return model.elements
+    return step_responses(model) if is_discrete(model) else from_control(model).elements
+
+
+def _element(system: Any) -> dict[str, Any]:
+    """The keys that say one element."""
     if isinstance(system, str | int | float):
-        return system if isinstance(system, str) else float(system)
-    if not isinstance(system, TransferFunction):
-        system = from_control(system)[0, 0]
-    return to_formula(system, 17)
+        return {"tf": system if isinstance(system, str) else float(system)}
+    if not isinstance(system, TransferFunction | MeasuredStep):
+        matrix = _matrix(system)
+        if (len(matrix), len(matrix[0])) != (1, 1):
+            raise UsageError(
+                f"an element of the model is {len(matrix)} by {len(matrix[0])}: give the one that is meant"
+            )
+        system = matrix[0][0]
+    if isinstance(system, TransferFunction):
+        return {"tf": to_formula(system, 17)}
+    if system.values[0] != 0.0:
+        raise UsageError(
+            "an element of the model answers in the very sample of its input: give it as a transfer function"
+        )
+    steps = {"step": system.values[1:].tolist(), "sample_time": system.sample_time}
+    return steps | ({"ramp": True} if system.integrating else {})
 
 
 def _law(loop: Loop) -> dict[str, Any]:

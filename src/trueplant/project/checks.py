@@ -87,7 +87,11 @@ def _check_references(project: Declaration) -> None:
 
 
 def _check_element(project: Declaration, element: ModelElement, where: tuple[str | int, ...]) -> None:
-    """An element that is to be estimated has a structure with parameters."""
+    """Gains in percent have spans, and an element that is to be estimated has a structure with parameters.
+
+    What a file holds is checked when it is read.
+    """
+    _check_spans(project, element, where)
     if element.tf is None or not element.estimate or element.structure not in (None, "auto"):
         return
     system = tf(element.tf)
@@ -98,6 +102,22 @@ def _check_element(project: Declaration, element: ModelElement, where: tuple[str
     except FormulaError as error:
         text = f"{error}; name the structure of the plant's element (structure = ...) or set estimate = false"
         raise problem(text, *where, "tf") from error
+
+
+def _check_spans(project: Declaration, element: ModelElement, where: tuple[str | int, ...]) -> None:
+    if element.gain_unit == "engineering":
+        return
+    if element.input in project.disturbance_names:
+        text = "a measured disturbance has no span: give this element in engineering units"
+        raise problem(text, *where, "gain_unit")
+    for name, entries, table in (
+        (element.output, project.outputs, "output"),
+        (element.input, project.inputs, "input"),
+    ):
+        entry = next(one for one in entries if one.name == name)
+        if entry.span is None:
+            text = f'"percent of span" needs the span: add span = [low, high] to the {table} "{name}"'
+            raise problem(text, *where, "gain_unit")
 
 
 def _check_experiments(project: Declaration) -> None:
@@ -157,8 +177,9 @@ def _check_simulation(project: Declaration) -> None:
         for k, element in enumerate(project.simulate.plant):
             _known(element.output, outputs, "[[output]]", "simulate", "plant", k, "output")
             _known(element.input, sources, "[[input]] or [[disturbance]]", "simulate", "plant", k, "input")
-            if element.tf is None:
+            if element.wanted:
                 raise problem("is needed: a plant that is simulated has to be known", "simulate", "plant", k, "tf")
+            _check_spans(project, element, ("simulate", "plant", k))
 
 
 def _check_loads(project: Declaration) -> None:

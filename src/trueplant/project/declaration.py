@@ -9,7 +9,6 @@ from typing import Any
 from pydantic import Field, PrivateAttr, ValidationError
 
 from trueplant import datasets
-from trueplant.lti import tf
 from trueplant.project.fields import Limits, Table, TimeUnit, problem
 from trueplant.project.law_table import Controller
 from trueplant.project.messages import message
@@ -120,19 +119,7 @@ class Declaration(Table):
     def wanted(self, i: int, j: int) -> bool:
         """Did nobody say whether element i, j is there? So it is for all without any model."""
         element = self.element(i, j)
-        return not self.model if element is None else element.tf is None
-
-    def formula(self, i: int, j: int) -> str | float:
-        """Of element i, j of the model; 0 where it has none."""
-        element = self.element(i, j)
-        return 0.0 if element is None or element.tf is None else element.tf
-
-    def estimate(self, i: int, j: int) -> bool:
-        """Whether element i, j is to be estimated: not if it is kept, and not if it is zero without a structure."""
-        element = self.element(i, j)
-        if element is None or element.tf is None:
-            return self.wanted(i, j)
-        return element.estimate and (element.structure is not None or not tf(element.tf).is_zero)
+        return not self.model if element is None else element.wanted
 
     def structure(self, i: int, j: int) -> str | None:
         """The declared structure of element i, j; None where it is the model's own, or to be found."""

@@ -10,6 +10,8 @@ from typing import Any
 import tomlkit
 from tomlkit.items import Array, InlineTable
 
+OF_FILES = ("step", "column", "time", "sample_time", "kind", "ramp", "state_space", "gain_unit")
+"""Keys of a model element that a formula in engineering units takes the place of."""
 Tables = MutableMapping[str, Any]
 """A TOML document or a part of one; a tomlkit document changes its text with its values."""
 
@@ -91,9 +93,12 @@ def with_moved_paths(text: str, move: Callable[[str], str]) -> str:
         files = data.get("files", [])
         for k, name in enumerate(files):
             files[k] = move(name)
-        for entry in (*_entries(tables, "experiment"), *data.get("exclude", [])):
-            if "file" in entry:
-                entry["file"] = move(entry["file"])
+        plant = simulate.get("plant")
+        elements = (*_entries(tables, "model"), *(plant if isinstance(plant, list) else ()))
+        for entry in (*_entries(tables, "experiment"), *data.get("exclude", []), *elements):
+            for key in ("file", "step", "state_space"):
+                if isinstance(entry.get(key), str):
+                    entry[key] = move(entry[key])
         if isinstance(simulate.get("plant"), str) and simulate["plant"] != "model":
             simulate["plant"] = move(simulate["plant"])
 
@@ -110,6 +115,8 @@ def with_formulas(text: str, formulas: Mapping[tuple[str, str], str]) -> str:
     def change(tables: Tables) -> None:
         for entry in _entries(tables, "model"):
             if formula := missing.pop((entry["output"], entry["input"]), None):
+                for key in OF_FILES:
+                    entry.pop(key, None)
                 entry["tf"] = formula
         if isinstance(model := tables.get("model"), Array):
             # model = [...] is the whole list: TOML allows no [[model]] after it

@@ -42,13 +42,13 @@ def _transfer_function(text: str | float) -> str | float:
     try:
         system = tf(text)
         require_proper(system, "the transfer function")
-        _require_reason(system)
+        require_reason(system)
     except FormulaError as error:
         raise problem(str(error)) from error
     return text
 
 
-def _require_reason(system: TransferFunction) -> None:
+def require_reason(system: TransferFunction) -> None:
     """Raise FormulaError for numbers that no plant has, and that arithmetic does not survive."""
     times = [1 / abs(pole) for pole in system.poles if pole != 0] + [t.dead_time for t in system.terms if t.dead_time]
     gains = [max(map(abs, term.num)) / max(map(abs, term.den)) for term in system.terms]

@@ -32,6 +32,27 @@ SHOWN_COLUMNS = 20
 SHOWN_CHARACTERS = 60
 """Of a wrong value in an error message: half a line of a terminal."""
 
+FEWEST_COEFFICIENTS = 8
+"""Of a step response: twice the parameters of a second-order element with dead time."""
+
+EVEN = 1e-3
+"""Of a sample: unevenness of the times of coefficients that is rounding of what was written."""
+
+SETTLED_TIMES = 7
+"""Longest time constants after which a step response is cut off: a thousandth of its gain is left."""
+
+COEFFICIENTS = 60
+"""Of a step response, at least, where nobody says their sample time: what model predictive controllers usually keep."""
+
+FINE = 50
+"""Parts of a sample at which a step response is compared with straight lines between its coefficients: it may begin
+with a corner between them."""
+
+WORST_CONVERSION = 0.2
+"""Difference of the step responses, as a share of the gain, from which a transfer function does not stand for a
+measured step response. Judgement: below the 30 % that are worth knowing by default, above the scatter of coefficients
+from a step test."""
+
 # -- exclusions ----------------------------------------------------------------------------------------------
 
 NO_ENTRY = 0.1

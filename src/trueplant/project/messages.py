@@ -85,6 +85,11 @@ def _plain(dotted: str) -> Where:
     return tuple(part.strip().strip("\"'") for part in dotted.split("."))
 
 
+def line_of(where: Where, text: str) -> int | None:
+    """The line of a key in a TOML text, or of the innermost table around it that has one."""
+    return _line(where, line_numbers(text))
+
+
 def _line(where: Where, lines: dict[Where, int]) -> int | None:
     for end in range(len(where), 0, -1):
         if where[:end] in lines:

@@ -14,12 +14,14 @@ from pydantic import PrivateAttr, ValidationError, model_validator
 from trueplant import loop
 from trueplant.errors import OutputError, ProjectError
 from trueplant.files import contents
-from trueplant.lti import TransferFunction, TransferMatrix, tf, to_formula
+from trueplant.lti import TransferFunction, TransferMatrix, to_formula
 from trueplant.project.checks import check_project
 from trueplant.project.controllers import controller_of, layout_of
 from trueplant.project.declaration import Declaration
 from trueplant.project.document import same_toml, to_toml, with_exclusions, with_formulas, with_moved_paths
 from trueplant.project.messages import message
+from trueplant.project.model_table import ModelElement
+from trueplant.project.models import DeclaredModel, declared_models
 from trueplant.record.layout import Layout
 
 
@@ -33,6 +35,8 @@ class Project(Declaration):
     _text: str = PrivateAttr(default="")
     """What the project was read from; empty where it was built in code."""
     _sha256: str = PrivateAttr(default="")
+    _models: Mapping[tuple[str, str], DeclaredModel] | None = PrivateAttr(default=None)
+    """Read when they are first asked for; those of a project file with it."""
 
     def __init__(self, /, **tables: Any) -> None:
         try:
@@ -72,6 +76,7 @@ class Project(Declaration):
             raise ProjectError(message(error.__cause__, cls, str(file), text)) from None
         project._folder, project._source = file.parent, str(file)
         project._text, project._sha256 = text, digest or _sha256(text.encode())
+        project._models = project.read_models(("model",), project.model)
         return project
 
     # -- what the tables say together -------------------------------------------------------------------
@@ -90,9 +95,35 @@ class Project(Declaration):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Its own, where it was read from one, and the records that it names."""
+        """Its own, where it was read from one, and the records and models that it names."""
         own = [Path(self._source)] if self._text else []
-        return (*own, *(self._folder / plan.name for plan in self.experiments if not plan.name.startswith("dataset:")))
+        plant = self.simulate.plant if self.simulate is not None else []
+        elements = [*self.model, *(plant if isinstance(plant, list) else [])]
+        models = dict.fromkeys(entry.file for entry in elements if entry.file is not None)
+        records = [plan.name for plan in self.experiments if not plan.name.startswith("dataset:")]
+        return (*own, *(self._folder / name for name in (*records, *models)))
+
+    @property
+    def models(self) -> Mapping[tuple[str, str], DeclaredModel]:
+        """The declared elements by (output, input), read from their files. Raises ProjectError."""
+        if self._models is None:
+            self._models = self.read_models(("model",), self.model)
+        return self._models
+
+    def estimate(self, i: int, j: int) -> bool:
+        """Whether element i, j is to be estimated: not if it is kept, and not if it is zero without a structure."""
+        element = self.element(i, j)
+        if element is None or element.wanted:
+            return self.wanted(i, j)
+        if not element.estimate:
+            return False
+        return element.structure is not None or not self.models[element.output, element.input].system.is_zero
+
+    def read_models(
+        self, where: tuple[str, ...], elements: Sequence[ModelElement]
+    ) -> Mapping[tuple[str, str], DeclaredModel]:
+        """Elements of a model that stand in the tables ``where``. Raises ProjectError."""
+        return declared_models(self, where, elements, self._text)
 
     def model_matrix(self) -> TransferMatrix:
         """The model from the inputs, (n_y, n_u); zero where no element is declared."""
@@ -104,9 +135,9 @@ class Project(Declaration):
         return self._matrix(range(n_u, n_u + len(self.disturbances))) if self.disturbances else None
 
     def _matrix(self, columns: range) -> TransferMatrix:
-        rows = []
-        for i in range(len(self.outputs)):
-            rows.append([self.formula(i, j) for j in columns])
+        sources = (*self.input_names, *self.disturbance_names)
+        models = {place: one.system for place, one in self.models.items()}
+        rows = [[models.get((output, sources[j]), 0.0) for j in columns] for output in self.output_names]
         return TransferMatrix.of(rows, self.time_unit)
 
     def controller(self, experiment: int = 0) -> loop.Controller | None:
@@ -128,9 +159,10 @@ class Project(Declaration):
         sources = (*self.input_names, *self.disturbance_names)
         formulas = {}
         for (i, j), system in elements.items():
-            formula = to_formula(system)
-            if self.wanted(i, j) or to_formula(tf(self.formula(i, j))) != formula:
-                formulas[self.output_names[i], sources[j]] = formula
+            place, formula = (self.output_names[i], sources[j]), to_formula(system)
+            declared = self.models.get(place)
+            if declared is None or declared.source or to_formula(declared.system) != formula:
+                formulas[place] = formula
         return self._read(with_formulas(self.to_toml(), formulas), Path(self._source))
 
     def with_exclusions(self, entries: Sequence[Mapping[str, Any]]) -> Self:
@@ -166,6 +198,7 @@ class Project(Declaration):
         copy = super().model_copy(update=update, deep=deep)
         if update:
             copy._text = copy._sha256 = ""
+            copy._models = None
         return copy
 
     def _moved(self, name: str, folder: str | os.PathLike[str]) -> str:

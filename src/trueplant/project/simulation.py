@@ -77,10 +77,10 @@ def simulate_record(project: Project) -> pl.DataFrame:
 
 
 def checked_format(path: str | Path) -> str:
-    """The ending of ``path``. Raises OutputError if it is not one that a record can be written with."""
+    """The ending of ``path``. Raises OutputError if it is not one that a table can be written with."""
     ending = Path(path).suffix.lower()
     if ending not in (".csv", ".parquet"):
-        raise OutputError(f"{path}: a record is written as .csv or .parquet, so the name must end in one of them")
+        raise OutputError(f"{path}: a table is written as .csv or .parquet, so the name must end in one of them")
     return ending
 
 
@@ -107,7 +107,8 @@ def _plant(project: Project, plan: Simulate) -> tuple[TransferMatrix, TransferMa
                 f"project: name them alike and in the same order"
             )
         return other.model_matrix(), other.disturbance_matrix()
-    cells = {(e.output, e.input): e.tf or 0.0 for e in plan.plant}
+    found = project.read_models(("simulate", "plant"), plan.plant)
+    cells = {place: one.system for place, one in found.items()}
     rows = [[cells.get((y, u), 0.0) for u in sources] for y in project.output_names]
     n_u, whole = len(project.inputs), TransferMatrix.of(rows, project.time_unit)
     return whole.columns(0, n_u), whole.columns(n_u) if project.disturbances else None

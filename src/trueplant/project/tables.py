@@ -76,6 +76,7 @@ class Output(Table):
     unit: str = ""
     kind: Literal["flow", "pressure", "level", "temperature", "other"] | None = None
     limits: Limits | None = None
+    span: Limits | None = None
     status: Name | None = None
 
 
@@ -86,6 +87,7 @@ class Input(Table):
     op: Name
     unit: str = ""
     limits: Limits | None = None
+    span: Limits | None = None
     status: Name | None = None
     mode: Name | None = None
     automatic_values: list[int | float | str] = Field(default_factory=list)

@@ -106,15 +106,15 @@ class Block:
         """Of one line."""
         return fields_of(self.text(k), self.separator)
 
-    def first_data_row(self) -> tuple[int, int]:
+    def first_data_row(self, fewest: int) -> tuple[int, int]:
         """The first line with numbers, and the usual number of fields of the lines below the top quarter.
 
-        Raises DataError where there is none.
+        Raises DataError where there is none, or where lines usually have less than `fewest` fields.
         """
         width, filled = self._places[2], np.flatnonzero(~self.blank)
         values, counts = np.unique(width[filled[filled.size // 4 :]], return_counts=True)
         usual = int(values[np.argmax(counts)])
-        if usual < 2:
+        if usual < fewest:
             raise DataError(
                 f"{self.source} has only one column when cut at {self.separator!r}; name its separator in `separator`"
             )

@@ -38,6 +38,8 @@ class Source:
     """Of a workbook; None: the first."""
     most: int = levels.MOST_CELLS
     """Cells that a table may have."""
+    fewest: int = 2
+    """Columns of a text file; with less it was cut at the wrong character."""
     wanted: Wanted | None = None
     """None: all columns."""
     say: Callable[[str], None] = field(default=lambda what: None, repr=False)

@@ -85,7 +85,7 @@ def _start(text: str, encoding: str, source: Source) -> _Start:
         raise DataError(f"{source.name} is empty; export the data again")
     separator = _separator(text, source)
     block = _block(text, separator, source.name, 0)
-    first, width = block.first_data_row()
+    first, width = block.first_data_row(source.fewest)
     head = [block.fields(int(k)) for k in np.flatnonzero(~block.blank[:first])]
     frame, lines = block.cells(first, width, list(range(width)))
     header = header_of(head, frame, source.name)

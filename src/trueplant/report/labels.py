@@ -79,6 +79,7 @@ LABELS = {word: word.replace("_", " ").capitalize() for word in WORDS.split()} |
     "assumed": "Assumed",
     "project_sha256": "SHA-256 of the project",
     "data_sha256": "SHA-256 of the data",
+    "model_sha256": "SHA-256 of the model's files",
     "sha256": "SHA-256",
 }
 

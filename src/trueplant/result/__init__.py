@@ -34,7 +34,7 @@ from trueplant.result.controllers import (
 from trueplant.result.curves import CoherenceCurves, Curves, MuCurves, Residuals, RetuningCurves, Trend
 from trueplant.result.data import DataFinding, Excitation, Exclusion, ExperimentData, SetpointMoves, SignalExcitation
 from trueplant.result.derived import Derived
-from trueplant.result.element import Element, Importance, Interval, Parameter
+from trueplant.result.element import DeclaredStep, Element, Importance, Interval, Parameter
 from trueplant.result.fit import FitRow, ResidualTest, ValidationFit
 from trueplant.result.methods import (
     Background,
@@ -97,6 +97,7 @@ __all__ = [
     "Curves",
     "DataFinding",
     "DeclaredDisturbance",
+    "DeclaredStep",
     "Derived",
     "DetectedElement",
     "Detection",

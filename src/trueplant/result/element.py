@@ -40,6 +40,20 @@ class Importance:
 
 
 @dataclass(frozen=True)
+class DeclaredStep:
+    """The model's element where it was given as coefficients of a step or impulse response."""
+
+    source: str
+    """File and column."""
+    error: float
+    """Largest difference of the step response of `tf_model`, as a share of the gain."""
+    error_at: float
+    """When that is."""
+    outside: tuple[Interval, ...] | None
+    """From when to when the coefficients lie outside of the band of the plant's step response; None without a band."""
+
+
+@dataclass(frozen=True)
 class Element:
     output: str
     input: str
@@ -64,3 +78,5 @@ class Element:
     """What is known of it as a whole."""
     budget: tuple[ParameterBudget, ...] = ()
     """What the standard error of each answered parameter is made of."""
+    declared_step: DeclaredStep | None = None
+    """Where the model was given as coefficients."""

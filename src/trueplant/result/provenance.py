@@ -36,3 +36,5 @@ class Provenance:
     time_unit: str
     seed: int
     settings: Settings
+    model_sha256: Mapping[str, str] = field(default_factory=dict)
+    """By file, of those that elements of the model are in."""

@@ -41,6 +41,8 @@ class Code(StrEnum):
     UNEVEN_NOISE = "uneven-noise", "the noise is not of one size and colour"
     RUNS_DISAGREE = "runs-disagree", "the experiments disagree"
     ONE_EXPERIMENT = "one-experiment", "the spread between runs is not known"
+    MODEL_CONVERTED = "model-converted", "the model was given as coefficients, and a transfer function stands for it"
+    MODEL_STEP = "model-step", "how the model's own step response lies against the plant's band"
     STRUCTURE = "structure", "an element has another structure than its model"
     UNDERMODELLED = "undermodelled", "the structure is simpler than the plant"
     OUTSIDE_BAND = "outside-band", "the plant lies outside of the band of the estimate without a structure"

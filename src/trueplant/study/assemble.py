@@ -26,6 +26,7 @@ from trueplant.result import (
 )
 from trueplant.study.curves import curves_of
 from trueplant.study.data.cascade import cascade_notes
+from trueplant.study.data.declared import band_notes, beside_the_band
 from trueplant.study.data.nonparametric import coherence_curves, coherence_table
 from trueplant.study.data.tables import data_tables, provenance
 from trueplant.study.loops.retuning import Retuning
@@ -66,9 +67,9 @@ class Found:
 
 def assemble(study: Study, checked: Checked, found: Found) -> Result:
     """The result of an analysis that answered at least in part; refused if no parameter is answered."""
-    elements, answered = found.judged.elements, found.judged.answered
-    plant = found.plant.nominal
+    answered, plant = found.judged.answered, found.plant.nominal
     curves = curves_of(study, found.identified, found.plant, found.compared.response)
+    elements = beside_the_band(study, found.judged.elements, curves)
     if checked.coherence is not None:
         curves = replace(curves, coherence=coherence_curves(study, checked.coherence))
     return Result(
@@ -82,7 +83,7 @@ def assemble(study: Study, checked: Checked, found: Found) -> Result:
         robustness=found.loop.table,
         controllers=found.retuned.table,
         more_data=found.plans,
-        notes=_notes(study, checked, found),
+        notes=_notes(study, checked, found, elements),
         curves=replace(curves, mu=found.loop.mu, retuning=found.retuned.curves),
         uncertainty=Uncertainty.of(found.plant, study.project.output_names, study.columns) if answered else None,
         plant=found.plant,
@@ -163,7 +164,7 @@ def _methods(study: Study, checked: Checked, found: Found) -> Methods:
     )
 
 
-def _notes(study: Study, checked: Checked, found: Found) -> tuple[Reason, ...]:
+def _notes(study: Study, checked: Checked, found: Found, elements: Sequence[Element]) -> tuple[Reason, ...]:
     """What matters most to the loops first."""
     notes = [*found.loop.notes, *found.retuned.notes, *study.notes, *found.identified.notes]
     notes += notes_of(study, found.identified, checked.controllers)
@@ -172,6 +173,7 @@ def _notes(study: Study, checked: Checked, found: Found) -> tuple[Reason, ...]:
     notes += found.compared.outside_band if found.judged.answered else ()
     notes += found.judged.causes
     notes += found.judged.restructured
+    notes += band_notes(study, elements)
     notes += found.judged.powerless
     notes += [Reason(Code.METHODS, sentence) for sentence in found.compared.disagreements]
     notes += [Reason(Code.MORE_DATA, f"to settle what is open: {plan.sentence}") for plan in found.plans[:1]]

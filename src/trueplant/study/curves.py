@@ -15,6 +15,7 @@ from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.record import excitation
 from trueplant.result import Curves, Residuals, Trend
 from trueplant.study import levels
+from trueplant.study.data.declared import model_response, model_steps, step_responses
 from trueplant.study.data.nonparametric import label_of
 from trueplant.study.plant.elements import model_frequencies
 from trueplant.study.plant.fit import simulate_row
@@ -40,12 +41,12 @@ def curves_of(
         input_units=tuple(u.unit for u in project.inputs),
         time_unit=project.time_unit,
         step_t=t,
-        step_model=_steps(study.inputs_model, t) * said,
-        step_plant=_steps(plant.columns(0, n_u), t),
+        step_model=model_steps(study, t) * said,
+        step_plant=step_responses(plant.columns(0, n_u), t),
         step_low=low[:, :, :n_u],
         step_high=high[:, :, :n_u],
         w=w,
-        bode_model=study.model(1j * w)[:, :, :n_u] * said,
+        bode_model=model_response(study, w) * said,
         bode_plant=plant(1j * w)[:, :, :n_u],
         bode_std=_relative_std(known, w)[:, :, :n_u],
         band=tuple((None,) * n_u for _ in range(n_y)) if response is None else speaking_band(response),
@@ -89,19 +90,12 @@ def _step_times(study: Study, plant: TransferMatrix) -> Array:
     return np.linspace(0, end, levels.STEP_POINTS + 1)
 
 
-def _steps(matrix: TransferMatrix, t: Array) -> Array:
-    """(n_t, n_y, n_columns) unit step responses."""
-    one = np.ones(t.size)
-    rows = [[sampled_response(element, one, t[1], "zoh") for element in row] for row in matrix.elements]
-    return np.moveaxis(np.array(rows), -1, 0)
-
-
 def _step_bands(study: Study, plant: UncertainPlant, t: Array) -> tuple[Array, Array]:
     """(n_t, n_y, n_u + n_d) each: the band of the step responses over plants drawn from what is known of this one.
 
     NaN for the drawn elements where almost no draw is a plant that can be.
     """
-    low = _steps(plant.nominal, t)
+    low = step_responses(plant.nominal, t)
     high = low.copy()
     tail = (1 - study.project.analysis.confidence) / 2
     try:

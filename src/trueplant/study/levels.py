@@ -249,5 +249,10 @@ STEP_POINTS = 200
 """Times of a step response that is drawn."""
 STEP_DRAWS = 200
 """Plants drawn for its band."""
+STEP_NEGLIGIBLE = 0.01
+"""Of a declared step response, as a share of its largest value, by which it may leave the band before it is said: in
+the dead time the band has no width, and coefficients are rounded."""
+SHOWN_SPANS = 3
+"""Stretches outside of the band that a note names."""
 GRADED_WHITE = 1e-3
 """p-value of the whiteness test below which an estimate does not get a grade that retuning may rest on."""

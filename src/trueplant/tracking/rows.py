@@ -28,6 +28,7 @@ from trueplant.identify import (
 from trueplant.identify.pieces import Piece
 from trueplant.identify.shared_disturbance import widened_for_shared_disturbance
 from trueplant.record import Segment
+from trueplant.study.data.declared import declared_covariances
 from trueplant.study.data.excitation import excited
 from trueplant.study.data.scan import without_hidden_dynamics
 from trueplant.study.data.setpoints import computed_setpoints
@@ -176,7 +177,7 @@ class FollowedRow:
         if estimate is None:
             return replace(window, refusal="no PV can be used in this stretch")
         estimates = {self.output: estimate}
-        found = detect.elements_found(self.study.model, estimates)
+        found = detect.elements_found(self.study.model, estimates, declared_covariances(self.study))
         settings = self.study.project.analysis
         # A window alone need not tell a change worth knowing: all of them together do.
         verdicts = detect.judge_elements(found, estimates, settings.confidence, settings.tolerance_percent, np.inf)

@@ -8,6 +8,7 @@ import numpy as np
 
 from trueplant import detect
 from trueplant.result import Change, ChangeKind, WindowElement
+from trueplant.study.data.declared import declared_covariances
 from trueplant.study.plant.parameters import parameters_of
 from trueplant.study.study import Place, Progress
 from trueplant.tracking.series import Followed
@@ -37,7 +38,7 @@ def standings(
         return {}
     study = followed[0].row.study
     settings, names = study.project.analysis, study.project.output_names
-    elements = detect.elements_found(study.model, estimates)
+    elements = detect.elements_found(study.model, estimates, declared_covariances(study))
     verdicts = detect.judge_elements(
         elements, estimates, settings.confidence, settings.tolerance_percent, settings.worth_knowing_percent / 100
     )

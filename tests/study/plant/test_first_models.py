@@ -182,7 +182,7 @@ def test_what_needs_a_model_says_so():
         track(project(1), frames=[record(LEVEL, LEVEL_PI, 2)])
     with pytest.raises(ProjectError, match="simulate.plant.*needs a plant"):
         project(1, simulate={"duration": 100, "sample_time": 1, "seed": 0})
-    with pytest.raises(ProjectError, match=r"model\[1\].tf.*is needed"):
+    with pytest.raises(ProjectError, match=r"model\[1\].tf.*is missing"):
         project(1, model=[{"output": "y0", "input": "u0"}])
     with pytest.raises(ProjectError, match=r"model\[1\].estimate.*give its tf"):
         project(1, model=[{"output": "y0", "input": "u0", "structure": "auto", "estimate": False}])

@@ -18,6 +18,7 @@ from trueplant.project.controllers import check_signs
 from trueplant.record import Record, Screened, read_record, screen
 from trueplant.record.twice import counted_once
 from trueplant.result import Code, Reason
+from trueplant.study.data.declared import conversion_notes
 from trueplant.study.data.scan import hidden_dynamics, written_between
 from trueplant.study.data.setpoints import computed_setpoints
 from trueplant.study.study import Progress, Records, Study, quiet
@@ -50,7 +51,7 @@ def prepare(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
         computed_alone=tuple(computed_setpoints([segment]) for segment in records.segments),
         hidden=hidden_dynamics(records),
         between=written_between(records),
-        notes=_check_loop(records, model),
+        notes=(*conversion_notes(project), *_check_loop(records, model)),
     )
 
 

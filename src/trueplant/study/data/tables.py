@@ -40,6 +40,7 @@ def provenance(study: Study, precision_percent: float | None = None) -> Provenan
         time_unit=project.time_unit,
         seed=settings.seed,
         settings=Settings(settings.method, settings.confidence, settings.tolerance_percent, precision_percent),
+        model_sha256={one.file: one.sha256 for one in project.models.values() if one.file},
     )
 
 

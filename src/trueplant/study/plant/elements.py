@@ -14,6 +14,7 @@ from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.result import Code, Element, ElementVerdict, Importance, Reason
 from trueplant.study import levels
+from trueplant.study.data.declared import declared_covariances
 from trueplant.study.plant.causes import causes_of
 from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.parameters import budgets_of, parameters_of
@@ -52,7 +53,7 @@ def judge(study: Study, identified: Identified, plant: TransferMatrix) -> Judged
     """Verdicts, importance, grades and causes; `plant` (n_y, n_u + n_d) as estimated."""
     found = {
         place: replace(one, model=(None,) * len(one.model), rejected=None) if place in study.wanted else one
-        for place, one in detect.elements_found(study.model, identified.estimates).items()
+        for place, one in detect.elements_found(study.model, identified.estimates, declared_covariances(study)).items()
     }
     elements = _elements(study, identified, found, plant)
     causes = causes_of(study, identified, found, elements) if _answered(elements) else []
