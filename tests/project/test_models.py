@@ -286,6 +286,11 @@ MISTAKES = {
     "no matrix": ({"state_space": "m.json"}, {k: STABLE[k] for k in "ABD"}, "C is missing"),
     "shape": ({"state_space": "m.json"}, STABLE | {"B": [[1.0, 2.0, 3.0]], "D": [[0.0, 0.0]]}, "D must be 1 by 3"),
     "square": ({"state_space": "m.json"}, STABLE | {"A": [[1.0, 2.0]]}, "A must be square"),
+    "A as a list": (
+        {"state_space": "m.json"},
+        {"A": [-1, 0, 0, -2], "B": [1, 1], "C": [1, 1], "D": 0},
+        "A must be square",
+    ),
     "ragged": ({"state_space": "m.json"}, STABLE | {"A": [[1.0, 2.0], [1.0]]}, "A must be numbers, in rows"),
     "not finite": ({"state_space": "m.json"}, '{"A": NaN, "B": 1, "C": 1, "D": 0}', "A holds what is no finite"),
     "unstable": ({"state_space": "m.json"}, STABLE | {"A": [[1.0]]}, "unstable in open loop"),

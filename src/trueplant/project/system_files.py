@@ -130,7 +130,7 @@ def _of_states(
         )
     A = _numbers(said["A"], "A", None)
     n = int(np.sqrt(A.size))
-    if A.size != n * n or (A.ndim == 2 and A.shape != (n, n)):
+    if A.size != n * n or (n > 1 and A.shape != (n, n)):
         raise FormulaError(f"A must be square, not of shape {A.shape}")
     B, C = _numbers(said["B"], "B", None), _numbers(said["C"], "C", None)
     # a vector has lost whether it was a row or a column: the number of states tells
@@ -139,15 +139,10 @@ def _of_states(
     if n == 0:
         n_y, n_u = np.atleast_2d(_numbers(said["D"], "D", None)).shape
     D = _numbers(said["D"], "D", (n_y, n_u))
-    late = _delays(said, n_y, n_u) * (1.0 if h else scale)
-    system = StateSpace(
-        A.reshape(n, n) / (1.0 if h else scale),
-        _shaped(B, "B", (n, n_u)) / (1.0 if h else scale),
-        _shaped(C, "C", (n_y, n)),
-        D,
-        late * h * scale if h else late,
-        h * scale,
-    )
+    # what is discrete counts samples
+    rate, late = (1.0, h * scale) if h else (scale, scale)
+    B, C = _shaped(B, "B", (n, n_u)) / rate, _shaped(C, "C", (n_y, n))
+    system = StateSpace(A.reshape(n, n) / rate, B, C, D, _delays(said, n_y, n_u) * late, h * scale)
     return tuple(tuple(system.step(i, j) if h else system.transfer(i, j) for j in range(n_u)) for i in range(n_y))
 
 
