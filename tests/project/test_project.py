@@ -20,6 +20,7 @@ name = "top"
 pv = "pv1"
 sp = "sp1"
 limits = [0, 400]
+span = [0, 400]
 [[output]]
 name = "vapour"
 pv = "pv2"
@@ -27,6 +28,7 @@ pv = "pv2"
 name = "reflux"
 op = "op1"
 limits = [0, 100]
+span = [0, 100]
 [[input]]
 name = "gas"
 op = "op2"
@@ -182,10 +184,10 @@ def test_projects_are_built_in_code():
 
 
 MISTAKES = {
-    "unknown key": ("Ti = 8", "ti = 8", r'line 41: controller\[1\]\.ti: .*did you mean "Ti"'),
+    "unknown key": ("Ti = 8", "ti = 8", r'line 43: controller\[1\]\.ti: .*did you mean "Ti"'),
     "unknown table": ("[data]", "[dat]", 'line 2: dat: .*did you mean "data"'),
     "unknown key of an inline table": ("{from = 0,", "{form = 0,", r'line 4: data\.exclude\[1\]\.form: .*"from"'),
-    "text for a number": ("Ti = 8", 'Ti = "8"', 'line 41: .*must be a number, not "8"'),
+    "text for a number": ("Ti = 8", 'Ti = "8"', 'line 43: .*must be a number, not "8"'),
     "true for a number": ("Ti = 8", "Ti = true", "must be a number, not true"),
     "number for text": ('pv = "pv1"', "pv = 1", "line 7: .*must be text"),
     "text for a list": ('files = ["a.csv", "b.csv"]', 'files = "a.csv"', "line 3: data.files: must be a list"),
@@ -193,33 +195,33 @@ MISTAKES = {
     "not a number": ("Ti = 8", "Ti = nan", "finite"),
     "unknown unit of time": ('time_unit = "min"', 'time_unit = "minutes"', 'line 1: time_unit: must be .*"min"'),
     "missing unit of time": ('time_unit = "min"\n', "", "time_unit: is missing"),
-    "code as a formula": ('"3.2 exp(-3 s)/(18 s + 1)"', "\"__import__('os').system('x')\"", r"line 26: model\[1\]\.tf"),
-    "improper formula": ('"3.2 exp(-3 s)/(18 s + 1)"', '"3 s"', "line 26: .*improper"),
-    "division by zero": ('"3.2 exp(-3 s)/(18 s + 1)"', '"3.2/(s - s)"', "line 26: .*zero"),
-    "prediction": ('"3.2 exp(-3 s)/(18 s + 1)"', '"exp(3 s)"', "line 26"),
+    "code as a formula": ('"3.2 exp(-3 s)/(18 s + 1)"', "\"__import__('os').system('x')\"", r"line 28: model\[1\]\.tf"),
+    "improper formula": ('"3.2 exp(-3 s)/(18 s + 1)"', '"3 s"', "line 28: .*improper"),
+    "division by zero": ('"3.2 exp(-3 s)/(18 s + 1)"', '"3.2/(s - s)"', "line 28: .*zero"),
+    "prediction": ('"3.2 exp(-3 s)/(18 s + 1)"', '"exp(3 s)"', "line 28"),
     "undeclared input": (
         'input = "gas"\ntf = "3.2',
         'input = "fuel"\ntf = "3.2',
-        r'line 25: .*"fuel" is not declared .*reflux, gas',
+        r'line 27: .*"fuel" is not declared .*reflux, gas',
     ),
     "undeclared output": (
         'output = "top"\ninput = "gas"',
         'output = "tpo"\ninput = "gas"',
-        'line 24: .*"tpo" is not declared .*did you mean "top"',
+        'line 26: .*"tpo" is not declared .*did you mean "top"',
     ),
     "element twice": (
         'output = "vapour"\ninput = "gas"',
         'output = "top"\ninput = "gas"',
-        r"line 27: .*declared already as model\[1\]",
+        r"line 29: .*declared already as model\[1\]",
     ),
-    "name twice": ('name = "vapour"', 'name = "top"', "line 11: .*twice"),
-    "disturbance named as an input": ('name = "ambient"', 'name = "gas"', "line 21: .*twice"),
-    "column twice": ('pv = "pv2"', 'pv = "pv1"', "line 12: .*pv1"),
-    "unknown structure": ('structure = "fopdt"', 'structure = "fodpt"', "line 31: .*fodpt"),
+    "name twice": ('name = "vapour"', 'name = "top"', "line 12: .*twice"),
+    "disturbance named as an input": ('name = "ambient"', 'name = "gas"', "line 23: .*twice"),
+    "column twice": ('pv = "pv2"', 'pv = "pv1"', "line 13: .*pv1"),
+    "unknown structure": ('structure = "fopdt"', 'structure = "fodpt"', "line 33: .*fodpt"),
     "limits the wrong way round": ("limits = [0, 400]", "limits = [400, 0]", "line 9: .*low below high"),
     "one limit": ("limits = [0, 400]", "limits = [400]", "line 9: .*pair"),
     "three limits": ("limits = [0, 400]", "limits = [0, 4, 400]", "line 9: .*pair"),
-    "percent of span without a span": ("limits = [0, 400]\n", "", r'"percent of span" needs .* output "top"'),
+    "percent of span without a span": ("span = [0, 400]\n", "", r'per cent of span: add span .* output "top"'),
     "parallel keys in the ideal form": ("Kc = 1.5", "Kp = 1.5", 'Kp: is no key of form = "ideal".*parallel'),
     "no gain": ("Kc = 1.5\n", "", r"controller\[1\]\.Kc: is needed"),
     "unfiltered derivative": ("Ti = 8", "Ti = 8\nTd = 1\nalpha = 0", "alpha: must be above 0"),
@@ -238,7 +240,7 @@ MISTAKES = {
         'input = "gas"\noutput = "top"\nKc = 1.5\nanti_windup = "clamp"',
         'anti_windup: needs the limits of OP: add limits to the input "gas"',
     ),
-    "not TOML": ("Ti = 8", "Ti = ", "not valid TOML.*line 41"),
+    "not TOML": ("Ti = 8", "Ti = ", "not valid TOML.*line 43"),
     "unknown method": ("[[controller]]", '[analysis]\nmethod = "best"\n[[controller]]', "analysis.method: must be"),
     "confidence in percent": (
         "[[controller]]",
@@ -328,7 +330,7 @@ def test_lines_are_found_in_every_kind_of_table():
 
 
 def test_lines_are_counted_as_toml_does():
-    with pytest.raises(tp.ProjectError, match="line 41: "):
+    with pytest.raises(tp.ProjectError, match="line 43: "):
         _project(
             BASE.replace('name = "top"', 'name = "top"  # \x85 and \u2028 end no line').replace("Ti = 8", "Ti = -8")
         )

@@ -36,8 +36,8 @@ def small(folder: Path, extra: str, controller: str, *, plant: str = "2 exp(-2 s
         f"""
         time_unit = "min"
         data = {{files = ["record.csv"]}}
-        output = [{{name = "y", pv = "pv", sp = "sp", limits = [0, 200]}}]
-        input = [{{name = "u", op = "op", limits = [0, 100]}}]
+        output = [{{name = "y", pv = "pv", sp = "sp", limits = [0, 200], span = [0, 200]}}]
+        input = [{{name = "u", op = "op", limits = [0, 100], span = [0, 100]}}]
         model = [{{output = "y", input = "u", tf = "1.5 exp(-2 s)/(10 s + 1)"}}]
         {controller}
         {extra}

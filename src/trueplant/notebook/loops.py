@@ -36,8 +36,8 @@ class Loop:
     """One control loop: its columns in the frame, and what is known of it. The OP of loop TIC101 is "TIC101 OP".
 
     kind: flow, pressure, level, temperature or other, from which a first model starts; limits: instrument range of PV;
-    op_limits: of OP, at which its samples are saturated; controller: the law from this
-    loop's PV to its OP, as a `PID` or as the keys of a [[controller]] table.
+    op_limits: of OP, at which its samples are saturated; span, span_of_op: what 100 % of PV and OP are; controller: the
+    law from this loop's PV to its OP, as a `PID` or as the keys of a [[controller]] table.
     """
 
     name: str
@@ -50,11 +50,28 @@ class Loop:
     op_limits: tuple[float, float] | None = None
     controller: PID | Mapping[str, Any] | None = None
     kind: str | None = None
+    span: tuple[float, float] | None = None
+    span_of_op: tuple[float, float] | None = None
+
+    @property
+    def pv_span(self) -> tuple[float, float] | None:
+        """The declared span, or one as wide as the law's."""
+        return self.span or _wide(self.controller, "pv_span")
+
+    @property
+    def op_span(self) -> tuple[float, float] | None:
+        """The same of OP."""
+        return self.span_of_op or _wide(self.controller, "op_span")
 
     @property
     def input(self) -> str:
         """Name of the input in the project."""
         return f"{self.name} OP"
+
+
+def _wide(law: PID | Mapping[str, Any] | None, name: str) -> tuple[float, float] | None:
+    width = getattr(law, name) if isinstance(law, PID) else None
+    return None if width is None else (0.0, float(width))
 
 
 Model = Mapping[tuple[str, str], Any] | TransferMatrix | Any
@@ -79,8 +96,10 @@ def project_of(
     if not loops or not all(isinstance(loop, Loop) for loop in loops):
         raise UsageError('name the loops as a list: loops=[tp.Loop("TIC101", pv="...", sp="...", op="...")]')
     data = {"files": list(files), "time": time, "time_unit": time_unit} | tables.get("data", {})
-    outputs = [_given(name=p.name, pv=p.pv, sp=p.sp, unit=p.unit, kind=p.kind, limits=p.limits) for p in loops]
-    inputs = [_given(name=p.input, op=p.op, unit=p.op_unit, limits=p.op_limits) for p in loops]
+    outputs = [
+        _given(name=p.name, pv=p.pv, sp=p.sp, unit=p.unit, kind=p.kind, limits=p.limits, span=p.pv_span) for p in loops
+    ]
+    inputs = [_given(name=p.input, op=p.op, unit=p.op_unit, limits=p.op_limits, span=p.op_span) for p in loops]
     laws = [_law(loop) for loop in loops if loop.controller is not None]
     own = {"data": _given(**data), "output": outputs, "input": inputs, "model": _elements(loops, model)}
     own |= {"controller": laws} if laws else {}
@@ -93,12 +112,7 @@ def _given(**keys: Any) -> dict[str, Any]:
 
 def _elements(loops: Sequence[Loop], model: Model | None) -> list[dict[str, Any]]:
     if model is None:
-        # nothing is known: look for a response of first order with dead time everywhere
-        return [
-            {"output": row.name, "input": column.input, "tf": "0", "structure": "fopdt"}
-            for row in loops
-            for column in loops
-        ]
+        return []  # the first one is found
     given = model if isinstance(model, Mapping) else _of_matrix(loops, model)
     inputs = {loop.name: loop.input for loop in loops}
     found = []

@@ -38,13 +38,13 @@ def _check_tuning(project: Declaration) -> None:
             "mu",
         )
     for law in project.controllers:
-        unit = tuning.gain_unit or law.gain_unit
+        percent = law.in_percent if tuning.gain_unit is None else tuning.gain_unit == "percent of span"
+        percent = percent or tuning.vendor is not None
         i, j = project.input_names.index(law.input), project.output_names.index(law.output)
-        ranges = (project.inputs[i].limits, project.outputs[j].limits)
-        if unit == "percent of span" and None in ranges:
-            text = f"percent of span needs limits of {law.input} and of {law.output}: give them, they are the spans"
-            raise problem(text, "tuning", "gain_unit")
-        if tuning.gain == "proportional band" and unit != "percent of span":
+        if percent and None in (project.inputs[i].span, project.outputs[j].span):
+            text = f"percent of span needs a span of {law.input} and of {law.output}: add span = [low, high] to both"
+            raise problem(text, "tuning", "gain_unit" if tuning.vendor is None else "vendor")
+        if tuning.gain == "proportional band" and not percent:
             raise problem(
                 'a proportional band is in percent of span: add gain_unit = "percent of span"', "tuning", "gain"
             )
@@ -148,11 +148,13 @@ def _check_controllers(project: Declaration, controllers: Iterable[Controller], 
         if "anti_windup" in law.model_fields_set and law.anti_windup != "none" and inputs[law.input].limits is None:
             text = f'needs the limits of OP: add limits to the input "{law.input}"'
             raise problem(text, *place, "anti_windup")
-        if law.gain_unit == "percent of span":
+        if law.in_percent:
+            key = "PB" if law.PB is not None else "gain_unit" if law.vendor is None else "vendor"
             for entry, table in ((outputs[law.output], "output"), (inputs[law.input], "input")):
-                if entry.limits is None:
-                    text = f'"percent of span" needs the span: add limits to the {table} "{entry.name}"'
-                    raise problem(text, *place, "gain_unit")
+                if entry.span is None:
+                    what = "a proportional band is in" if key == "PB" else "this gain is in"
+                    text = f'{what} per cent of span: add span = [low, high] to the {table} "{entry.name}"'
+                    raise problem(text, *place, key)
 
 
 def _check_simulation(project: Declaration) -> None:

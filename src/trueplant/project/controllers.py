@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from trueplant import loop
+from trueplant.calendar import unit_seconds
 from trueplant.errors import LoopError, ProjectError, SignConflict
 from trueplant.lti import TransferMatrix, parse_pv, tf, to_formula
 from trueplant.project.declaration import Declaration
 from trueplant.project.fields import Limits
 from trueplant.project.law_table import Controller
 from trueplant.record.layout import Channel, Layout
-
-_GAINS = ("Kc", "Ti", "Td", "alpha", "Kp", "Ki", "Kd", "Tf")
 
 
 def controller_of(
@@ -42,7 +41,7 @@ def check_signs(
         output, input_ = project.outputs[j], project.inputs[i]
         law = next(law for law in laws if (law.input, law.output) == (input_.name, output.name))
         own, its = ("positive", "negative") if controller.entries[i, j].sign > 0 else ("negative", "positive")
-        key = next(key for key in ("tf", "Kc", "Kp", "Ki", "Kd") if getattr(law, key))
+        key = next(key for key in ("tf", "Kc", "gain", "PB", "Kp", "Ki", "Kd") if getattr(law, key))
         change = 'remove its action = "direct"' if law.action == "direct" else 'set its action = "direct"'
         raise SignConflict(
             f"{project.source}: the loop of output {output.name} (PV {output.pv}) and input {input_.name} "
@@ -54,22 +53,46 @@ def check_signs(
         ) from None
 
 
+def law_gains(law: Controller, time_unit: str) -> dict[str, float]:
+    """Gains and times of a PID by the keys of `loop.PID`, times in the project's unit, whatever they were given in."""
+    if law.kind == "parallel":
+        unit = 1.0 if law.shown_by is None else unit_seconds(law.shown_by.time_unit) / unit_seconds(time_unit)
+        filtering = {} if law.Tf is None else {"Tf": law.Tf * unit}
+        return {"Kp": law.Kp or 0.0, "Ki": (law.Ki or 0.0) / unit, "Kd": (law.Kd or 0.0) * unit, **filtering}
+    minute, second = (unit_seconds(one) / unit_seconds(time_unit) for one in ("min", "s"))
+    preset = None if law.shown_by is None else law.shown_by.alpha
+    said = {
+        "Kc": (law.Kc, law.gain, None if law.PB is None else 100 / law.PB),
+        "Ti": (
+            law.Ti,
+            None if law.repeats_per_minute is None else minute / law.repeats_per_minute,
+            None if law.reset_minutes is None else law.reset_minutes * minute,
+            None if law.reset_seconds is None else law.reset_seconds * second,
+        ),
+        "Td": (
+            law.Td,
+            None if law.rate_minutes is None else law.rate_minutes * minute,
+            None if law.rate_seconds is None else law.rate_seconds * second,
+        ),
+        "alpha": (law.alpha, preset),
+    }
+    told = {key: next((value for value in values if value is not None), None) for key, values in said.items()}
+    return {key: value for key, value in told.items() if value is not None}
+
+
 def _entry(project: Declaration, law: Controller, j: int, i: int, limits: Limits | None) -> loop.PID | loop.Linear:
-    ranges = (project.inputs[i].limits, project.outputs[j].limits)
-    spans = [None if limit is None else limit[1] - limit[0] for limit in ranges]
+    ranges = (project.inputs[i].span, project.outputs[j].span)
+    spans = [None if span is None else span[1] - span[0] for span in ranges]
     if law.tf is not None:
         factor = -1.0 if law.action == "direct" else 1.0
-        if law.gain_unit == "percent of span":
+        if law.in_percent:
             factor *= (spans[0] or 0.0) / (spans[1] or 1.0)
         return loop.Linear(tf(law.tf) * factor, sample_time=law.sample_time, limits=limits)
-    gains = {key: getattr(law, key) for key in _GAINS if getattr(law, key) is not None}
-    if law.kind == "parallel":
-        gains.setdefault("Kp", 0.0)
     return loop.PID(
         form=law.kind,
-        **gains,
+        **law_gains(law, project.time_unit),
         action=law.action,
-        gain_unit=law.gain_unit,
+        gain_unit="percent of span" if law.in_percent else "engineering",
         op_span=spans[0],
         pv_span=spans[1],
         setpoint_weight=law.setpoint_weight,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from trueplant import loop
 from trueplant.errors import LoopError, OutputError, ProjectError
 from trueplant.lti import TransferMatrix
-from trueplant.project.controllers import check_signs
+from trueplant.project.controllers import check_signs, law_gains
 from trueplant.project.levels import DECIMALS, MOST_STEPS, STEPS_PER_TIME_CONSTANT, WHOLE_NUMBER
 from trueplant.project.project import Project
 from trueplant.project.simulated import Simulate, SimulatedLoad
@@ -168,7 +168,8 @@ def _shortest_time(project: Project, plan: Simulate, plant: TransferMatrix) -> f
     poles = np.concatenate([plant[i, j].poles for i in range(plant.shape[0]) for j in range(plant.shape[1])])
     times = [1 / abs(p) for p in poles if abs(p) > 0]
     for law in project.controllers:
-        filters = [law.Tf, law.Ti, (law.Td or 0.0) * (loop.PID.alpha if law.alpha is None else law.alpha)]
+        said = law_gains(law, project.time_unit)
+        filters = [said.get("Tf"), said.get("Ti"), said.get("Td", 0.0) * said.get("alpha", loop.PID.alpha)]
         times += [time for time in filters if time]
     return min(times, default=plan.sample_time)
 

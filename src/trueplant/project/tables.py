@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from trueplant.project.fields import Finite, Formula, Limits, Name, NotNegative, Positive, Table, TimeUnit, problem
+from trueplant.project.law_table import VendorName
 from trueplant.tune import ALL_METHODS
 
 TimeFormat = Literal[
@@ -205,6 +206,7 @@ class Tuning(Table):
     methods: list[Name] = Field(default_factory=list)
     limits: TuningLimits = TuningLimits()
     kind: Literal["PI", "PID"] | None = None
+    vendor: VendorName | None = None
     form: Literal["ideal", "series", "parallel"] | None = None
     gain_unit: Literal["engineering", "percent of span"] | None = None
     gain: Literal["gain", "proportional band"] | None = None

@@ -52,7 +52,7 @@ def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
     compared = compare_methods(study, identified, plant.nominal)
     say("what the change does to the loops")
     loop = robustness_of(study, plant) if judged.answered else LoopToday()
-    retuned = retuning_of(study, identified, plant, compared.response) if judged.answered else Retuning()
+    retuned = retuning_of(study, identified, plant, compared.response, controllers) if judged.answered else Retuning()
     plans = more_data(study, identified.estimates, plant.nominal)
     say("putting the result together")
     return assemble(

@@ -156,7 +156,7 @@ def test_percent_of_span_needs_spans(tmp_path):
     project = small(tmp_path, "", DECLARED, law=PI_LAW)
     text = (tmp_path / "record.csv").read_text()
     assert text and project.tuning is None
-    with pytest.raises(ProjectError, match="spans"):
+    with pytest.raises(ProjectError, match="needs a span of u and of y"):
         Project.from_toml(
             """
             time_unit = "min"
@@ -167,3 +167,24 @@ def test_percent_of_span_needs_spans(tmp_path):
             """,
             tmp_path,
         )
+
+
+def test_the_answer_is_as_the_system_shows_it(tmp_path):
+    """A proportional band, in seconds, after the system named."""
+    asked = '[tuning]\nmethods = ["simc"]\nvendor = "centum"'
+    loop = tp.run(small(tmp_path, asked, DECLARED, law=PI_LAW)).to_dict()["controllers"][0]
+    simc = proposal(loop, "simc")
+    assert simc["shown"]["gain"] == pytest.approx(100 / simc["settings"]["Kc"])
+    assert simc["shown"]["integral"] == pytest.approx(60 * simc["settings"]["Ti"])
+    assert simc["settings"]["Kc"] * 100 / 200 == pytest.approx(1.0, rel=0.1)
+    assert loop["notation"]["gain"] == "proportional band"
+
+
+def test_no_settings_beside_a_controller_that_is_not_there(tmp_path):
+    """OP was written with half of the declared gain."""
+    wrong = DECLARED.replace("Kc = 1.0", "Kc = 2.0")
+    result = tp.run(small(tmp_path, "[tuning]\n", wrong, law=PI_LAW)).to_dict()
+    assert result["controllers"] == []
+    (said,) = [note for note in result["notes"] if note["code"] == "tuning"]
+    assert "OP was not written by the one declared" in said["message"]
+    assert said["where"] == "u"

@@ -14,6 +14,7 @@ from trueplant.lti import DrawnPlants, TransferMatrix, UncertainPlant
 from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.result import (
     Code,
+    ControllerCheck,
     CurrentSettings,
     LoopMetrics,
     LoopRetuning,
@@ -68,8 +69,17 @@ class Retuning:
     notes: tuple[Reason, ...] = ()
 
 
-def retuning_of(study: Study, found: Identified, plant: UncertainPlant, response: FrequencyResponse | None) -> Retuning:
-    """Proposals for every loop of today's controller; empty without a [tuning] table in the project."""
+def retuning_of(
+    study: Study,
+    found: Identified,
+    plant: UncertainPlant,
+    response: FrequencyResponse | None,
+    checks: Sequence[ControllerCheck],
+) -> Retuning:
+    """Proposals for every loop of today's controller; empty without a [tuning] table in the project.
+
+    None either where a controller that is declared did not write OP: settings are set against it.
+    """
     if study.project.tuning is None:
         return Retuning()
     k, today = study.loop_experiment, study.loop(plant.nominal)
@@ -77,6 +87,8 @@ def retuning_of(study: Study, found: Identified, plant: UncertainPlant, response
     if today is None or declared is None:
         why = "retuning needs the controllers of a usable closed experiment: declare them as [[controller]]"
         return Retuning(notes=(Reason(Code.TUNING, why),))
+    if wrong := _not_as_declared(study, checks):
+        return Retuning(notes=wrong)
     if not declared.is_decentralised:
         why = "retuning is for one controller a loop, and these share inputs or outputs"
         return Retuning(notes=(Reason(Code.TUNING, why),))
@@ -91,6 +103,20 @@ def retuning_of(study: Study, found: Identified, plant: UncertainPlant, response
         return _workshop(study, found, known, today, targets).retuning()
     except LoopError as error:
         return Retuning(notes=(Reason(Code.TUNING, f"no settings can be proposed: {error}"),))
+
+
+def _not_as_declared(study: Study, checks: Sequence[ControllerCheck]) -> tuple[Reason, ...]:
+    """Which controllers of today's loop did not write OP as they are declared."""
+    assert study.loop_experiment is not None
+    name = study.project.experiments[study.loop_experiment].name
+    why = (
+        "no settings are proposed: today's controller is what they are set against, and OP was not written by the one "
+        "declared: "
+        "correct its [[controller]] entry, or give the stretch in which it holds a file of its own"
+    )
+    return tuple(
+        Reason(Code.TUNING, why, one.input) for one in checks if one.experiment == name and one.confirmed is False
+    )
 
 
 # -- the proposals --------------------------------------------------------------------------------------------------

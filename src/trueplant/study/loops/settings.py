@@ -12,6 +12,7 @@ from trueplant.lti import to_formula
 from trueplant.project import Project
 from trueplant.result import ControllerSettings, FaceplateSettings
 from trueplant.tune import Notation, Settings, settings_of
+from trueplant.tune.vendors import vendor_of
 
 
 @dataclass(frozen=True)
@@ -32,17 +33,19 @@ class Shown:
         """As [tuning] says, else as the controller is declared."""
         tuning = project.tuning
         assert tuning is not None
-        ranges = (project.inputs[i].limits, project.outputs[j].limits)
-        spans = tuple(None if limit is None else limit[1] - limit[0] for limit in ranges)
+        ranges = (project.inputs[i].span, project.outputs[j].span)
+        spans = tuple(None if span is None else span[1] - span[0] for span in ranges)
         own = entry if isinstance(entry, PID) else None
+        system = None if tuning.vendor is None else vendor_of(tuning.vendor)
         keys = ("gain", "integral", "derivative_filter", "time_unit")
+        shown = {} if system is None else {key: getattr(system, key) for key in keys if key != "integral"}
         return cls(
-            form=tuning.form or (own.form if own else "ideal"),
-            gain_unit=tuning.gain_unit or (own.gain_unit if own else "engineering"),
+            form=tuning.form or (system.form if system else own.form if own else "ideal"),
+            gain_unit=tuning.gain_unit or ("percent of span" if system else own.gain_unit if own else "engineering"),
             spans=(spans[0], spans[1]),
             with_action=own is not None and own.action is not None,
             time_unit=project.time_unit,
-            vendor={key: getattr(tuning, key) for key in keys if getattr(tuning, key) is not None},
+            vendor=shown | {key: getattr(tuning, key) for key in keys if getattr(tuning, key) is not None},
         )
 
     def in_notation(self, form: str, vendor: bool) -> Notation:
