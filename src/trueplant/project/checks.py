@@ -162,6 +162,9 @@ def _check_simulation(project: Declaration) -> None:
         return
     if project.simulate.plant == "model" and not project.model:
         raise problem("needs a plant: declare [[model]] elements, or name another plant", "simulate", "plant")
+    for k, law in enumerate(project.controllers):
+        for key, words in law.beyond.items():
+            raise problem(f"{words} is not simulated: leave it out here", "controller", k, key)
     outputs = project.output_names
     for k, move in enumerate(project.simulate.setpoints):
         _known(move.output, outputs, "[[output]]", "simulate", "setpoints", k, "output")

@@ -41,6 +41,11 @@ class ExperimentPlan:
     controllers: tuple[Controller, ...]
     folder: Path
 
+    def beyond(self, input_: str | None = None) -> str:
+        """What its controllers (of one input) have beyond linear PIDs of set-point and PV, in words; empty: nothing."""
+        laws = [law for law in self.controllers if input_ in (None, law.input)]
+        return ", ".join(dict.fromkeys(words for law in laws for words in law.beyond.values()))
+
     @property
     def path(self) -> Path:
         """Where the file is; an example record is fetched if it is not at hand (SourceError where it cannot be)."""

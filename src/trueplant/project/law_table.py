@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from trueplant.errors import LoopError
 from trueplant.project.fields import Finite, Formula, Name, NotNegative, Positive, PvFormula, Table, problem
@@ -33,6 +33,13 @@ def _known_vendor(name: str) -> str:
 
 
 VendorName = Annotated[Name, AfterValidator(_known_vendor)]
+
+
+class Feedforward(Table):
+    """What a controller adds to OP for a measured disturbance."""
+
+    column: Name
+    tf: Formula
 
 
 class Controller(Table):
@@ -66,6 +73,28 @@ class Controller(Table):
     sample_time: Positive | None = None
     anti_windup: Literal["none", "clamp", "back-calculation"] = "clamp"
     pv_transform: PvFormula | None = None
+    pv_filter: Formula | None = None
+    recorded: Literal["before", "after"] = "before"
+    feedforward: list[Feedforward] = Field(default_factory=list)
+    gap: Positive | None = None
+    error_squared: bool = False
+    rate_limit: Positive | None = None
+
+    @property
+    def beyond(self) -> dict[str, str]:
+        """By key, in words: what the law has beyond a PID of set-point and recorded PV, which nothing here replays.
+
+        A filter before the recorded PV belongs to the plant as it was recorded.
+        """
+        filtered = self.pv_filter is not None and self.recorded == "before"
+        has = {
+            "pv_filter": "a PV filter" if filtered else "",
+            "feedforward": " and ".join(f"feedforward from {one.column}" for one in self.feedforward),
+            "gap": "a gap" if self.gap else "",
+            "error_squared": "an error-squared gain" if self.error_squared else "",
+            "rate_limit": "a rate limit" if self.rate_limit else "",
+        }
+        return {key: words for key, words in has.items() if words}
 
     @property
     def shown_by(self) -> Vendor | None:
@@ -99,6 +128,8 @@ class Controller(Table):
         if self.kind == "parallel" and not (self.Kp or self.Ki or self.Kd):
             raise problem("needs at least one of Kp, Ki, Kd that is not 0", "Kp")
         self._check_filter()
+        if "recorded" in self.model_fields_set and self.pv_filter is None:
+            raise problem("says on which side of the PV filter PV was recorded: add pv_filter = ...", "recorded")
         for key in ("setpoint_weight", "setpoint_filter", "derivative_on", "pv_transform", "anti_windup"):
             if self.kind == "tf" and key in self.model_fields_set:
                 raise problem("belongs to a PID: a controller given by tf acts on set-point minus PV", key)

@@ -11,7 +11,9 @@ import numpy as np
 import polars as pl
 import pytest
 
+import trueplant as tp
 from support.laws import STARTS, SUMS, WINDUPS, Law, Loop, drawn
+from support.retuned import DECLARED, PI_LAW, small
 from trueplant import Project
 from trueplant.loop import PID, Controller, Linear, simulate
 from trueplant.lti import TransferMatrix, tf
@@ -199,3 +201,23 @@ def test_scans_that_are_no_whole_samples_cannot_be_checked():
     found = declared_loops(Controller.diagonal([law]), plant, [table])
     assert found.confirmed is None
     assert "whole multiple" in found.message
+
+
+def test_what_is_not_replayed_is_named_as_why(tmp_path):
+    """Half of the declared gain wrote OP: with a gap declared that may be why, without one the law is wrong."""
+    wrong = DECLARED.replace("Kc = 1.0", "Kc = 2.0")
+    plain = tp.run(small(tmp_path, "", wrong, law=PI_LAW)).to_dict()
+    assert plain["methods"]["controller_consistency"][0]["confirmed"] is False
+    result = tp.run(small(tmp_path, "", wrong + "gap = 0.5\n", law=PI_LAW)).to_dict()
+    (check,) = result["methods"]["controller_consistency"]
+    assert check["confirmed"] is None
+    assert check["message"].startswith("the controller has a gap, which is not replayed and may be why")
+    assert "closed-form" not in result["methods"]
+    assert "a gap: (17) takes a linear law" in result["methods"]["not_applied"]["closed-form"]
+    assert any("without a gap" in note["message"] for note in result["notes"])
+
+
+def test_what_is_there_and_does_nothing_is_confirmed(tmp_path):
+    for more in ("rate_limit = 1000\n", 'pv_filter = "1/(2 s + 1)"\nrecorded = "after"\n'):
+        result = tp.run(small(tmp_path, "", DECLARED + more, law=PI_LAW)).to_dict()
+        assert result["methods"]["controller_consistency"][0]["confirmed"] is True

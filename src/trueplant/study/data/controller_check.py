@@ -28,8 +28,17 @@ def check_controllers(study: Study) -> tuple[ControllerCheck, ...]:
         if controller is None:
             continue
         for i in sorted({i for i, _ in controller.entries}):
-            entries.append(_entry(study, k, plan.name, controller, i))
+            entry = _entry(study, k, plan.name, controller, i)
+            entries.append(_excused(entry, plan.beyond(study.project.input_names[i])))
     return tuple(entries)
+
+
+def _excused(entry: ControllerCheck, beyond: str) -> ControllerCheck:
+    """A law that has more than is replayed is not wrong for that what is replayed does not reproduce OP."""
+    if entry.confirmed is not False or not beyond:
+        return entry
+    text = f"the controller has {beyond}, which is not replayed and may be why its PID alone does not reproduce OP"
+    return replace(entry, confirmed=None, message=text, since=None, since_calendar=None)
 
 
 def _entry(study: Study, k: int, name: str, controller: Controller, i: int) -> ControllerCheck:

@@ -76,7 +76,11 @@ def robustness_of(study: Study, known: UncertainPlant) -> LoopToday:
         pairing=pairing_of(names, controller, {"model": model, "plant": today}),
         drawn=_drawn(study, loop, known),
     )
-    return LoopToday(table, mu, tuple(_notes(table)))
+    notes = _notes(table)
+    if beyond := study.project.experiments[k].beyond():
+        said = f"margins, mu and settings are those of the controller without {beyond}"
+        notes = [*notes, Reason(Code.CONTROLLER, said, study.project.experiments[k].name)]
+    return LoopToday(table, mu, tuple(notes))
 
 
 # -- margins and pairing ----------------------------------------------------------------------------------------

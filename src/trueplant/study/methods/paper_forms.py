@@ -72,6 +72,8 @@ def why_not(study: Study, every: Sequence[Segment], name: str, taken_along: bool
         return ""
     if len({repr(study.records.declared[k]) for k in experiments}) > 1:
         return "the experiments ran under different controllers: (17) takes one"
+    if beyond := ", ".join(filter(None, (study.project.experiments[k].beyond() for k in experiments))):
+        return f"the controller has {beyond}: (17) takes a linear law of set-point and PV"
     if len(study.project.outputs) != len(study.project.inputs):
         return "(17)-(20) need as many inputs as outputs"
     if bound > 0:
