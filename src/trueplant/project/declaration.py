@@ -21,6 +21,7 @@ from trueplant.project.tables import (
     Exclude,
     Experiment,
     Input,
+    Moment,
     Output,
     Robustness,
     Tuning,
@@ -33,7 +34,10 @@ class ExperimentPlan:
     """One experiment with everything that the project says about it put together."""
 
     name: str
-    """The file as the project names it."""
+    """The file as the project names it, and which part of it where that is said."""
+    file: str
+    start: Moment | None
+    end: Moment | None
     closed: bool
     exclude: tuple[Exclude, ...]
     limits: tuple[Limits | None, ...]
@@ -49,9 +53,14 @@ class ExperimentPlan:
     @property
     def path(self) -> Path:
         """Where the file is; an example record is fetched if it is not at hand (SourceError where it cannot be)."""
-        if self.name.startswith("dataset:"):
-            return datasets.path(self.name.removeprefix("dataset:"))
-        return self.folder / self.name
+        if self.file.startswith("dataset:"):
+            return datasets.path(self.file.removeprefix("dataset:"))
+        return self.folder / self.file
+
+
+def _part(entry: Experiment) -> str:
+    said = [f"{word} {moment}" for word, moment in (("from", entry.start), ("to", entry.end)) if moment is not None]
+    return f" ({' '.join(said)})" if said else ""
 
 
 class Declaration(Table):
@@ -102,7 +111,10 @@ class Declaration(Table):
         entries = self.declared_experiments or [Experiment(file=name) for name in self.data.files]
         return tuple(
             ExperimentPlan(
-                name=entry.file,
+                name=entry.file + _part(entry),
+                file=entry.file,
+                start=entry.start,
+                end=entry.end,
                 closed=entry.loop == "closed",
                 exclude=tuple(e for e in self.data.exclude if e.file in (None, entry.file)),
                 limits=tuple(entry.limits.get(i.name, i.limits) for i in self.inputs),

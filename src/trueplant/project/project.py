@@ -100,7 +100,7 @@ class Project(Declaration):
         plant = self.simulate.plant if self.simulate is not None else []
         elements = [*self.model, *(plant if isinstance(plant, list) else [])]
         models = dict.fromkeys(entry.file for entry in elements if entry.file is not None)
-        records = [plan.name for plan in self.experiments if not plan.name.startswith("dataset:")]
+        records = dict.fromkeys(plan.file for plan in self.experiments if not plan.file.startswith("dataset:"))
         return (*own, *(self._folder / name for name in (*records, *models)))
 
     @property

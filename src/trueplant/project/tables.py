@@ -19,6 +19,16 @@ Moment = Finite | datetime
 """A point of a record's time axis: a number in data.time_unit, or a timestamp."""
 
 
+def _check_forwards(start: Moment, end: Moment) -> None:
+    """Both are of one kind, and in order."""
+    if isinstance(start, datetime) != isinstance(end, datetime):
+        raise problem("from and to must both be numbers or both be timestamps")
+    if isinstance(start, datetime) and isinstance(end, datetime) and (start.tzinfo is None) != (end.tzinfo is None):
+        raise problem("from and to must both bear a time zone, or neither")
+    if end <= start:  # type: ignore[operator]
+        raise problem(f"to ({end}) must come after from ({start})")
+
+
 class Exclude(Table):
     """A stretch of a record that is left out; without `file` of every record."""
 
@@ -28,16 +38,7 @@ class Exclude(Table):
 
     @model_validator(mode="after")
     def _forwards(self) -> Exclude:
-        if isinstance(self.start, datetime) != isinstance(self.end, datetime):
-            raise problem("from and to must both be numbers or both be timestamps")
-        if isinstance(self.start, datetime) and isinstance(self.end, datetime):
-            if (self.start.tzinfo is None) != (self.end.tzinfo is None):
-                raise problem("from and to must both bear a time zone, or neither")
-            backwards = self.end <= self.start
-        else:
-            backwards = self.end <= self.start  # type: ignore[operator]
-        if backwards:
-            raise problem(f"to ({self.end}) must come after from ({self.start})")
+        _check_forwards(self.start, self.end)
         return self
 
 
@@ -60,12 +61,20 @@ class Data(Table):
 
 
 class Experiment(Table):
-    """One record where experiments differ: its file, and what differs from the rest of the project."""
+    """One record where experiments differ: its file, or a part of it, and what differs from the rest of the project."""
 
     file: Name
+    start: Moment | None = Field(default=None, alias="from")
+    end: Moment | None = Field(default=None, alias="to")
     loop: Literal["closed", "open"] = "closed"
     controllers: list[dict[str, Any]] = Field(default_factory=list)
     limits: dict[str, Limits] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _forwards(self) -> Experiment:
+        if self.start is not None and self.end is not None:
+            _check_forwards(self.start, self.end)
+        return self
 
 
 class Output(Table):

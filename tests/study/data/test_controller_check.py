@@ -15,6 +15,7 @@ import trueplant as tp
 from support.laws import STARTS, SUMS, WINDUPS, Law, Loop, drawn
 from support.retuned import DECLARED, PI_LAW, small
 from trueplant import Project
+from trueplant.errors import ProjectError
 from trueplant.loop import PID, Controller, Linear, simulate
 from trueplant.lti import TransferMatrix, tf
 from trueplant.result import ControllerCheck
@@ -221,3 +222,52 @@ def test_what_is_there_and_does_nothing_is_confirmed(tmp_path):
     for more in ("rate_limit = 1000\n", 'pv_filter = "1/(2 s + 1)"\nrecorded = "after"\n'):
         result = tp.run(small(tmp_path, "", DECLARED + more, law=PI_LAW)).to_dict()
         assert result["methods"]["controller_consistency"][0]["confirmed"] is True
+
+
+def test_a_file_in_which_the_controller_was_retuned_is_two_experiments(tmp_path):
+    """Simulated: the gain is 1 until 400 min and 0.5 from then on, in one file."""
+    plant = TransferMatrix.of([["2 exp(-2 s)/(10 s + 1)"]], "min")
+    frames = []
+    for k, gain in enumerate((1.0, 0.5)):
+        r = 50 + 4 * np.repeat(np.arange(8) % 2, 50)[:, None]
+        law = Controller.diagonal([PID(Kc=gain, Ti=10.0, sample_time=1.0)])
+        done = simulate(plant, law, r, 1.0, noise=0.05, seed=k, u0=40.0, y0=50.0)
+        frames.append(
+            pl.DataFrame(
+                {"t": done.t[:400] + 400 * k, "sp": done.r[:400, 0], "pv": done.y[:400, 0], "op": done.u[:400, 0]}
+            )
+        )
+    record = pl.concat(frames)
+
+    def project(**tables: Any) -> Project:
+        return Project(
+            time_unit="min",
+            output=[{"name": "y", "pv": "pv", "sp": "sp"}],
+            input=[{"name": "u", "op": "op", "actuator": "other"}],
+            model=[{"output": "y", "input": "u", "tf": "2 exp(-2 s)/(10 s + 1)"}],
+            controller=[{"input": "u", "output": "y", "Kc": 1.0, "Ti": 10.0, "sample_time": 1.0}],
+            **tables,
+        )
+
+    whole = check_controllers(prepare(project(data={"files": ["a"]}), frames=[record]))
+    assert whole[0].confirmed is False and "two [[experiment]] entries" in whole[0].message
+    assert whole[0].since == pytest.approx(400, abs=40)
+    parts = [
+        {"file": "a", "to": 400},
+        {"file": "a", "from": 400, "controllers": [{"input": "u", "Kc": 0.5}]},
+    ]
+    study = prepare(project(experiment=parts), frames=[record, record])
+    both = check_controllers(study)
+    assert [(one.experiment, one.confirmed) for one in both] == [("a (to 400)", True), ("a (from 400)", True)]
+    used = np.concatenate([segment.t for segment in study.segments])
+    np.testing.assert_array_equal(used, np.arange(800))
+
+
+def test_parts_of_a_file_are_in_order():
+    with pytest.raises(ProjectError, match=r"experiment\[1\].*must come after from"):
+        Project(
+            time_unit="min",
+            experiment=[{"file": "a", "from": 5, "to": 3}],
+            output=[{"name": "y", "pv": "pv"}],
+            input=[{"name": "u", "op": "op"}],
+        )

@@ -88,6 +88,10 @@ def _denied(
         own, rest = when if then.declared_first else when[::-1]
         law = _words(_ratios(study, then.ratios))
         message = f"the controller has changed: {own} the declared one reproduces OP, {rest} it is {law}"
+        message += (
+            ". To use both parts, name the file in two [[experiment]] entries, one with to = and one with from = that "
+            "moment, and say in one of them what differs: controllers = [...]"
+        )
         since = then.at if then.declared_first else None
         return replace(said, confirmed=False, message=message, since=since, since_calendar=calendar.stamp(since))
     if found.off:

@@ -13,7 +13,7 @@ from trueplant.errors import DataError, ProjectError, UnstableLoop
 from trueplant.identify import INTEGRATING, SELF_REGULATING, Spec
 from trueplant.lti import TransferFunction, TransferMatrix
 from trueplant.lti.structure import Structure, structure_of, translated
-from trueplant.project import Project
+from trueplant.project import ExperimentPlan, Project
 from trueplant.project.controllers import check_signs
 from trueplant.record import Record, Screened, read_record, screen
 from trueplant.record.twice import counted_once
@@ -63,7 +63,8 @@ def _screened(project: Project, say: Progress, frames: Sequence[Any] | None) -> 
         source = plan.path if frames is None else frames[k]
         record = read_record(source, layout, name=plan.name, closed=plan.closed, say=say)
         records.append(record)
-        excluded.append([(_time(e.start, record, project), _time(e.end, record, project, True)) for e in plan.exclude])
+        own = [(_time(e.start, record, project), _time(e.end, record, project, True)) for e in plan.exclude]
+        excluded.append([*own, *_outside(plan, record, project)])
     found = []
     for k, (plan, record) in enumerate(zip(plans, counted_once(records, excluded), strict=True)):
         limits = {name: lim for name, lim in zip(project.input_names, plan.limits, strict=True) if lim is not None}
@@ -97,6 +98,16 @@ def _full_model(project: Project) -> TransferMatrix:
         return model
     rows = zip(model.elements, disturbances.elements, strict=True)
     return TransferMatrix(tuple((*a, *b) for a, b in rows), model.time_unit)
+
+
+def _outside(plan: ExperimentPlan, record: Record, project: Project) -> list[tuple[float, float]]:
+    """What of the record lies before and after the part that an experiment is."""
+    found, ends = [], (float(record.t[0]), float(record.t[-1]))
+    if plan.start is not None and (start := _time(plan.start, record, project)) > ends[0]:
+        found.append((ends[0], float(np.nextafter(start, -np.inf))))
+    if plan.end is not None and (end := _time(plan.end, record, project, True)) <= ends[1]:
+        found.append((end, ends[1]))
+    return found
 
 
 def _time(moment: float | datetime, record: Record, project: Project, late: bool = False) -> float:
