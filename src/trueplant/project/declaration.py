@@ -59,7 +59,8 @@ class ExperimentPlan:
 
 
 def _part(entry: Experiment) -> str:
-    said = [f"{word} {moment}" for word, moment in (("from", entry.start), ("to", entry.end)) if moment is not None]
+    both = (("from", entry.start), ("to", entry.end))
+    said = [f"{word} {f'{at:.15g}' if isinstance(at, float) else at}" for word, at in both if at is not None]
     return f" ({' '.join(said)})" if said else ""
 
 
