@@ -146,7 +146,9 @@ def test_what_is_offered_is_toml_once_the_marks_are_taken_off():
     tables = lines[lines.index("# [[disturbance]]") :]
     offered = [line.removeprefix("# ") for line in tables if re.match(r"# (\[|\w+ = )", line)]
     project = tp.Project.from_toml("\n".join([*said, *offered]))
-    assert [(law.form, law.Kc, law.action) for law in project.controllers] == [("ideal", 1.0, "reverse")]
+    assert [(law.form, law.gain, law.reset_minutes, law.action) for law in project.controllers] == [
+        ("ideal", 1.0, 1.0, "reverse")
+    ]
     assert [element.tf for element in project.model] == ["1.2 exp(-3 s)/(20 s + 1)"]
     assert [(d.name, d.column, d.unit) for d in project.disturbances] == [("feed flow", "feed flow", "t/h")]
 

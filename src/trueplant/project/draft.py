@@ -159,9 +159,9 @@ def _controller(output: str, input_: str) -> str:
         "[[controller]]",
         ("input", input_),
         ("output", output),
-        ("form", _noted("ideal", 8, "ideal, series or parallel")),
-        ("Kc", 1.0),
-        ("Ti", 60.0),
+        ("form", _noted("ideal", 8, "ideal, series or parallel; or vendor = ..., see the documentation")),
+        ("gain", _noted(1.0, 12, "OP unit per PV unit; or PB = ... in per cent, with a span of output and input")),
+        ("reset_minutes", _noted(1.0, 3, "or reset_seconds, repeats_per_minute")),
         ("action", _noted("reverse", 4, "reverse: OP rises when PV falls")),
     )
 
@@ -177,7 +177,7 @@ def _section(header: str, *lines: Line) -> str:
     return f"{header}\n{tomlkit.dumps(body)}".lstrip("\n")
 
 
-def _noted(value: str, spaces: int, note: str) -> Item:
+def _noted(value: str | float, spaces: int, note: str) -> Item:
     """A value with a comment behind it."""
     item = tomlkit.item(value)
     item.comment(note)
