@@ -61,8 +61,8 @@ class Identified:
 
 def identify(study: Study, say: Progress = quiet) -> Identified:
     """Estimate all elements of all outputs, with the unmeasured disturbances that the project declares."""
-    first = _identified(study, study.segments, study.holds_to_find, say)
-    estimates, holds = first.estimates, first.holds
+    found = _identified(study, study.segments, study.holds_to_find, say)
+    estimates, holds = found.estimates, found.holds
     segments = with_loads(with_holds(study.segments, holds), _fits(estimates))
     say("looking for valves that do not follow OP")
     columns = [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"]
@@ -70,7 +70,8 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     valves = sticking(tried)
     if valves:
         segments = behind_valves(segments, valves)
-        estimates = estimate(study, segments, say)
+        found = _identified(study, segments, (), say)
+        estimates = found.estimates
         tried = try_valves(estimates, [j for j in columns if j not in valves])
     fits: dict[int, DisturbedFit] = {}
     if estimates and study.project.unmeasured:
@@ -79,18 +80,15 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         known = with_holds(study.segments, holds)
         segments = behind_valves(with_jumps(study, fits, updated_plant(study.model, estimates).nominal, known), valves)
         if any(segment.jumps for segment in segments):
-            estimates = estimate(study, segments, say)
+            found = _identified(study, segments, (), say)
+            estimates = found.estimates
         estimates = _resting_on_disturbances(study, estimates, fits)
     confidence = study.project.analysis.confidence
     estimates = widened_for_valves(widened_for_holds(estimates, holds, confidence), tried, confidence)
-    taken = {(i, spec.column): spec for i, found in estimates.items() for spec in found.row.specs}
+    taken = {(i, spec.column): spec for i, one in estimates.items() for spec in one.row.specs}
+    asked = {place: spec for place, spec in study.specs.items() if place not in found.absence_p}
     notes = (*_missing(study, taken), *_loads(study, estimates))
-    return Identified(estimates, {**study.specs, **taken}, segments, fits, notes, valves, holds, first.absence_p)
-
-
-def estimate(study: Study, segments: tuple[Segment, ...], say: Progress = quiet) -> dict[int, OutputEstimate]:
-    """The estimate of each output that has elements to estimate and data to do it from."""
-    return _identified(study, segments, (), say).estimates
+    return Identified(estimates, {**asked, **taken}, segments, fits, notes, valves, holds, found.absence_p)
 
 
 def _identified(
