@@ -76,6 +76,12 @@ def test_an_empty_cell_keeps_the_mode_before():
     np.testing.assert_array_equal(record.automatic[:, 0], np.repeat([True, False, True], [10, 20, 30]))
 
 
+def test_no_number_is_no_mode():
+    record = read(mode=[1.0] * 20 + [float("nan")] * 10 + [0.0] * 30)
+    np.testing.assert_array_equal(record.automatic[:, 0], np.arange(N) < 30)
+    assert said(record, "mode") == "mode: automatic 1 (20); not automatic 0 (30)."
+
+
 def test_a_column_of_values_is_no_mode():
     with pytest.raises(DataError, match=r"'mode' holds 60 different values .* no modes; name another column"):
         read(mode=np.linspace(0, 1, N))

@@ -331,3 +331,14 @@ def test_refusals() -> None:
 def test_a_million_samples_are_one_segment() -> None:
     result = screen(read_record(loop(n=1_000_000), LAYOUT), LAYOUT)
     assert [len(segment) for segment in result.segments] == [1_000_000]
+
+
+def test_a_pv_where_it_was_asked_to_be_is_no_outlier() -> None:
+    """A long record at one set-point, and one move far from it."""
+    n = 20_000
+    rng = np.random.default_rng(3)
+    sp = np.where((np.arange(n) > 9000) & (np.arange(n) < 9060), 62.0, 50.0)
+    pv = np.convolve(sp - 50, np.ones(10) / 10)[:n] + 50 + 0.1 * rng.standard_normal(n)
+    data = {"t": np.arange(n) * 1.0, "sp": sp, "pv": pv, "op": 40 + 0.5 * (sp - 50), "mode": np.ones(n)}
+    assert "outlier" not in kinds(screened(data))
+    assert "outlier" in kinds(screened(data | {"sp": np.full(n, 50.0)}))

@@ -113,7 +113,7 @@ def _data(file: str, time: str, seen: Seen, spare: Sequence[str]) -> Iterator[Li
 
 def _output(loop: Loop, name: str, seen: Seen) -> Iterator[Line]:
     yield "name", name
-    yield "pv", loop.pv
+    yield "pv", _noted(loop.pv, 6, "CHECK: by what else is there") if loop.likely else loop.pv
     yield ("sp", loop.sp) if loop.sp else tomlkit.comment('sp = "..."      # no set-point was recognised')
     if "pv" in loop.status:
         yield "status", loop.status["pv"]

@@ -48,6 +48,8 @@ class Loop:
     tag: str = ""
     status: Mapping[Role, str] = field(default_factory=dict)
     """By signal, the column of its quality."""
+    likely: bool = False
+    """Is its PV no more than likely, by a quantity or a tag?"""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -93,6 +95,7 @@ def _loop(key: str, members: Mapping[str, Meaning]) -> Loop | None:
         kinds[0] if kinds else None,
         tags[0] if tags else "",
         {role: column for role, column in status.items() if role in ("pv", "op")},
+        members[signals["pv"]].weak,
     )
 
 

@@ -39,7 +39,7 @@ class LongParts:
 
 
 def _bare(name: str) -> str:
-    return name.casefold().replace(" ", "").replace("_", "")
+    return name.casefold().replace("ä", "ae").replace(" ", "").replace("_", "")
 
 
 def _find(table: Table, named: str, role: str) -> str | None:

@@ -52,7 +52,7 @@ def read_modes(table: Table, rows: np.ndarray, column: str, declared: Sequence[o
     import polars as pl
 
     cells = table.column(column).gather(rows).cast(pl.String).str.strip_chars()
-    cells = pl.select(pl.when(cells.str.len_chars() == 0).then(None).otherwise(cells)).to_series()
+    cells = pl.select(pl.when(cells.str.to_lowercase().is_in(["", "nan"])).then(None).otherwise(cells)).to_series()
     counts = dict(cells.drop_nulls().value_counts(sort=True, name="n").rows())
     what = f"{table.source}: mode column {column!r}"
     if not counts:

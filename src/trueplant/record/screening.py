@@ -249,7 +249,7 @@ def _output(
     if spike.any():
         message = f"{name} has {counted(true_runs(spike)[0].size, 'short spike')}, {_count(spike)}; left out."
         log.add(Kind.SPIKE, name, message, spike, True, float(np.mean(spike)))
-    _report_outliers(y, bad | stuck | spike, name, log)
+    _report_outliers(y, record.r[:, i], bad | stuck | spike, name, log)
     return bad | stuck | spike, every * clock.h
 
 
@@ -286,12 +286,15 @@ def _span(x: Array) -> float:
     return float(np.nanmax(x) - np.nanmin(x))
 
 
-def _report_outliers(y: Array, known: BoolArray, name: str, log: _Log) -> None:
+def _report_outliers(y: Array, r: Array, known: BoolArray, name: str, log: _Log) -> None:
+    """PV far from where it is otherwise, and from where anybody asked it to be."""
     v = y[np.isfinite(y) & ~known]
     if v.size < levels.FEWEST_USABLE:
         return
     low, high = np.quantile(v, levels.OUTLIER_QUANTILES)
     away = levels.OUTLIER_RANGES * (high - low)
+    asked = r[np.isfinite(r)]
+    low, high = min(low, asked.min(initial=np.inf)), max(high, asked.max(initial=-np.inf))
     with np.errstate(invalid="ignore"):
         far = ((y < low - away) | (y > high + away)) & ~known
     if high > low and 0 < np.sum(far) < levels.OUTLIER_SHARE * y.size:
