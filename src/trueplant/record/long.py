@@ -178,7 +178,9 @@ def _bad_ones(
 
 def nothing_good(table: Table, quality: str, name: str, rows: BoolArray) -> DataError:
     """What to say of a signal of whose values on these rows none is good."""
-    words = Counter(str(word).strip()[:40] for word in table.frame[quality].filter(rows).to_list())
+    import polars as pl
+
+    words = Counter(str(word).strip()[:40] for word in table.frame[quality].filter(pl.Series(rows)).to_list())
     seen = ", ".join(f"{word!r} ({n})" for word, n in words.most_common(levels.SHOWN_WORDS))
     return DataError(
         f"{table.source}: no value of {name!r} is of good quality: column {quality!r} says {seen}. "
