@@ -1,0 +1,100 @@
+"""An audit of the demo site beside its truth, and what its workers cost beside a plain loop.
+
+    python benchmarks/bench_audit.py [--whole] [--loops N] [--out FOLDER]
+
+Without --whole the site has 24 loops over 10 days (60 over 30 otherwise). N quick loops (20; 600 samples each) measure
+the workers: all ratios are taken in one run on warm caches. Bytes are those of the machine's loopback meanwhile, so
+they are at most what the audit sent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import tempfile
+import time
+from datetime import timedelta
+from pathlib import Path
+
+import polars as pl
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from fleet.conftest import CHANGED, MODEL, SITE, write_loop
+from trueplant.cli.levels import SMALL, SMALL_DAYS, WHOLE
+from trueplant.fleet import Audited, Options, Site, audit
+from trueplant.fleet.demo import END, START, judge, write_site
+from trueplant.fleet.demo import SITE as DEMO
+from trueplant.fleet.demo.judge import lines
+
+
+def timed(site: Path, out: Path, workers: int) -> tuple[float, float, Audited]:
+    """Wall time, CPU time of the loops, and what came out, of an audit into a folder that is emptied first."""
+    shutil.rmtree(out, ignore_errors=True)
+    began = time.perf_counter()
+    found = audit(Site.load(site), out, Options(workers=workers))
+    return time.perf_counter() - began, sum(one.row.cpu_s for one in found.loops), found
+
+
+def against_truth(folder: Path, whole: bool) -> None:
+    """Found, missed, false and refused, by kind of fault."""
+    per_kind, start = (WHOLE, START) if whole else (SMALL, END - timedelta(days=SMALL_DAYS))
+    truths = write_site(folder, per_kind, start)
+    began = time.perf_counter()
+    found = audit(Site.load(folder / DEMO), folder / "audit", Options(workers=2))
+    wall = time.perf_counter() - began
+    table = pl.read_parquet(found.run / "audit.parquet", hive_partitioning=False)
+    print(f"{len(truths)} loops over {(END - start).days} days, {wall:.0f} s with two workers")
+    print(f"loops with a row: {table['loop'].n_unique()}; CPU a loop {table['cpu_s'].median():.1f} s (median)")
+    print(*lines(judge(truths, found.loops)), sep="\n")
+
+
+def workers(folder: Path, number: int) -> None:
+    """Two workers against one, one against a plain loop, memory, bytes."""
+    for k in range(number):
+        write_loop(folder / "units", f"loop{k:03}", CHANGED if k % 4 == 0 else MODEL, k)
+    site = folder / "site.toml"
+    site.write_text(SITE, encoding="utf-8")
+    out = folder / "out"
+    timed(site, out, 0)
+    plain, cpu, _ = timed(site, out, 0)
+    before = loopback()
+    one, cpu_one, _ = timed(site, out, 1)
+    sent = loopback() - before
+    two, cpu_two, found = timed(site, out, 2)
+    nothing = time.perf_counter()
+    audit(Site.load(site), out, Options(workers=2))
+    nothing = time.perf_counter() - nothing
+    memory = [row.row.memory_mb or 0.0 for row in sorted(found.loops, key=lambda row: row.name)]
+    print(f"{number} loops of 600 samples: plain {plain:.1f} s, one worker {one:.1f} s, two workers {two:.1f} s")
+    print(f"CPU of the loops: plain {cpu:.1f} s, one worker {cpu_one:.1f} s, two workers {cpu_two:.1f} s")
+    print(f"two workers are {one / two:.2f} times one; one worker takes {one - plain:.1f} s more than a plain loop")
+    first, last = max(memory[: number // 4]), max(memory[-number // 4 :])
+    print(f"memory of a worker: {first:.0f} MB in the first quarter, {last:.0f} MB in the last")
+    print(f"at most {sent / number / 1024:.0f} kB over the wire a loop; an audit with nothing new: {nothing:.2f} s")
+
+
+def loopback() -> int:
+    """Bytes that the machine has sent to itself."""
+    for line in Path("/proc/net/dev").read_text().splitlines():
+        name, _, cells = line.partition(":")
+        if name.strip() == "lo":
+            return int(cells.split()[8])
+    return 0
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--whole", action="store_true")
+    parser.add_argument("--loops", type=int, default=20)
+    parser.add_argument("--out", type=Path)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = given.out or Path(scratch)
+        workers(folder / "workers", given.loops)
+        against_truth(folder / "site", given.whole)
+
+
+if __name__ == "__main__":  # workers import this file
+    main()
