@@ -1,10 +1,11 @@
 """Robustness: margins, uncertainty and performance weights, structured singular values, robust performance."""
 
-from trueplant.robust.blocks import Block, Full, Repeated, diagonal
+from trueplant.robust.blocks import Block, Full, Real, Repeated, diagonal
 from trueplant.robust.disk import multiloop_disk_margin
 from trueplant.robust.generalised import generalised_plant, perturbed_plant, uncertainty_blocks
 from trueplant.robust.margins import Margins, margins, niederlinski, rga
 from trueplant.robust.mu import MuResult, mu
+from trueplant.robust.parametric import ElementErrors, ParametricLoop, parametric_loop, parametric_performance
 from trueplant.robust.peaks import Peak
 from trueplant.robust.performance import Robustness, robust_performance
 from trueplant.robust.skewed import worst_gain
@@ -19,10 +20,13 @@ from trueplant.robust.weights import (
 
 __all__ = [
     "Block",
+    "ElementErrors",
     "Full",
     "Margins",
     "MuResult",
+    "ParametricLoop",
     "Peak",
+    "Real",
     "Repeated",
     "Robustness",
     "covariance_weight",
@@ -34,6 +38,8 @@ __all__ = [
     "mu",
     "multiloop_disk_margin",
     "niederlinski",
+    "parametric_loop",
+    "parametric_performance",
     "performance_weight",
     "perturbed_plant",
     "rga",

@@ -30,6 +30,10 @@ class Full:
     def is_full(self) -> bool:
         return True
 
+    @property
+    def is_real(self) -> bool:
+        return False
+
 
 @dataclass(frozen=True)
 class Repeated:
@@ -53,8 +57,39 @@ class Repeated:
     def is_full(self) -> bool:
         return self.size == 1
 
+    @property
+    def is_real(self) -> bool:
+        return False
 
-Block = Full | Repeated
+
+@dataclass(frozen=True)
+class Real:
+    """One real number times the identity of the given size: a parameter."""
+
+    size: int = 1
+
+    def __post_init__(self) -> None:
+        if self.size < 1:
+            raise UsageError(f"a block needs a size of at least 1, not {self.size}")
+
+    @property
+    def rows(self) -> int:
+        return self.size
+
+    @property
+    def columns(self) -> int:
+        return self.size
+
+    @property
+    def is_full(self) -> bool:
+        return False
+
+    @property
+    def is_real(self) -> bool:
+        return True
+
+
+Block = Full | Repeated | Real
 
 
 def diagonal(n: int) -> tuple[Full, ...]:
@@ -88,6 +123,14 @@ class Structure:
     def all_full(self) -> bool:
         return all(block.is_full for block in self.blocks)
 
+    @property
+    def any_real(self) -> bool:
+        return any(block.is_real for block in self.blocks)
+
+    def complex_cover(self) -> Structure:
+        """The same with complex numbers in place of real ones: mu of it is never smaller."""
+        return Structure(tuple(Repeated(block.rows) if block.is_real else block for block in self.blocks))
+
     def places(self) -> Iterator[tuple[Block, slice, slice]]:
         """Each block with its rows and its columns in M."""
         z = w = 0
@@ -117,6 +160,15 @@ class Structure:
                 left[-1][z, z] = part
                 right[-1][w, w] = np.eye(block.rows) if block.is_full else part
         return np.array(left), np.array(right)
+
+    def real_directions(self) -> ComplexArray:
+        """(K, n_w, n_z): Hermitian matrices on the real blocks, m^2 for one of size m, and zero elsewhere."""
+        parts: list[ComplexArray] = []
+        for block, z, w in self.places():
+            for part in _hermitian_basis(block.rows) if block.is_real else []:
+                parts.append(np.zeros(self.shape[::-1], dtype=complex))
+                parts[-1][w, z] = part
+        return np.array(parts).reshape(-1, *self.shape[::-1])
 
 
 def _hermitian_basis(m: int) -> list[ComplexArray]:

@@ -71,6 +71,17 @@ MOST_HALVINGS = 10
 NO_SLOPE = 1e-6
 """Slope of log sigma at which a simple singular value is at its minimum."""
 
+# -- mu: upper bound with real parameters ---------------------------------------------------------------------
+
+MIXED_GAP = 1e-7
+"""Distance of the squared bound from its least value, relative to itself, at which the search ends."""
+MIXED_FLOOR = 1e-12
+"""The same relative to the bound of complex mu: what is smaller is lost in rounding."""
+ABOVE_ROUNDING = 100.0
+"""Times the rounding of an eigenvalue that the search keeps away from it: G may grow far beyond M. Judgement."""
+LEAST_CURVATURE = 1e-10
+"""Of the barrier, relative to the largest: D and G can grow together without any change."""
+
 # -- mu: lower bound -----------------------------------------------------------------------------------------
 
 TIGHT = 1e-7
@@ -81,6 +92,39 @@ RANDOM_STARTS = 6
 """From random vectors, where the first two attempts do not reach the upper bound. Judgement."""
 RANDOM_WEIGHT = 0.7
 """Factor from one singular vector to the next in a random start: the larger ones are more likely. Judgement."""
+
+# -- mu: lower bound with real parameters ---------------------------------------------------------------------
+
+MIXED_STARTS = 16
+"""Corners of the box of parameters from which the search starts: all of four parameters. Judgement."""
+REAL_CORNERS = 128
+"""Corners at which real eigenvalues are looked at, which costs far less: all of seven parameters. Judgement."""
+MIXED_TIGHT = 1e-5
+"""Relative distance from the upper bound at which the search ends, and gain of one start that is worth another."""
+PATIENCE = 8
+"""Starts in a row without a gain after which a matrix is left alone. Judgement, by time."""
+MIXED_STEPS, REAL_STEPS = 30, 40
+"""Linear programmes of one search, with complex blocks and without. Judgement, by time."""
+FIRST_TRUST, LEAST_TRUST = 0.5, 1e-7
+"""Trust region of the parameters relative to their box, at the start and where the search ends."""
+OFF_AXIS = 10.0
+"""Price of the part of an eigenvalue beside the real axis, which the search wants at zero. Judgement."""
+POLISHING = 6
+"""Newton steps that put the eigenvalue onto the real axis in the end."""
+ON_THE_AXIS = 1e-10
+"""Part beside the axis of an eigenvalue that is worth a check."""
+ROOT = 1e-6
+"""Imaginary part, relative to the real one, with which the root of a polynomial counts as real: two roots that meet are
+right to half the digits. What it lets in is checked afterwards."""
+HALVINGS = 40
+"""Of the interval in which the dual of a linear programme is solved."""
+PROVED = 1e-12
+"""Smallest singular value of I - M Delta, relative to the largest or 1, that counts as zero: rounding, so Delta is a
+perturbation that the loop does not survive."""
+SINGULAR = 1e-13
+"""Singular value below which a matrix is not inverted, relative to the largest or 1."""
+NO_BOUND = 1e6
+"""Size of a perturbation, in units of the smallest possible one, that stands for none."""
 
 TINY = 1e-150
 """Norm below which a vector is 0: its square is still a number."""
@@ -101,5 +145,8 @@ CONFIDENCE = 0.95
 CORNER_QUANTILES = (0.1, 0.35, 0.65, 0.9)
 """Quantiles of the logarithms of the frequencies from which the corners of a covering weight are searched. Judgement:
 the search is local, and has several minima."""
+WIDEST_ARC = 3.0
+"""Angle by which an uncertain dead time may turn before a complex number stands for it: at pi the tangent of its half
+is infinite. Judgement."""
 REAL_ANGLE = 1e-6
 """Angle below which a value is real: at rest rounding alone would ask for an all-pass of endless lag."""

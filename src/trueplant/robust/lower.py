@@ -28,7 +28,7 @@ def lower_bound(
     """
     M = M / upper[:, None, None]
     vectors = np.linalg.svd(M)[2].conj().swapaxes(1, 2)
-    best, delta = _climbed(M, vectors[:, :, 0], structure, levels.FIRST_CLIMB)
+    best, delta = climbed(M, vectors[:, :, 0], structure, levels.FIRST_CLIMB)
     rng = np.random.default_rng(0)
 
     def equal_parts(left: NDArray[np.intp], sign: float) -> ComplexArray:
@@ -47,13 +47,13 @@ def lower_bound(
         left = np.flatnonzero(best < 1 - levels.TIGHT)
         if left.size == 0:
             break
-        found, other = _climbed(M[left], begin(left, setting), structure, steps)
+        found, other = climbed(M[left], begin(left, setting), structure, steps)
         better = found > best[left]
         best[left[better]], delta[left[better]] = found[better], other[better]
     return best * upper, delta / upper[:, None, None]
 
 
-def _climbed(M: ComplexArray, b: ComplexArray, structure: Structure, steps: int) -> tuple[Array, ComplexArray]:
+def climbed(M: ComplexArray, b: ComplexArray, structure: Structure, steps: int) -> tuple[Array, ComplexArray]:
     """The power iteration from b (n_s, n_w), and what its end proves."""
     b = b / np.maximum(np.linalg.norm(b, axis=1, keepdims=True), levels.TINY)
     w, adjoint = b, M.conj().swapaxes(1, 2)

@@ -12,7 +12,9 @@ from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import UsageError
 from trueplant.robust.blocks import Block, Structure
 from trueplant.robust.lower import lower_bound
-from trueplant.robust.upper import upper_bound
+from trueplant.robust.mixed_lower import mixed_lower_bound
+from trueplant.robust.mixed_upper import MixedUpper, mixed_upper_bound
+from trueplant.robust.upper import Upper, upper_bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +30,10 @@ class MuResult:
     lower is 0, since then none was found."""
     scaling: tuple[ComplexArray, ComplexArray]
     """L (n_s, n_z, n_z) and R (n_s, n_w, n_w) with sigma_max(L M R^-1) = upper and R Delta = Delta L for every Delta of
-    the structure."""
+    the structure. With real blocks upper^2 is the largest eigenvalue of R^-H (M^H L^H L M + j (G M - M^H G^H)) R^-1
+    instead, or 0 where that is negative."""
+    G: ComplexArray
+    """(n_s, n_w, n_z): Hermitian on the real blocks, zero elsewhere."""
 
     def __repr__(self) -> str:
         if self.upper.size == 0:
@@ -41,8 +46,9 @@ def mu(M: ArrayLike, blocks: Sequence[Block]) -> MuResult:
     """Bounds of the structured singular value of M (n_s, n_z, n_w), or of one matrix (n_z, n_w).
 
     mu = 1/min{sigma_max(Delta): Delta of the structure, det(I - M Delta) = 0}. The upper bound is exact when twice the
-    repeated blocks and the full blocks are 3 at most (Packard and Doyle 1993); how close the bounds are is seen in
-    the result. Raises UsageError where the blocks do not fit M or M is not finite.
+    repeated and the real blocks and the full blocks are 3 at most (Packard and Doyle 1993; Young 1993); how close the
+    bounds are is seen in the result. Real blocks take far longer, and where there are no others the lower bound may be
+    0: none was found, or there is none. Raises UsageError where the blocks do not fit M or M is not finite.
     """
     matrices = np.asarray(M, dtype=np.complex128)
     matrices = matrices[None] if matrices.ndim == 2 else matrices
@@ -55,13 +61,23 @@ def mu(M: ArrayLike, blocks: Sequence[Block]) -> MuResult:
     lower, upper = np.zeros(count), np.zeros(count)
     delta = np.full((count, n_w, n_z), np.nan, dtype=complex)
     left, right = (np.tile(np.eye(n, dtype=complex), (count, 1, 1)) for n in (n_z, n_w))
+    G = np.zeros((count, n_w, n_z), dtype=complex)
     size = np.max(np.abs(matrices), axis=(1, 2), initial=0.0)
     there = size > 0
     if np.any(there):
         scaled = matrices[there] / size[there, None, None]
-        bound = upper_bound(scaled, structure)
-        low, own = lower_bound(bound.scaled(scaled), bound.bound, structure)
+        bound, low, own = _bounds(scaled, structure)
         # both are right to rounding, which may put them a few units in the last place out of order
         lower[there], upper[there] = np.minimum(low, bound.bound) * size[there], bound.bound * size[there]
         delta[there], left[there], right[there] = own / size[there, None, None], bound.left, bound.right
-    return MuResult(lower, upper, delta, (left, right))
+        if isinstance(bound, MixedUpper):
+            G[there] = bound.G * size[there, None, None]
+    return MuResult(lower, upper, delta, (left, right), G)
+
+
+def _bounds(M: ComplexArray, structure: Structure) -> tuple[Upper, Array, ComplexArray]:
+    cover = upper_bound(M, structure.complex_cover())
+    if not structure.any_real:
+        return cover, *lower_bound(cover.scaled(M), cover.bound, structure)
+    bound = mixed_upper_bound(M, structure, cover)
+    return bound, *mixed_lower_bound(cover.scaled(M), bound.bound, structure)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from trueplant.robust.generalised import (
     uncertainty_blocks,
     weighted_channels,
 )
-from trueplant.robust.grid import on_axis, rates_of
+from trueplant.robust.grid import Rates, on_axis, rates_of
 from trueplant.robust.mu import mu
 from trueplant.robust.peaks import Peak, loop_grid, sharpened
 
@@ -76,9 +77,7 @@ def robust_performance(
     own = channels(uncertainty, weighted_channels(plant, structure), "the uncertainty")
     asked = channels(performance, n_y, "the performance")
     if unstable_poles(plant, controller):
-        nowhere = Peak(np.inf, np.inf, np.nan)
-        empty, none = np.zeros((0, 2)), np.zeros((0, 0), dtype=np.complex128)
-        return Robustness(False, nowhere, nowhere, nowhere, np.zeros(0), np.zeros(0), empty, empty, none, np.nan)
+        return unstable_loop()
     blocks = uncertainty_blocks(plant.shape, structure)
     n_z, n_w = sum(b.columns for b in blocks), sum(b.rows for b in blocks)
     all_blocks: Sequence[Block] = (*blocks, Full(n_y))
@@ -98,14 +97,35 @@ def robust_performance(
         result = mu(N, all_blocks)
         return result.lower, result.upper
 
-    rates = rates_of(plant, controller, (f for f in (*own, *asked) if isinstance(f, TransferFunction)))
+    def worst(N: ComplexArray) -> ComplexArray:
+        return mu(N, all_blocks).delta[0, :n_w, :n_z]
 
+    rates = rates_of(plant, controller, (f for f in (*own, *asked) if isinstance(f, TransferFunction)))
+    return judged(plant, controller, rates, system, (nominal, stability, whole), worst)
+
+
+def unstable_loop() -> Robustness:
+    """What is said of a nominal loop that is unstable."""
+    nowhere = Peak(np.inf, np.inf, np.nan)
+    empty, none = np.zeros((0, 2)), np.zeros((0, 0), dtype=np.complex128)
+    return Robustness(False, nowhere, nowhere, nowhere, np.zeros(0), np.zeros(0), empty, empty, none, np.nan)
+
+
+def judged(
+    plant: TransferMatrix,
+    controller: Controller,
+    rates: Rates,
+    system: Callable[[Array], Any],
+    tests: Sequence[Callable[[Any], tuple[Array, Array]]],
+    worst: Callable[[Any], ComplexArray],
+) -> Robustness:
+    """The bounds that three tests (nominal, stability, performance) have of system(w), over all frequencies."""
     w = loop_grid(plant, controller, rates)
     rest = levels.REST * rates.slowest
     w = np.concatenate([[rest], w])
     N = system(w)
     curves, peaks = [], []
-    for bounds in (nominal, stability, whole):
+    for bounds in tests:
         lower, upper = bounds(N)
         grows = bounds(system(np.array([100 * rest])))[1][0]
         if upper[0] > levels.GROWS_AT_REST * grows and upper[0] > 1:
@@ -114,7 +134,6 @@ def robust_performance(
             peaks.append(sharpened(bounds, system, w, lower, upper))
         curves.append(np.stack([lower, upper], axis=1))
     frequency = peaks[2].frequency or rest
-    worst = mu(system(np.array([frequency])), all_blocks).delta[0, :n_w, :n_z]
     return Robustness(
         stable=True,
         NP=peaks[0],
@@ -124,6 +143,6 @@ def robust_performance(
         nominal=curves[0][:, 1],
         stability=curves[1],
         performance=curves[2],
-        worst=worst,
+        worst=worst(system(np.array([frequency]))),
         worst_frequency=frequency,
     )

@@ -13,8 +13,10 @@ from trueplant.tune.drawn import Peaks, common_grid, peaks
 from trueplant.tune.forms import Notation, Settings, converted, pid_of, settings_of
 from trueplant.tune.integral import Limits, max_ki
 from trueplant.tune.methods import METHODS, Choices
+from trueplant.tune.mu_synthesis import MuDesigned, dk_iteration
 from trueplant.tune.optimal import optimal
-from trueplant.tune.propose import ALL_METHODS, AS_DESIGNED, CERTAIN, OwnMethod, Proposal, propose
+from trueplant.tune.performance import TunedForPerformance, Weighting, tune_performance
+from trueplant.tune.propose import ALL_METHODS, AS_DESIGNED, CERTAIN, PERFORMANCE, OwnMethod, Proposal, propose
 from trueplant.tune.reduce import Reduced, half_rule, matched, reduced
 from trueplant.tune.response import frequencies, ultimate
 from trueplant.tune.retune import Retuned, retune
@@ -42,12 +44,14 @@ __all__ = [
     "BLT",
     "CERTAIN",
     "METHODS",
+    "PERFORMANCE",
     "Choices",
     "Comparison",
     "Designed",
     "Limits",
     "LoopMetrics",
     "LoopTask",
+    "MuDesigned",
     "Notation",
     "OwnMethod",
     "Peaks",
@@ -56,14 +60,17 @@ __all__ = [
     "Retuned",
     "Settings",
     "StepMetrics",
+    "TunedForPerformance",
     "TunedTogether",
     "UncertainTuning",
+    "Weighting",
     "amigo",
     "blt",
     "cohen_coon",
     "common_grid",
     "compare",
     "converted",
+    "dk_iteration",
     "draw_parameters",
     "fastest",
     "frequencies",
@@ -95,6 +102,7 @@ __all__ = [
     "slow_down",
     "step_metrics",
     "step_response",
+    "tune_performance",
     "tune_together",
     "tune_uncertain",
     "tyreus_luyben",

@@ -102,6 +102,24 @@ ONE_ELEMENT_SLOWDOWNS = np.linspace(0.6, 1.0, 81)
 MOST_DRAW_ROUNDS = 1000
 """Times that draws are repeated until enough are plants: with one in a thousand there is nothing to tune for."""
 
+# -- the least mu --------------------------------------------------------------------------------------------
+
+MU_POPULATION, MU_GENERATIONS, MU_SPREAD = 64, 60, 1e-3
+"""Candidates, rounds of the evolution, and the relative spread at which it ends. On the mill the least mu of
+three seeds is the same to 0.01 %."""
+MU_SIMPLEX, MU_DESCENT = (0.2, 0.05), 250
+"""Steps of the logarithms with which each descent begins, and its most trials."""
+MU_POINTS_PER_DECADE = 12
+"""Frequencies of the search; what is found is judged by `robust_performance`, which sharpens peaks."""
+NEAR_LEAST_MU, MU_PENALTY = 1.05, 1e3
+"""mu may rise by 5 % for larger integral gains; log units of slowness that a rise of 100 % beyond that costs."""
+AROUND_STARTS = 10.0
+"""The search goes so far beyond the gains and times that are known. Judgement."""
+NOT_ALLOWED, LOWEST_LOG_GAIN = 1e6, -50.0
+"""Value of candidates that are unstable or beyond the crossover, and the gain (log) below which it stops falling."""
+LEAST_TD = 1e-2
+"""Of the integral time: where the search begins for a PID whose derivative is off."""
+
 # -- proposals -----------------------------------------------------------------------------------------------
 
 USUAL_PEAK = 2.0
@@ -162,3 +180,22 @@ ROUNDING = 1e-9
 DOUBLE_ROOT = 1e-12
 """Rounding that a double root of the series form may leave in its discriminant, relative to the product of the
 roots."""
+
+# -- D-K iteration -------------------------------------------------------------------------------------------
+
+DK_ROUNDS, D_ORDER = 4, 4
+"""Designs, and corners of each fitted D. On the textbook's column mu falls from 1.179 to 1.036, 1.030 and 1.026; with
+two corners it stays near 1.06."""
+SLOWEST_WEIGHT = 0.1
+"""Of the lowest frequency: poles of weights that are slower are taken there, since the Riccati equations lose all
+digits over an integrator."""
+NEGLIGIBLE_STATE = 1e-9
+"""Hankel value of a state of the design's plant, relative to the largest, below which it is rounding."""
+REDUCED_MU = 1.01
+"""By how much mu may rise when states are left out of the controller. Judgement."""
+LARGE_PEAK = 1e6
+"""From which slycot looks for the least peak."""
+ABOVE_LEAST_PEAK = (1.002, 1.01, 1.03)
+"""Times the least peak for which controllers are made as well; the best of them is kept. Judgement."""
+FIT_SHIFTS = (-0.5, 0.0, 0.5)
+"""Of the logarithms of zeros and poles apart from each other at the start of the fit of D. Judgement."""

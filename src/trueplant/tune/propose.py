@@ -18,6 +18,7 @@ from trueplant.tune import levels
 from trueplant.tune.forms import converted
 from trueplant.tune.integral import Limits
 from trueplant.tune.methods import METHODS
+from trueplant.tune.performance import Weighting, tune_performance
 from trueplant.tune.response import axis, frequencies
 from trueplant.tune.retune import retune
 from trueplant.tune.several import SEVERAL
@@ -33,9 +34,11 @@ class OwnMethod(StrEnum):
     """The largest integral gains that hold the limits for a share of the plants that the record leaves possible."""
     AS_DESIGNED = "as-designed"
     """Each loop again as nearly as possible what it was on the model that its controller was tuned on."""
+    PERFORMANCE = "mu"
+    """Nearly the least mu of robust performance under the declared weights."""
 
 
-CERTAIN, AS_DESIGNED = OwnMethod.CERTAIN, OwnMethod.AS_DESIGNED
+CERTAIN, AS_DESIGNED, PERFORMANCE = OwnMethod.CERTAIN, OwnMethod.AS_DESIGNED, OwnMethod.PERFORMANCE
 ALL_METHODS = (*OwnMethod, *METHODS, *SEVERAL, *DESIGNS)
 """Ours, the rules, those for several loops, and those whose answer is no PID."""
 
@@ -62,12 +65,14 @@ def propose(
     methods: Sequence[str],
     *,
     model: TransferMatrix | None = None,
+    weighting: Weighting | None = None,
     limit: float = levels.PEAK,
     share: float = levels.SHARE,
     confidence: float = levels.CONFIDENCE,
     seed: int = 0,
 ) -> tuple[Proposal, ...]:
-    """Settings by each method, in the given order; model: what today's controllers were tuned on.
+    """Settings by each method, in the given order; model: what today's controllers were tuned on;
+    weighting: of robust performance, which the method "mu" needs. It starts from the methods before it.
 
     The rules see each loop's own element, later by what the task calls unseen or by the error of its dead time,
     whichever is longer. Whatever they say is slowed down until the loop's gain is below 1 beyond the task's
@@ -79,13 +84,16 @@ def propose(
     unknown = [name for name in methods if name not in ALL_METHODS]
     if unknown:
         raise LoopError(f"unknown tuning method {unknown[0]!r}: use {', '.join(ALL_METHODS)}")
-    found = []
+    found: list[Proposal] = []
     for method in methods:
         try:
             if method == CERTAIN:
                 found.append(_certain(uncertain, tasks, today, limit, share, confidence, seed))
             elif method == AS_DESIGNED:
                 found.append(_as_designed(uncertain.nominal, tasks, today, model))
+            elif method == PERFORMANCE:
+                known = [p.controller for p in found if p.controller is not None]
+                found.append(_for_performance(uncertain.nominal, tasks, today, weighting, known, seed))
             elif method in METHODS:
                 found.append(_by_rule(uncertain.nominal, tasks, today, method, limit))
             elif method in DESIGNS:
@@ -138,7 +146,10 @@ def _round_the_rest(found: TunedTogether, tasks: Sequence[LoopTask], gaining: Se
         if task in prices:
             laws[task], note = _in_form(found.controller, task)
         else:
-            note = "kept as it is today: there is nothing to gain within the limits"
+            note = (
+                "keep today's settings here: there is nothing to gain within the limits, and the other loops are set "
+                "round them"
+            )
         notes.append(note)
     controller = with_entries(found.controller, laws)
     return Proposal(CERTAIN, controller, (True,) * len(tasks), tuple(notes), tuple(prices.get(t) for t in tasks))
@@ -196,6 +207,23 @@ def _as_designed(
     if not laws:
         return _none(AS_DESIGNED, tasks, "; ".join(notes[0]))
     return _slowed_together(plant, tasks, with_entries(today, laws), laws, AS_DESIGNED, notes)
+
+
+def _for_performance(
+    plant: TransferMatrix,
+    tasks: Sequence[LoopTask],
+    today: Controller,
+    weighting: Weighting | None,
+    known: Sequence[Controller],
+    seed: int,
+) -> Proposal:
+    if weighting is None:
+        raise LoopError('needs both weights of robust performance: declare wI and wP in the table "robustness"')
+    found = tune_performance(plant, tasks, today, weighting, known=known, seed=seed)
+    laws, said = zip(*(_in_form(found.controller, task) for task in tasks), strict=True)
+    notes = tuple(f"mu {found.mu.upper:.3g}; {note}" if note else f"mu {found.mu.upper:.3g}" for note in said)
+    controller = with_entries(found.controller, dict(zip(tasks, laws, strict=True)))
+    return Proposal(PERFORMANCE, controller, (True,) * len(tasks), notes, (None,) * len(tasks))
 
 
 def _several(

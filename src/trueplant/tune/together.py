@@ -80,7 +80,7 @@ def tune_together(
 
     Raises LoopError if no settings hold for so many plants, or for too few draws.
     """
-    _check_plant(uncertain.nominal, tasks)
+    check_plant(uncertain.nominal, tasks)
     half = count // 2
     rank = most_failures(count - half, share, confidence)
     stable = _stable_start(uncertain.nominal, tasks, start)
@@ -154,7 +154,8 @@ def _pid(controller: Controller, task: LoopTask) -> PID:
     return found
 
 
-def _check_plant(plant: TransferMatrix, tasks: Sequence[LoopTask]) -> None:
+def check_plant(plant: TransferMatrix, tasks: Sequence[LoopTask]) -> None:
+    """Raises LoopError for a plant that is unstable in open loop, and for a task without a gain at rest."""
     for row in plant.elements:
         for element in row:
             poles = element.poles
