@@ -7,9 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from support.joint_bound import joint_bound
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant import plants
-from trueplant.identify import Spec, identify_output, specs_of
+from trueplant.identify import Spec, identify_matrix, identify_output, specs_of
 from trueplant.identify.joint import fit_jointly, fit_until_white, whiteness_p
 from trueplant.loop import simulate
 from trueplant.lti.sampled import sampled_response
@@ -57,6 +58,25 @@ def test_with_unrelated_disturbances_it_is_the_fit_of_each_output():
         sigma = np.sqrt(np.diag(estimate.fit.covariance))
         assert np.all(np.abs(theta - estimate.fit.theta) < 0.3 * sigma)
         assert np.sqrt(np.diag(covariance)) == pytest.approx(sigma, rel=0.1)
+
+
+def test_what_reaches_all_outputs_at_once_is_used_up_to_the_joint_bound():
+    """Eight records whose disturbances are correlated 0.8: each output alone stays far above it."""
+    sigma = 0.3**2 * (1 - 0.8**2) * np.array([[1.0, 0.8], [0.8, 1.0]])
+    ratios, z = [], []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        v = coloured(rng, 1500, 2, [1, -0.8], [1], 0.3) @ np.linalg.cholesky(sigma / sigma[0, 0]).T
+        segment = segment_of(simulate(WOOD_BERRY, BLT, random_switching(rng, 1500, 2, 20.0), 1.0, v=v))
+        bound = np.sqrt(joint_bound(segment, TRUTH, -0.8, sigma))
+        found = identify_matrix([segment], WOOD_BERRY, specs_of(WOOD_BERRY)).values()
+        ratios.append(np.sqrt(np.concatenate([np.diag(one.covariance) for one in found])) / bound)
+        z.append((np.concatenate([one.theta for one in found]) - np.concatenate(TRUTH)) / bound)
+        alone = np.sqrt(np.concatenate([np.diag(one.fit.covariance) for one in found])) / bound
+        assert alone[2] > 1.5
+    typical = np.median(ratios, axis=0)  # with what slow noise and colour add to each output
+    assert np.all((typical > 0.9) & (typical < 1.35))
+    assert 0.85 < np.sqrt(np.mean(np.square(z))) < 1.15
 
 
 def test_rows_that_do_not_share_their_samples_are_left_alone():

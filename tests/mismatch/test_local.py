@@ -9,7 +9,7 @@ import pytest
 
 from support.simulated import coloured, segment_of
 from trueplant.errors import LoopError, Refused, UsageError
-from trueplant.loop import PID, Controller, simulate
+from trueplant.loop import PID, Controller, alternating_steps, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.lti.structure import Structure
 from trueplant.mismatch import fit_locally, local_response, sampled_frequency_response, speaking_band
@@ -84,16 +84,19 @@ def test_rounds_take_the_systematic_error_out(method):
 
 @pytest.mark.parametrize("method", ["joint", "closed-form"])
 def test_standard_errors_of_the_response_are_those_of_many_runs(method):
-    """60 seeded runs with coloured noise; the first four windows, where noise does not yet hide the loop."""
+    """60 seeded runs with coloured noise; the first four windows, where noise does not yet hide the loop.
+
+    Each error against its own run's claim: in 2 of the runs the noise looks like a walk, and errors are claimed larger.
+    """
     rng = np.random.default_rng(5)
-    errors, claimed = [], []
+    squares = []
     r = steps(1500, 40, 300, 500, 850, 1000, 1300)[:, None]
     for _ in range(60):
         v = coloured(rng, 1500, 1, [1, -0.6], [1], 0.05)
         found = local_response([segment_of(simulate(PLANT, LOOP, r, H, noise=v))], method, PLANT, LOOP, near=True)
-        errors.append(np.abs(found.sampled - sampled_frequency_response(PLANT, found.w, H))[:12, 0, 0] ** 2)
-        claimed.append(found.std[:12, 0, 0] ** 2)
-    ratio = np.mean(errors, axis=0) / np.mean(claimed, axis=0)
+        errors = np.abs(found.sampled - sampled_frequency_response(PLANT, found.w, H))[:12, 0, 0]
+        squares.append((errors / found.std[:12, 0, 0]) ** 2)
+    ratio = np.mean(squares, axis=0)
     print(method, ratio.round(2))
     assert 0.8 < ratio.mean() < 1.2
     assert np.all((ratio > 0.4) & (ratio < 2.0))
@@ -118,6 +121,37 @@ def test_intervals_cover_the_truth(method):
     assert settled > 190
 
 
+LEVEL = TransferMatrix.of([["0.05 exp(-0.5 s)/s"]], "min")
+LEVEL_LOOP = Controller.diagonal([PID(Kc=2.0, Ti=40.0, sample_time=H)])
+
+
+def level_loop(seed):
+    """A level under a load that walks: most frequencies of a square wave say nothing of it."""
+    r = alternating_steps(2000, H, 150.0, [2.0])
+    v = np.cumsum(np.random.default_rng(seed).normal(0, 0.02, (2000, 1)), axis=0)
+    return segment_of(simulate(LEVEL, LEVEL_LOOP, r, H, v=v, noise=0.01, seed=seed))
+
+
+@pytest.mark.parametrize("method", ["joint", "closed-form"])
+def test_a_level_under_a_walking_load_is_never_confidently_wrong(method):
+    """24 seeded runs, each with slope and dead time; beyond 4 standard errors is 1 in 15,000 by chance."""
+    far = []
+    for seed in range(24):
+        fit = fit_locally([level_loop(seed)], {(0, 0): Structure.parse("integrator")}, LEVEL, method, LEVEL_LOOP)
+        far.append(np.abs(fit.parameters[0, 0] - [0.05, 0.5]) / np.sqrt(np.diag(fit.covariance[0, 0])))
+    print(f"\n{method}: farthest {np.max(far):.1f} standard errors, mean square {np.mean(np.square(far)):.2f}")
+    assert np.max(far) < 4.5
+    assert np.mean(np.square(far)) < 2
+
+
+def test_a_minimum_nearly_as_deep_widens_the_error():
+    """Few lines of one run leave two dead times, 8.4 and 0.9 min, with slopes of either sign."""
+    fit = fit_locally([level_loop(8)], {(0, 0): Structure.parse("integrator")}, LEVEL, "joint", LEVEL_LOOP)
+    error = np.sqrt(np.diag(fit.covariance[0, 0]))
+    assert fit.parameters[0, 0][0] < 0 < fit.parameters[0, 0][0] + 2 * error[0]
+    assert error[0] > 0.04
+
+
 def test_experiments_with_one_setpoint_moving_each_are_combined():
     segments = []
     for k in range(2):
@@ -136,13 +170,22 @@ def test_experiments_with_one_setpoint_moving_each_are_combined():
 def test_speaking_band_ends_where_noise_takes_over():
     quiet = local_response([one_loop(1, 0.002)], "closed-form", MODEL, LOOP)
     loud = local_response([one_loop(1, 0.05)], "closed-form", MODEL, LOOP)
-    (first,), (second,) = speaking_band(quiet)[0], speaking_band(loud)[0]
+    (first,), (second,) = speaking_band(quiet, PLANT)[0], speaking_band(loud, PLANT)[0]
     assert first is not None
     assert second is not None
     assert first[0] == quiet.w[0]
     assert first[1] > 1.5 * second[1]
     silent = replace(loud, std=10 * np.abs(loud.sampled))
-    assert speaking_band(silent) == ((None,),)
+    assert speaking_band(silent, PLANT) == ((None,),)
+
+
+def test_a_square_wave_speaks_at_once_and_noise_alone_does_not():
+    """Between its lines a square wave says nothing, and the band is whole; beyond, noise is larger than the level's."""
+    found = local_response([level_loop(7)], "joint", LEVEL)
+    ((low, high),) = speaking_band(found, LEVEL)[0]
+    print(f"\nspeaks from {low:.3g} to {high:.3g} rad/min")
+    assert low < 0.2
+    assert 0.2 < high < 2.0
 
 
 def test_missing_samples_are_bridged_and_said():

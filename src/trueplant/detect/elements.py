@@ -165,7 +165,7 @@ def _by_likelihood(
     have been found.
     """
     p, detectable = _other_p(estimate, found), _detectable(estimate, found, elements, level)
-    if p is None or p >= level or estimate.rise is not None or estimate.jointly:
+    if p is None or p >= level or estimate.rise is not None or estimate.predicted_by:
         return p, detectable
     doubted = max(p, _other_p(sceptic(), found) or 0.0)
     if doubted < level:

@@ -16,7 +16,12 @@ from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
 from trueplant.identify.pieces import Held
 from trueplant.identify.row import Spec
-from trueplant.identify.shared_disturbance import predicted_outputs, together, widened_for_shared_disturbance
+from trueplant.identify.shared_disturbance import (
+    predicted_outputs,
+    related_at_once,
+    together,
+    widened_for_shared_disturbance,
+)
 from trueplant.identify.strides import Sampling, choose_block, choose_stride, samples_per_update, typical_lag
 from trueplant.identify.structures import with_structures
 from trueplant.lti.structure import structure_of
@@ -181,7 +186,7 @@ def _estimated(
 def _with_shared_disturbances(estimates: dict[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate]:
     """The estimates, with what disturbances that reach several outputs ask for."""
     predicted = predicted_outputs(estimates)
-    if not predicted:
+    if not predicted and not related_at_once(estimates):
         return estimates
     joint = together(estimates, confidence)
     for i, others in predicted.items():

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
@@ -34,12 +35,30 @@ def predicted_outputs(estimates: Mapping[int, OutputEstimate]) -> dict[int, list
     return found
 
 
+def related_at_once(estimates: Mapping[int, OutputEstimate]) -> bool:
+    """Are the prediction errors of some outputs related at the same instants?"""
+    pairs = [(estimates[i].tests, estimates[j].tests) for i in estimates for j in estimates if i < j]
+    for here, there in pairs:
+        e, x = _at_common_instants(here.t, here.e, there.t, there.e)
+        both = np.isfinite(e) & np.isfinite(x)
+        e, x = e[both], x[both]
+        power = float(e @ e) * float(x @ x)
+        if e.size and power and chi2.sf(e.size * float(e @ x) ** 2 / power, 1) * len(pairs) < levels.SHARED_DISTURBANCE:
+            return True
+    return False
+
+
 def _relation_p(t: Array, e: Array, s: Array, x: Array) -> float:
     """p-value that e is unrelated to the last SHARED_LAGS values of x, taken at the same instants."""
+    e, x = _at_common_instants(t, e, s, x)
+    return correlogram([e], levels.SHARED_LAGS, [x]).p_value() if e.size else 1.0
+
+
+def _at_common_instants(t: Array, e: Array, s: Array, x: Array) -> tuple[Array, Array]:
+    """e, of the instants t, and x, of s, where there are both; empty if that is too seldom to compare them."""
     common, at, of = np.intersect1d(np.round(t, 9), np.round(s, 9), return_indices=True)
-    if common.size < 10 * levels.SHARED_LAGS:
-        return 1.0
-    return correlogram([e[at]], levels.SHARED_LAGS, [x[of]]).p_value()
+    enough = common.size >= 10 * levels.SHARED_LAGS
+    return (e[at], x[of]) if enough else (np.zeros(0), np.zeros(0))
 
 
 def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate] | None:

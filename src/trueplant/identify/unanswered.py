@@ -25,6 +25,10 @@ class WhyUnanswered(Enum):
         "the samples: declare the controller's scan (sample_time), or export the record faster"
     )
     MODEL_PREDICTS_BETTER = "the model predicts the record better than this estimate does"
+    NOTHING_FROM_OUTSIDE = (
+        "no set-point or measured disturbance that moves shows in its input or its output: what ties the two together "
+        "may be the controller that answers PV, and not the plant"
+    )
     LOOP_SETTLED = "today's loop settled in the record, and would be unstable on this estimate"
 
     @property
@@ -32,6 +36,7 @@ class WhyUnanswered(Enum):
         """Would a longer record with larger moves, sampled as this one, determine the parameter?"""
         return self in (
             WhyUnanswered.INPUT_STANDS_STILL,
+            WhyUnanswered.NOTHING_FROM_OUTSIDE,
             WhyUnanswered.GAIN_NOT_TOLD_FROM_ZERO,
             WhyUnanswered.TOO_UNCERTAIN,
         )

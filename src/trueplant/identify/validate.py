@@ -31,7 +31,10 @@ def fit_percent(y: Array, simulated: Array) -> float:
 
 
 def simulate_piece(piece: Piece, systems: Sequence[tuple[int, TransferFunction]], lags: Sequence[float]) -> Array:
-    """Simulated output (N,) of a piece, with offset, free response of the given lags and loads fitted to its data."""
+    """Simulated output (N,) of a piece, with offset, free response of the given lags and loads fitted to its data.
+
+    Where a system integrates a slope is fitted too: at which input it rests nobody has measured.
+    """
     total = np.zeros(piece.y.size)
     for column, system in systems:
         total += sampled_response(system, piece.inputs[column], piece.h, piece.hold[column])
@@ -41,6 +44,8 @@ def simulate_piece(piece: Piece, systems: Sequence[tuple[int, TransferFunction]]
         since = t - piece.h * start
         columns += [np.where(since >= 0, np.exp(-np.maximum(since, 0) / lag), 0.0) for lag in lags if lag > 0]
     columns += [(np.arange(t.size) >= jump).astype(float) for jump in piece.jumps]
+    if any(np.any(system.poles == 0) for _, system in systems):
+        columns.append(np.asarray(t, dtype=float))
     known = dict(systems)
     columns += [
         sampled_response(known[load.column], load.course(piece.times), piece.h, piece.hold[load.column])

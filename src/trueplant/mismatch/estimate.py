@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, BoolArray
 from trueplant.errors import Refused
 from trueplant.loop.controller import Controller
 from trueplant.lti.structure import Structure
@@ -59,20 +59,11 @@ def fit_locally(
     corner = min((abs(p) for place in structures for p in model[place].poles if p), default=np.inf)
     for round_ in range(levels.FIT_ROUNDS):
         response = respond(segments, method, plant, controller, near=round_ > 0)
-        if periodic and response.dof < levels.LEAST_DOF:
-            raise Refused(
-                f"{response.periods} periods after the transient leave the noise {response.dof} degree"
-                f"{'s'[: response.dof > 1]} of freedom at a line, and parameters need {levels.LEAST_DOF}: "
-                "record more periods"
-            )
-        clear = response.reliable.reshape(-1, response.points).all(axis=1) | (method == "closed-form")
-        lowest = response.w.reshape(-1, response.points)[clear].min(initial=np.inf)
-        if clear.any() and lowest > levels.BEYOND_CORNER * corner:
-            raise Refused(
-                f"noise hides how the loop answers below {lowest:.2g} rad per time unit, and the gains with it: use a "
-                "longer record or larger set-point changes"
-            )
-        trusted = np.where(clear, 1.0, np.nan)
+        if round_ == 0 and method == "closed-form" and not _lowest(response) <= levels.BEYOND_CORNER * corner:
+            # noise hides the loop's answer, and (17) is linear in it about the model alone
+            response = respond(segments, method, plant, controller, near=True)
+        _check(response, corner)
+        trusted = np.where(_clear(response), 1.0, np.nan)
         before = dict(parameters)
         for (i, j), structure in structures.items():
             parameters[i, j], covariance[i, j] = fit_structure(
@@ -87,11 +78,43 @@ def fit_locally(
             )
             if periodic:
                 covariance[i, j] = covariance[i, j] * response.dof / (response.dof - 2)
-        plant = _with_elements(plant, structures, parameters)
+        plant = _with_elements(
+            model, {e: structures[e] for e in parameters if _speaks(parameters[e], covariance[e])}, parameters
+        )
         converged = bool(before) and all(_settled(before[e], parameters[e], covariance[e]) for e in structures)
         if converged:
             break
     return LocalFit(parameters, covariance, plant, response, converged)
+
+
+def _clear(response: FrequencyResponse) -> BoolArray:
+    """(n_windows,) Is every point of the window reliable?"""
+    return np.asarray(response.reliable.reshape(-1, response.points).all(axis=1), dtype=bool)
+
+
+def _lowest(response: FrequencyResponse) -> float:
+    """Frequency from which on windows are clear; infinite where none is."""
+    return float(response.w.reshape(-1, response.points)[_clear(response)].min(initial=np.inf))
+
+
+def _check(response: FrequencyResponse, corner: float) -> None:
+    """Refused where the noise's size, or the response near the corner frequency, is not known."""
+    if response.periods and response.dof < levels.LEAST_DOF:
+        raise Refused(
+            f"{response.periods} periods after the transient leave the noise {response.dof} degree"
+            f"{'s'[: response.dof > 1]} of freedom at a line, and parameters need {levels.LEAST_DOF}: "
+            "record more periods"
+        )
+    if levels.BEYOND_CORNER * corner < _lowest(response) < np.inf:
+        raise Refused(
+            f"noise hides how the loop answers below {_lowest(response):.2g} rad per time unit, and the gains with it: "
+            "use a longer record or larger set-point changes"
+        )
+
+
+def _speaks(parameters: Array, covariance: Array) -> bool:
+    """Is the gain (or slope) known to better than half its size? Else the model is the better place to go on from."""
+    return bool(np.sqrt(covariance[0, 0]) < levels.SPEAKS * abs(parameters[0]))
 
 
 def _settled(before: Array, now: Array, covariance: Array) -> bool:

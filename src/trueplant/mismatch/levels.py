@@ -5,6 +5,8 @@ from __future__ import annotations
 # The local polynomial method
 WINDOW_DOF = 8
 """Degrees of freedom that a window leaves for the noise, at least."""
+COLOURS = (0.0, 1.0, 2.0)
+"""Powers of 1/w with which the noise's amplitude may fall: white, a walk, a walk through an integrator."""
 LARGEST_CONDITION = 1e7
 """Of the regressors of a window, scaled: above it the reference signals cannot be told apart."""
 ABSENT_REFERENCE = 1e-10

@@ -127,7 +127,8 @@ def local_response(
     references = moved(segments, method)
     joined = method == "joint"
     signals = [np.hstack(z) for z in zip(errors, inputs, strict=True)] if joined else errors
-    windows = fit_windows(references, signals, h, poles=poles)
+    colours = levels.COLOURS if near and not joined else levels.COLOURS[:1]
+    windows = fit_windows(references, signals, h, poles, colours)
     form = Form(method, model, controller, near)
     return plant_response(windows, (n_y, n_u), form, Sampled(h, hold), tuple(notes))
 
@@ -203,18 +204,25 @@ def _expressed(windows: Windows, shape: tuple[int, int], form: Form, sampled: Sa
     return _closed(windows, form.model, form.controller, sampled, form.near)
 
 
-def speaking_band(response: FrequencyResponse) -> tuple[tuple[tuple[float, float] | None, ...], ...]:
-    """Lowest and highest frequency between which each element is known to better than half its size.
+def speaking_band(
+    response: FrequencyResponse, plant: TransferMatrix
+) -> tuple[tuple[tuple[float, float] | None, ...], ...]:
+    """Lowest and highest frequency between which each element is known to better than half its size in `plant`.
 
-    The longest run of frequencies, in octaves, without an interruption; None where no two neighbours speak. Lines of
-    periodic set-points differ in strength by chance: each speaks together with its neighbours.
+    As averages over an octave: what moves set-points is seldom strong at all frequencies, a square wave at odd
+    multiples of its own alone. The response itself would not do for the size, being at least that of its noise. The
+    longest run of frequencies, in octaves, without an interruption; None where no two neighbours speak.
     """
+    size = np.abs(sampled_frequency_response(plant, response.w, response.h, response.hold))
     with np.errstate(divide="ignore", invalid="ignore"):
-        known = np.abs(response.sampled) ** 2 / response.std**2
-    known = np.where(response.reliable[:, None, None], np.nan_to_num(known, posinf=1e300), 0.0)
-    if response.periods:
-        known[1:-1] = known[:-2] + known[1:-1] + known[2:]
-    speaks = known > 1 / levels.SPEAKS**2
+        known = size**2 / response.std**2
+    # bounded, so that a sum keeps what is added to it
+    known = np.where(response.reliable[:, None, None], np.clip(np.nan_to_num(known), 0.0, 1e6), 0.0)
+    # points of one window say the same, windows and lines something of their own
+    own = known / response.points
+    octave = np.searchsorted(response.w, np.outer([1 / np.sqrt(2), np.sqrt(2)], response.w))
+    total = np.concatenate([np.zeros((1, *own.shape[1:])), np.cumsum(own, axis=0)])
+    speaks = total[octave[1]] - total[octave[0]] > 1 / levels.SPEAKS**2
     _, n_y, n_u = speaks.shape
     return tuple(tuple(_longest_run(response.w, speaks[:, i, j]) for j in range(n_u)) for i in range(n_y))
 

@@ -5,6 +5,9 @@ smooth, and are written as polynomials of second degree; what they leave is nois
 a response that lasts longer than about 1.5 times the record length over the bins in a window, is a systematic error
 that the noise does not show: use the method on what a model leaves unexplained rather than on the whole.
 
+Noise that falls with frequency, as that of a load that walks, differs within the lowest windows by orders of magnitude.
+Where all that is left is noise, windows are weighted with the power of w that its restricted likelihood suggests.
+
 The transient is written in 1/w, 1 and w, because a record that ends elsewhere than it began leaks with 1/w; what slow
 known modes leave of an unknown initial state is not smooth, and is added in its exact form.
 """
@@ -64,12 +67,14 @@ def fit_windows(
     signals: Sequence[Array],
     h: float,
     poles: Sequence[complex] = (),
+    colours: Sequence[float] = (0.0,),
 ) -> Windows:
     """Local models from references (N_k, n_r) to signals (N_k, n_z) of several records k, all sampled at h.
 
     Records enter with equal noise; each has its own transient. Lengths may differ. Windows are as
     narrow as `WINDOW_DOF` allows. `poles` are modes (per time unit) that may ring out from before a record; those that
-    are slow against a window count.
+    are slow against a window count. `colours` are the powers of 1/w with which the noise's amplitude may fall; what is
+    no noise, as the mismatch of a model that is far off, would be taken for one.
 
     Raises Refused for records that are too short, and where no window tells the references apart.
     """
@@ -90,16 +95,20 @@ def fit_windows(
     half = bins * spacing / 2
     centre = np.float64(spacing) * (0.5 + bins * (np.arange(n_win) + 0.5))
     n_coef = TERMS * n_r
-    rows, targets = [], []
+    rows, targets, within = [], [], []
     for place, k in enumerate(kept):
-        regressors, target = _rows(references[k], signals[k], h, centre, half, modes)
+        regressors, target, relative = _rows(references[k], signals[k], h, centre, half, modes)
         own = regressors.shape[2] - n_coef
         padded = np.zeros((*regressors.shape[:2], n_coef + own * len(kept)), dtype=complex)
         padded[:, :, :n_coef] = regressors[:, :, :n_coef]
         padded[:, :, n_coef + own * place : n_coef + own * (place + 1)] = regressors[:, :, n_coef:]
         rows.append(padded)
         targets.append(target)
-    theta, gram, noise, dof, usable = _solve(np.concatenate(rows, axis=1), np.concatenate(targets, axis=1), n_coef)
+        within.append(relative)
+    K, target, relative = (np.concatenate(parts, axis=1) for parts in (rows, targets, within))
+    colour = max(colours, key=lambda power: _likelihood(K, target, relative, power))
+    weight = relative[:, :, None] ** colour
+    theta, gram, noise, dof, usable = _solve(weight * K, weight * target, n_coef)
     if not usable.any():
         raise Refused(
             "the set-points move too little or too much alike within these records to tell their effects apart: "
@@ -112,7 +121,7 @@ def fit_windows(
         basis=basis,
         theta=theta[usable],
         gram=gram[usable],
-        noise=_smoothed(noise[usable]),
+        noise=_smoothed(noise[usable], centre[usable] ** (2 * colour)),
         dof=dof,
         bins=bins,
     )
@@ -139,10 +148,11 @@ def _slow(poles: Sequence[complex], width: float) -> ComplexArray:
 
 def _rows(
     r: Array, z: Array, h: float, centre: Array, half: float, modes: ComplexArray
-) -> tuple[ComplexArray, ComplexArray]:
+) -> tuple[ComplexArray, ComplexArray, Array]:
     """Regressors (n_win, rows, TERMS n_r + TERMS + modes) and targets (n_win, rows, n_z) of one record.
 
-    Windows have a bin more or less; rows that are missing are 0.
+    With them w (n_win, rows) over the window's centre. Windows have a bin more or less; rows that are missing are 0,
+    and their w is the centre's.
     """
     n = len(r)
     w = 2 * np.pi / (n * h) * np.arange(1, (n - 1) // 2 + 1)
@@ -163,7 +173,26 @@ def _rows(
     regressors[window, place] = np.hstack([reference, transient])
     target = np.zeros((centre.size, rows, z.shape[1]), dtype=complex)
     target[window, place] = spectra[:, r.shape[1] :]
-    return regressors, target
+    relative = np.ones((centre.size, rows))
+    relative[window, place] = w / centre[window]
+    return regressors, target, relative
+
+
+def _likelihood(K: ComplexArray, target: ComplexArray, relative: Array, power: float) -> float:
+    """Restricted log likelihood, where the noise goes with w to minus `power`, but for a constant."""
+    weight = relative[:, :, None] ** power
+    scaled, length = _scaled(K)
+    q, r = np.linalg.qr(weight * scaled)
+    left = weight * target - q @ (q.conj().transpose(0, 2, 1) @ (weight * target))
+    n_z = target.shape[2]
+    dof = np.sum(np.any(K != 0, axis=2), axis=1) - K.shape[2]
+    size = np.maximum(np.sum(np.abs(left) ** 2, axis=1), np.finfo(float).tiny)
+    diagonal = np.maximum(np.abs(np.einsum("wcc->wc", r)), np.finfo(float).tiny)
+    columns = np.log(diagonal).sum(axis=1)
+    each = n_z * (2 * np.log(weight).sum(axis=(1, 2)) - 2 * columns) - dof * np.log(size).sum(axis=1)
+    # in narrow windows 1/w, 1 and w are the same to rounding, and w is too even to tell the power
+    there = np.all(length > 0, axis=(1, 2)) & (dof > 0) & (diagonal.min(axis=1) * levels.LARGEST_CONDITION > 1)
+    return float(each[there].sum())
 
 
 def _solve(
@@ -199,9 +228,12 @@ def _scaled(columns: ComplexArray) -> tuple[ComplexArray, Array]:
     return columns / np.where(length > 0, length, 1.0), length
 
 
-def _smoothed(noise: ComplexArray) -> ComplexArray:
-    """Mean over each window and its neighbours: the noise spectrum is smoother than its estimate in one window."""
+def _smoothed(noise: ComplexArray, falls: Array) -> ComplexArray:
+    """Mean over each window and its neighbours, times `falls` (n_win,): what is left of the spectrum is smoother than
+    its estimate in one window."""
     if len(noise) < 3:
         return noise
-    middle = (noise[:-2] + noise[1:-1] + noise[2:]) / 3
-    return np.concatenate([middle[:1], middle, middle[-1:]])
+    level = noise * falls[:, None, None]
+    middle = (level[:-2] + level[1:-1] + level[2:]) / 3
+    smooth = np.concatenate([middle[:1], middle, middle[-1:]]) / falls[:, None, None]
+    return np.asarray(smooth, dtype=complex)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -29,9 +30,10 @@ def fit_structure(
     `hold`, and is fitted by the sampled response of the structure; without h it is the continuous response.
     covariance (n_windows, points, points) replaces std where neighbours are correlated (see FrequencyResponse).
     Points that are not finite are left out. The search starts from a grid of time scales and dead times, whose
-    best minima are refined, or from `initial` where given.
+    best minima are refined, and from `initial` where given.
 
-    The covariance is that of the weights given, (J* W J)^-1. Raises Refused with fewer points than parameters.
+    The covariance is that of the weights given, (J* W J)^-1, times chi-square over its degrees of freedom where that is
+    above 1, and reaches to other minima as far as these are likely. Raises Refused with fewer points than parameters.
     """
     from scipy.optimize import least_squares
 
@@ -50,23 +52,43 @@ def fit_structure(
     def jacobian(p: Array) -> Array:
         return _split(whiten(_response(structure, p, w, h, hold)[:, 1:]))
 
-    guesses = (
-        _grid(structure, w, value, std[keep], h, hold) if initial is None else [np.clip(initial, low + 1e-9, high)]
-    )
-    best = None
-    for p in guesses:
-        found = least_squares(
-            residual, p, jacobian, bounds=(low, high), x_scale="jac", max_nfev=100, xtol=1e-12, ftol=1e-12
-        )
-        if best is None or found.cost < best.cost:
-            best = found
-    assert best is not None
-    order = structure.sorted(best.x)
-    J = jacobian(best.x)
+    guesses = _grid(structure, w, value, std[keep], h, hold)
+    if initial is not None:
+        guesses.append(np.clip(initial, low + 1e-9, high))
+    minima = [
+        least_squares(residual, p, jacobian, bounds=(low, high), x_scale="jac", max_nfev=100, xtol=1e-12, ftol=1e-12)
+        for p in guesses
+    ]
+    minima.sort(key=lambda found: found.cost)
+    at = [found.x[structure.sorted(found.x)] for found in minima]
+    costs = np.array([found.cost for found in minima])
+    # where the response lies farther from the structure than its errors say, these are too small
+    excess = max(1.0, 2 * costs[0] / (2 * w.size - len(structure.names)))
+    return at[0], excess * _over_minima(at, costs / excess, [_covariance(jacobian(p)) for p in at])
+
+
+def _covariance(J: Array) -> Array:
+    """(J' J)^-1"""
     scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
     inverse = np.linalg.pinv(J / scale, rcond=1e-10)
-    full = inverse @ inverse.T / np.outer(scale, scale)
-    return best.x[order], full[np.ix_(order, order)]
+    value: Array = inverse @ inverse.T / np.outer(scale, scale)
+    return value
+
+
+def _over_minima(at: Sequence[Array], costs: Array, covariances: Sequence[Array]) -> Array:
+    """Mean square distance from the deepest minimum, each weighted with its likelihood (half a chi-square is `costs`).
+
+    Dead times have several minima, and one that is nearly as deep may be where the plant is.
+    """
+    apart = [0]
+    for k in range(1, len(at)):
+        step = [np.abs(at[k] - at[n]) for n in apart]
+        if all(np.any(d > np.sqrt(np.diag(covariances[n]))) for d, n in zip(step, apart, strict=True)):
+            apart.append(k)
+    weights = np.array([np.exp(costs[0] - costs[k]) for k in apart])
+    spread = [covariances[k] + np.outer(at[k] - at[0], at[k] - at[0]) for k in apart]
+    value: Array = np.einsum("k,kij->ij", weights / weights.sum(), np.array(spread))
+    return value
 
 
 def _split(x: ComplexArray, axis: int = 0) -> Array:
