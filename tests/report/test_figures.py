@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from support.report_sample import refused, sample
-from trueplant.report import captions, figures, tables
+from trueplant.report import captions, figures, levels, tables
 from trueplant.report.decimate import compact, merged, min_max
 from trueplant.report.numbers import number, percentage, probability, to_precision
 from trueplant.report.tables import comparison, parameter_row, percent_scale
@@ -58,7 +58,7 @@ def test_values_are_rounded_by_their_standard_error(value, error, text):
 
 def test_probabilities_and_percentages():
     assert [probability(p) for p in (None, 0.0004, 0.05, 1.0)] == ["–", "< 0.001", "0.050", "1.000"]
-    assert [percentage(c) for c in (None, -0.01, 12.34, -123.4, 5e7)] == ["–", "0.0 %", "+12.3 %", "-123 %", "5e7 %"]
+    assert [percentage(c) for c in (None, -0.01, 12.34, -123.4, 5e7)] == ["–", "0.0 %", "+12.3 %", "-123 %", "5e+07 %"]
 
 
 def test_decimation_keeps_order_extremes_and_gaps():
@@ -93,12 +93,19 @@ def test_near_spans_become_one():
 
 def test_step_response_draws_the_curves(curves):
     figure = figures.step_response(curves, 1, 0)
-    assert np.array_equal(trace(figure, "model").y, curves.step_model[:, 1, 0])
-    assert np.array_equal(trace(figure, "plant").y, curves.step_plant[:, 1, 0])
+    model, plant = curves.step_model[:, 1, 0], curves.step_plant[:, 1, 0]
+    shown = trace(figure, "model").y.size
+    assert np.array_equal(trace(figure, "model").y, model[:shown])
+    assert np.array_equal(trace(figure, "plant").y, plant[:shown])
+    # the axis ends soon after all has come to rest
+    for one in (model, plant):
+        assert np.abs(one[shown:] - one[-1]).max() <= levels.AT_REST * np.ptp(one)
+    away = max(int(np.flatnonzero(np.abs(one - one[-1]) > levels.AT_REST * np.ptp(one))[-1]) for one in (model, plant))
+    assert away < shown < 2 * away
     assert trace(figure, "model").line.dash == "dash"
     assert trace(figure, "plant").line.dash == "solid"
     band = trace(figure, "plant, interval")
-    assert band.y.max() == curves.step_high[:, 1, 0].max()
+    assert band.y.max() == curves.step_high[:shown, 1, 0].max()
     assert figure.layout.yaxis.title.text == "%/%"
     assert figure.layout.xaxis.title.text == "Time (min)"
 
@@ -146,7 +153,10 @@ def test_frequencies_in_which_the_data_speak_are_shaded(curves):
 def test_bode_caption_compares_inside_the_band_only(curves):
     inside = (curves.w >= 0.02) & (curves.w <= 0.4)
     ratio = np.abs(curves.bode_plant / curves.bode_model)[inside, 0, 0]
-    assert f"{number(ratio.min(), 3)} to {number(ratio.max(), 3)} times" in captions.bode(curves, 0, 0)
+    assert f"the plant has {number(ratio.min(), 3)} times the model's" in captions.bode(curves, 0, 0)
+    tilted = dataclasses.replace(curves, bode_plant=curves.bode_plant * (1 + curves.w)[:, None, None])
+    ratio = np.abs(tilted.bode_plant / tilted.bode_model)[inside, 0, 0]
+    assert f"{number(ratio.min(), 3)} to {number(ratio.max(), 3)} times" in captions.bode(tilted, 0, 0)
 
 
 @pytest.mark.parametrize("missing", ["bode_model", "bode_plant"])
@@ -290,3 +300,23 @@ def test_trends_and_left_out_spans_stand_in_calendar_time():
     assert row[0] == "2024-03-31 01:40:00 CET to 2024-03-31 03:10:00 CEST"
     numeric = figures.trends(curves, curves.trends[0], [("y", 0)], 4000)
     assert numeric.layout.xaxis.type is None and "(min)" in numeric.layout.xaxis.title.text
+
+
+def test_struck_samples_are_gaps_and_scale_no_axis(curves):
+    """A spike of a PV is not drawn; what was left out of all signals is, but neither makes the axis longer."""
+    trend = curves.trends[0]
+    y = trend.y.copy()
+    y[10, 0], y[40, 0] = 5000.0, 900.0
+    spans = (
+        (trend.t[10], trend.t[10], curves.outputs[0], "spike"),
+        (trend.t[39], trend.t[41], "", "left out as asked"),
+    )
+    struck = dataclasses.replace(trend, y=y, excluded=spans)
+    shown = figures.trends(curves, struck, [("y", 0), ("y", 1)], limit=10 * y.size)
+    pv = trace(shown, "PV").y
+    assert np.isnan(pv[10]) and pv[40] == 900.0
+    assert max(shown.layout.yaxis.range) < 1.5 * np.nanmax(np.abs(trend.y[:, 0]))
+    said = captions.trends(curves, struck, [("y", 0)])
+    assert "5000" not in said and "900" not in said
+    rms = np.sqrt(np.nanmean(np.delete(trend.y[:, 0] - trend.plant[:, 0], [10, 39, 40, 41]) ** 2))
+    assert f"{number(float(rms), 3)} for the plant" in said

@@ -18,6 +18,7 @@ from trueplant.report import loopfigures, loops, render, retuned
 from trueplant.report.numbers import number
 from trueplant.report.style import DARK, LIGHT
 from trueplant.result import (
+    KEEP,
     ControllerSettings,
     LoopRetuning,
     LoopRobustness,
@@ -227,15 +228,17 @@ def test_nothing_recommended_says_keep_and_why(result):
 
 
 def test_settings_that_stay_are_not_to_be_entered(result):
-    loop = result.controllers[0]
-    proposals = tuple(
-        dataclasses.replace(p, settings=loop.current.settings, shown=loop.current.shown) if p is loop.chosen else p
-        for p in loop.proposals
-    )
-    loop = dataclasses.replace(loop, proposals=proposals)
+    loop = dataclasses.replace(result.controllers[0], recommended=KEEP, reason="there is nothing to gain: keep them")
     made = retuned.retuned(loop, "%", "degC")
-    assert made.keeps and not [s for s in made.settings if s.changes]
-    assert "keep today's settings" in render(dataclasses.replace(result, controllers=(loop,)))
+    assert made.kept and not made.recommended
+    parsed = Page(without_plotly(render(dataclasses.replace(result, controllers=(loop,)))))
+    said = {a["id"]: text for a, text in parsed.all("section") if a.get("id") in ("next", "controllers")}
+    assert "Keep the settings of the controllers" in said["next"] and "Enter these settings" not in said["next"]
+    assert "Keep today's settings." in said["controllers"] and "Nothing is recommended" not in said["controllers"]
+    # beside a loop that is set anew it is said by its name
+    two = dataclasses.replace(result, controllers=(result.controllers[0], dataclasses.replace(loop, input="steam")))
+    said = {a["id"]: text for a, text in Page(without_plotly(render(two))).all("section") if a.get("id")}
+    assert f"steam → {loop.output}: keep today's settings." in said["next"]
 
 
 def test_a_law_that_is_no_pid_is_shown_as_its_formula(result):

@@ -34,6 +34,7 @@ def test_no_any_but_in_to_dict():
     assert len(found) > 300
     assert {place for place, text in found if "Any" in text} == {
         "trueplant.result.check.Check.to_dict",
+        "trueplant.result.comparison.Comparison.to_dict",
         "trueplant.result.result.Result.to_dict",
         "trueplant.result.track.Track.to_dict",
     }

@@ -8,6 +8,7 @@ import numpy as np
 
 from trueplant.arrays import Array, IntArray
 from trueplant.lti.structure import gain_unit
+from trueplant.report.excluded import used
 from trueplant.report.figures import phases
 from trueplant.report.numbers import interval, number
 from trueplant.result import CoherenceCurves, Curves, Residuals, Trend
@@ -72,33 +73,39 @@ def bode(curves: Curves, i: int, j: int) -> str:
     label = f" {count} points: {curves.np_label or 'estimate without a model'}." if count else ""
     if not np.isfinite(curves.bode_model[:, i, j]).any():
         size = np.abs(curves.bode_plant[inside, i, j])
-        return (
-            f"{said}, the plant's magnitude is {number(float(size.min()), 3)} to {number(float(size.max()), 3)}.{label}"
-        )
+        return f"{said}, the plant's magnitude is {_between(size)}.{label}"
     if not ratio.size or not shift.size:
         return f"{said}, plant and model cannot be compared: one of them has no response.{label}"
-    times = f"{number(float(ratio.min()), 3)} to {number(float(ratio.max()), 3)} times"
-    degrees = f"{number(float(shift.min()), 3)}° to {number(float(shift.max()), 3)}°"
+    times, degrees = f"{_between(ratio)} times", _between(shift, "°")
     return f"{said}, the plant has {times} the model's magnitude and its phase differs by {degrees}.{label}"
+
+
+def _between(values: Array, unit: str = "") -> str:
+    """Smallest to largest, or the one number where both print alike."""
+    low, high = (f"{number(float(value), 3)}{unit}" for value in (values.min(), values.max()))
+    return low if low == high else f"{low} to {high}"
 
 
 def trends(curves: Curves, trend: Trend, panels: Sequence[tuple[str, int]]) -> str:
     if not trend.t.size:
         return "No samples."
     length = float(trend.t[-1] - trend.t[0])
-    said = [f"{trend.t.size} samples over {number(length)}{_unit(curves.time_unit)}."]
+    of = f" of {trend.thinned_from} samples, the extremes," if trend.thinned_from else " samples"
+    said = [f"{trend.t.size}{of} over {number(length)}{_unit(curves.time_unit)}."]
     for kind, k in panels:
         if kind == "u":
-            said.append(f"{curves.inputs[k]}: OP {_extent(trend.u[:, k], curves.input_units[k])}.")
+            inside = used(curves, trend, curves.inputs[k])
+            said.append(f"{curves.inputs[k]}: OP {_extent(trend.u[inside, k], curves.input_units[k])}.")
             continue
+        inside = used(curves, trend, curves.outputs[k])
         errors = [
             f"{number(rms, 3)} for the {who}"
             for who, prediction in (("model", trend.model), ("plant", trend.plant))
-            if (rms := _rms(trend.y[:, k] - prediction[:, k])) is not None
+            if not trend.thinned_from and (rms := _rms((trend.y[:, k] - prediction[:, k])[inside])) is not None
         ]
         missed = f"; prediction error (rms) {', '.join(errors)}" if errors else ""
         missed += "" if np.isfinite(trend.r[:, k]).any() else "; no set-point was recorded"
-        said.append(f"{curves.outputs[k]}: PV {_extent(trend.y[:, k], curves.output_units[k])}{missed}.")
+        said.append(f"{curves.outputs[k]}: PV {_extent(trend.y[inside, k], curves.output_units[k])}{missed}.")
     return " ".join(said)
 
 
@@ -106,8 +113,11 @@ def residuals_over_time(found: Residuals, unit: str) -> str:
     known = found.e[np.isfinite(found.e)]
     if not known.size:
         return "No prediction errors."
+    # extremes alone would make the errors look larger than they are
+    rms = "" if found.thinned_from else f"rms {number(_rms(known), 3)}{_unit(unit)}, "
+    of = f" of {found.thinned_from}" if found.thinned_from else ""
     return (
-        f"{known.size} prediction errors, rms {number(_rms(known), 3)}{_unit(unit)}, "
+        f"{known.size}{of} prediction errors, {rms}"
         f"from {number(float(known.min()), 3)} to {number(float(known.max()), 3)}{_unit(unit)}."
     )
 

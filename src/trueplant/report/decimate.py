@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.arrays import Array
+from trueplant.report import levels
 
 
 def min_max(t: Array, x: Array, limit: int) -> tuple[Array, Array]:
@@ -50,3 +53,13 @@ def merged(spans: list[tuple[float, float]], gap: float) -> list[tuple[float, fl
         else:
             joined.append((low, high))
     return joined
+
+
+def at_rest(lines: Sequence[Array]) -> int:
+    """Samples until all that is drawn has come to rest, and a little more."""
+    last = 2
+    for y in lines:
+        known = y[np.isfinite(y)]
+        away = np.flatnonzero(np.abs(known - known[-1]) > levels.AT_REST * np.ptp(known))
+        last = max(last, int(away[-1]) if away.size else 2)
+    return min(int(levels.BEYOND_REST * last) + 2, max((len(y) for y in lines), default=0))

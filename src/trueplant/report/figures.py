@@ -13,7 +13,8 @@ from plotly.subplots import make_subplots
 
 from trueplant.arrays import Array, ComplexArray, IntArray
 from trueplant.lti.structure import gain_unit
-from trueplant.report.decimate import compact, merged, min_max
+from trueplant.report.decimate import at_rest, compact, merged, min_max
+from trueplant.report.excluded import drawn, spans_of, used
 from trueplant.report.numbers import number
 from trueplant.report.style import (
     BOTTOM,
@@ -47,13 +48,17 @@ def outline(x: Array, low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def step_response(curves: Curves, i: int, j: int) -> go.Figure:
-    """Response of output i to a unit step of input j: model, plant and the plant's band."""
+    """Response of output i to a unit step of input j, until it is at rest: model, plant and the plant's band."""
     figure = go.Figure()
-    x, y = outline(curves.step_t, curves.step_low[:, i, j], curves.step_high[:, i, j])
+    model, plant = curves.step_model[:, i, j], curves.step_plant[:, i, j]
+    moving = [one for one in (model, plant) if np.isfinite(one).any() and np.nanmax(np.abs(one)) > 0]
+    until = np.s_[: at_rest(moving) or None]
+    t = curves.step_t[until]
+    x, y = outline(t, curves.step_low[until, i, j], curves.step_high[until, i, j])
     if x.size:
         figure.add_trace(area("plant_band", "plant, interval", x=x, y=y, hoverinfo="skip"))
-    figure.add_trace(line("plant", "plant", x=curves.step_t, y=curves.step_plant[:, i, j]))
-    figure.add_trace(line("model", "model", x=curves.step_t, y=curves.step_model[:, i, j]))
+    figure.add_trace(line("plant", "plant", x=t, y=plant[until]))
+    figure.add_trace(line("model", "model", x=t, y=model[until]))
     figure.update_xaxes(title_text=with_unit("Time", inert(curves.time_unit)))
     unit = gain_unit(curves.output_units[i], curves.input_units[j])
     figure.update_yaxes(title_text=inert(shortened(unit or "Response", 24)), nticks=6)
@@ -235,24 +240,25 @@ def trends(curves: Curves, trend: Trend, panels: Sequence[tuple[str, int]], limi
     figure.update_annotations(x=0, xanchor="left", font_size=12)
     calendar = curves.calendar(trend)
     for row, (kind, k) in enumerate(panels, start=1):
+        inside = used(curves, trend, names[kind][k])
         if kind == "y":
             signals = [
-                ("measured", "PV", trend.y[:, k], "linear"),
+                ("measured", "PV", drawn(trend, names[kind][k], trend.y[:, k]), "linear"),
                 ("setpoint", "SP", trend.r[:, k], "hv"),
                 ("plant", "plant", trend.plant[:, k], "linear"),
                 ("model", "model", trend.model[:, k], "linear"),
             ]
-            known = np.concatenate([trend.y[:, k], trend.r[:, k]])
-            limits = axis_range(known, np.concatenate([trend.model[:, k], trend.plant[:, k]]))
+            known = np.concatenate([trend.y[inside, k], trend.r[inside, k]])
+            limits = axis_range(known, np.concatenate([trend.model[inside, k], trend.plant[inside, k]]))
         else:
-            signals = [("measured", "OP", trend.u[:, k], "hv")]
-            limits = axis_range(trend.u[:, k], np.zeros(0))
+            signals = [("measured", "OP", drawn(trend, names[kind][k], trend.u[:, k]), "hv")]
+            limits = axis_range(trend.u[inside, k], np.zeros(0))
         for shade in _excluded(curves, trend, names[kind][k], limits):
             figure.add_trace(shade, row=row, col=1)
         for role, name, x, shape in signals:
             if np.isfinite(x).any():
-                t, drawn = min_max(trend.t, x, limit)
-                trace = line(role, name, x=calendar.axis(t), y=compact(drawn))
+                t, shown = min_max(trend.t, x, limit)
+                trace = line(role, name, x=calendar.axis(t), y=compact(shown))
                 trace.line.shape = shape
                 figure.add_trace(trace, row=row, col=1)
         unit = inert(shortened(units[kind][k], 16))
@@ -262,11 +268,10 @@ def trends(curves: Curves, trend: Trend, panels: Sequence[tuple[str, int]], limi
 
 def _excluded(curves: Curves, trend: Trend, signal: str, limits: list[float]) -> list[go.Scatter]:
     """Shading of the spans left out of `signal`; a span that names no signal concerns all of them."""
-    signals, calendar = (*curves.outputs, *curves.inputs), curves.calendar(trend)
+    calendar = curves.calendar(trend)
     by_reason: dict[str, list[tuple[float, float]]] = {}
-    for low, high, named, reason in trend.excluded:
-        if named == signal or named not in signals:
-            by_reason.setdefault(reason, []).append((low, high))
+    for low, high, reason in spans_of(curves, trend, signal):
+        by_reason.setdefault(reason, []).append((low, high))
     shades = []
     pixel = (float(trend.t[-1]) - float(trend.t[0])) / 2000 if trend.t.size else 0.0
     for reason, spans in by_reason.items():

@@ -53,6 +53,7 @@ LABELS = {word: word.replace("_", " ").capitalize() for word in WORDS.split()} |
     "now": "Now",
     "wanted": "Wanted",
     "then": "Then",
+    "matters": "Matters",
     "size": "To each side",
     "every": "Every",
     "statistic": "Statistic",

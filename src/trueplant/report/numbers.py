@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from trueplant.result import numbers
+
 MISSING = "–"
 
 
@@ -58,9 +60,4 @@ def probability(p: float | None, relation: bool = False) -> str:
 
 def percentage(change: float | None) -> str:
     """A change in percent with its sign."""
-    if change is None or not math.isfinite(change):
-        return MISSING
-    if abs(change) >= 1e6:
-        return f"{number(change)} %"
-    text = f"{change:+.{0 if abs(change) >= 100 else 1}f}"
-    return "0.0 %" if text in ("+0.0", "-0.0") else f"{text} %"
+    return MISSING if change is None or not math.isfinite(change) else numbers.percentage(change)

@@ -11,11 +11,13 @@ import numpy as np
 
 from trueplant.printable import printable
 from trueplant.report import known, levels, loops, retuned, tables, walk
+from trueplant.report.cells import step_cells
 from trueplant.report.detected import detected
 from trueplant.report.frame import Book, Drawn, frame
 from trueplant.report.labels import label
 from trueplant.report.numbers import number, probability
-from trueplant.result import Curves, Residuals, Result, RetuningCurves, Trend
+from trueplant.report.still import still_trends
+from trueplant.result import Curves, Reason, Residuals, Result, RetuningCurves, Status, Trend
 
 if TYPE_CHECKING:
     import jinja2
@@ -26,15 +28,22 @@ def render(result: Result) -> str:
 
     The same result gives the same text. Raises nothing for results without curves, elements or data.
     """
-    from trueplant.result.summary import loop_line, seen
+    from trueplant.result.reason import is_common
+    from trueplant.result.summary import loop_line, seen, told_elements, told_reasons
 
     book = Book()
     scale = tables.percent_scale(result.elements)
+    # a refusal needs no figures but the trends that it rests on
+    curves = None if result.status == Status.REFUSED else result.curves
+    trends, more_trends = still_trends(result.curves) if result.curves and curves is None else ((), 0)
     page = (
         environment("trueplant.report")
         .get_template("report.html.j2")
         .render(
             result=result,
+            worth_knowing=_worth_knowing(result),
+            told=told_reasons(result),
+            common=[note for note in result.notes if is_common(note)],
             headline=result.headline.replace("->", "→"),  # a line must not break inside the arrow
             confidence=_confidence(result),
             most_rows=levels.MOST_ROWS,
@@ -52,18 +61,30 @@ def render(result: Result) -> str:
             retuned=_retuned(result, book),
             more_data=result.more_data,
             comparison=tables.comparison(result.methods, result.elements),
+            laws=tables.law_rows(result.methods.controller_consistency),
             detected=detected(result.methods.detectors, result.elements),
-            elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in result.elements],
+            elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in told_elements(result)],
             known=known.known_table(result.elements),
             budget=known.budget_table(result.elements),
             grid=_grid(result),
+            drawings={} if curves is None else step_cells(curves),
+            trends=trends,
+            more_trends=more_trends,
             scale=number(scale),
-            figures=_figures(result.curves, book, _z(_confidence(result))) if result.curves is not None else None,
-            mu_figures=_mu_figures(result.curves, book),
+            figures=_figures(curves, book, _z(_confidence(result))) if curves is not None else None,
+            mu_figures=_mu_figures(curves, book),
             **frame(book),
         )
     )
     return page + "\n"
+
+
+def _worth_knowing(result: Result) -> list[Reason]:
+    """The notes, but for the common ones and those that say why an element has no answer, which stand above them."""
+    from trueplant.result.reason import is_common, ranked
+
+    said = {(f"{e.input} -> {e.output}", e.reason) for e in result.elements if e.verdict == "not identifiable"}
+    return [note for note in ranked(result.notes) if not is_common(note) and (note.where, note.message) not in said]
 
 
 def environment(*packages: str) -> jinja2.Environment:

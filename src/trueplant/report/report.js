@@ -1,7 +1,19 @@
-// Draws the figures from the JSON in this file, in the colours of the screen or of paper.
-(() => {
+// Unpacks plotly and the figures of this file, and draws them in the colours of the screen or of paper.
+(async () => {
   "use strict";
-  const book = JSON.parse(document.getElementById("book").textContent);
+  if (!("DecompressionStream" in window)) {
+    document.getElementById("old-browser").hidden = false;
+    return;
+  }
+  async function unpacked(id) {
+    const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (letter) => letter.charCodeAt(0));
+    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+  }
+  // The page's policy knows plotly by its hash.
+  const library = document.createElement("script");
+  library.textContent = await unpacked("plotly");
+  document.head.append(library);
+  const book = JSON.parse(await unpacked("book"));
   const plots = Array.from(document.querySelectorAll(".plot"));
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const touch = window.matchMedia("(pointer: coarse)").matches;

@@ -12,6 +12,7 @@ from trueplant.printable import escaped_json
 from trueplant.report.loops import Cell, is_beyond
 from trueplant.report.numbers import MISSING, finite, number
 from trueplant.result import (
+    KEEP,
     ControllerSettings,
     CurrentSettings,
     LoopMetrics,
@@ -20,6 +21,7 @@ from trueplant.result import (
     RetuningLimits,
 )
 from trueplant.result.codec import entries_of
+from trueplant.result.trade_off import trade_off_words
 
 Value = float | str | None
 """Of a setting."""
@@ -76,9 +78,13 @@ class Retuned:
     method: str | None
     """The one whose settings and responses are shown: the recommended one, else the first that works."""
     recommended: bool
+    kept: bool
+    """Are today's settings recommended?"""
     reason: str
-    costs: str
-    """What the new settings give up; empty if little."""
+    changes: str
+    """What the new settings change of the loop, for better and for worse."""
+    price: str
+    """What they give up to be certain."""
     limits: str
     assumptions: tuple[str, ...]
     settings: tuple[Setting, ...]
@@ -93,11 +99,6 @@ class Retuned:
         """Were weights declared?"""
         return any(proposal.mu.text not in (MISSING, "unstable") for proposal in self.proposals)
 
-    @property
-    def keeps(self) -> bool:
-        """Are the settings to stay as they are?"""
-        return self.recommended and not any(setting.changes for setting in self.settings)
-
 
 def retuned(loop: LoopRetuning, input_unit: str, output_unit: str) -> Retuned:
     """The texts of one loop of `controllers`; units of OP and PV."""
@@ -111,7 +112,9 @@ def retuned(loop: LoopRetuning, input_unit: str, output_unit: str) -> Retuned:
         method=shown.method if shown else None,
         recommended=chosen is not None,
         reason=loop.reason,
-        costs=" ".join(_costs(loop, chosen)) if chosen else "",
+        kept=loop.recommended == KEEP,
+        changes=_changes(loop) if chosen else "",
+        price=_price(loop, chosen) if chosen else "",
         limits=_limits(loop.limits, loop.time_unit),
         assumptions=loop.assumptions,
         settings=_settings(loop.current, shown, names),
@@ -137,25 +140,19 @@ def _settings(
     return tuple(settings)
 
 
-def _costs(loop: LoopRetuning, chosen: ProposedSettings) -> list[str]:
-    said = []
+def _changes(loop: LoopRetuning) -> str:
+    if loop.trade_off is None:
+        return ""
+    said = trade_off_words(loop.trade_off, loop.time_unit)
+    return f"{said[:1].upper()}{said[1:]}.".replace("->", "→")
+
+
+def _price(loop: LoopRetuning, chosen: ProposedSettings) -> str:
     price = finite(loop.price)
-    if price and price > 0 and chosen.method == "certain-share":
-        share = number(100 * price, 2)
-        said.append(
-            f"Price of certainty: {share} % of the integral gain that tuning for the estimate alone would give."
-        )
-    if chosen.metrics is None:
-        return said
-    now, new = loop.current.metrics.plant, chosen.metrics.plant
-    noise = _op_noise(now), _op_noise(new)
-    if noise[0] and noise[1] and noise[1] > 1.3 * noise[0]:
-        said.append(f"Measurement noise moves OP {number(noise[1] / noise[0], 2)} times as much as today.")
-    mu = _mu(now), _mu(new)
-    if mu[1] is not None and mu[1] >= 1:
-        today = f" (today {number(mu[0], 3)})" if mu[0] is not None else ""
-        said.append(f"Robust performance is not reached: mu {number(mu[1], 3)}{today}, below 1 is needed.")
-    return said
+    if not price or price <= 0 or chosen.method != "certain-share":
+        return ""
+    share = number(100 * price, 2)
+    return f"Price of certainty: {share} % of the integral gain that tuning for the estimate alone would give."
 
 
 def _op_noise(metrics: LoopMetrics) -> float | None:

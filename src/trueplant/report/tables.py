@@ -14,6 +14,7 @@ from trueplant.report.numbers import MISSING, finite, interval, number, percenta
 from trueplant.report.walk import Table, as_table
 from trueplant.result import (
     Calendar,
+    ControllerCheck,
     Element,
     ExperimentData,
     FitRow,
@@ -210,7 +211,36 @@ class ComparisonRow:
     answers: tuple[str, ...]
 
 
-APART = ("answers", "coherence", "detectors", "disagreements")
+@dataclass(frozen=True)
+class LawRow:
+    """Does a declared controller reproduce OP?"""
+
+    experiment: str
+    input: str
+    answer: str
+    missed: str
+    """Of OP, within short windows (rms)."""
+    message: str
+
+
+def law_rows(checks: Sequence[ControllerCheck]) -> tuple[LawRow, ...]:
+    """The controllers of all experiments, one a row."""
+    answers = {True: "confirmed", False: "contradicted", None: "cannot be told"}
+    return tuple(
+        LawRow(
+            one.experiment,
+            one.input,
+            answers[one.confirmed],
+            MISSING if one.rms is None else f"{number(one.rms, 3)} {one.unit}".strip(),
+            one.message,
+        )
+        for one in checks
+    )
+
+
+DIFFERS = "≠ "
+"""Before an answer that is not that of the direct fit."""
+APART = ("answers", "coherence", "detectors", "disagreements", "controller_consistency")
 """Fields of `Methods` that figures, or tables of their own, show."""
 
 
@@ -223,6 +253,8 @@ class Comparison:
     """((output, input), rows) of each element."""
     others: Mapping[str, object]
     """The other fields of `Methods` that say something, by their names in result.json."""
+    differs: bool = False
+    """Is an answer marked as different from that of the direct fit?"""
 
 
 def comparison(methods: Methods, elements: Sequence[Element] = ()) -> Comparison:
@@ -249,12 +281,17 @@ def comparison(methods: Methods, elements: Sequence[Element] = ()) -> Comparison
         )
         for place, rows in found.items()
     )
-    return Comparison(names, rows_of, {name: said for name, said in entries_of(methods, APART).items() if said})
+    others = {name: said for name, said in entries_of(methods, APART).items() if said}
+    return Comparison(names, rows_of, others, _marked(found))
+
+
+def _marked(found: Mapping[tuple[str, str], Mapping[str, Mapping[str, MethodParameter]]]) -> bool:
+    return any(p.differs for rows in found.values() for answers in rows.values() for p in answers.values())
 
 
 def _answer(p: MethodParameter) -> str:
     plant, error = finite(p.plant), finite(p.std_error)
-    text = to_precision(plant, error)
+    text = f"{DIFFERS * p.differs}{to_precision(plant, error)}"
     if p.ci is None:
         return text
     low, high = map(finite, p.ci)

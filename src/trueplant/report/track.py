@@ -13,9 +13,19 @@ from trueplant.report.levels import MOST_ROWS
 from trueplant.report.page import environment
 from trueplant.report.style import BOTTOM, TOP, area, framed, inert, line, over_time, shortened
 from trueplant.report.tables import origin
-from trueplant.result import Axis, Calendar, Change, ChangeKind, Parameter, Status, Track, TrackedElement, Window
+from trueplant.result import (
+    Axis,
+    Calendar,
+    Change,
+    ChangeKind,
+    Parameter,
+    Status,
+    Track,
+    TrackedElement,
+    Window,
+)
 from trueplant.result.numbers import counted
-from trueplant.result.track_words import change_sentence, moved_words, refused_stretches
+from trueplant.result.track_words import change_sentence, holds, moved_words, refused_stretches, told_reasons, word_of
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -36,6 +46,9 @@ def render(track: Track) -> str:
             changes=[(c, change_sentence(c, track.calendar).replace("->", "→")) for c in track.changes],
             figures=figures,
             refused=refused_stretches(track),
+            reasons_told=told_reasons(track),
+            holds=holds(track),
+            word_of=word_of,
             moved=lambda p: moved_words(p).replace("->", "→"),
             calendar=track.calendar,
             provenance=track.provenance,

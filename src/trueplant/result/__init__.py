@@ -14,7 +14,16 @@ from trueplant.result.changes import (
 )
 from trueplant.result.check import Check
 from trueplant.result.codec import build, document, plain
+from trueplant.result.comparison import (
+    ComparedElement,
+    ComparedFit,
+    ComparedLoop,
+    ComparedParameter,
+    Comparison,
+)
 from trueplant.result.controllers import (
+    KEEP,
+    BeforeAfter,
     ControllerSettings,
     CurrentSettings,
     DrawnShares,
@@ -30,6 +39,7 @@ from trueplant.result.controllers import (
     ReplayMetrics,
     RetuningLimits,
     StepResponseMetrics,
+    TradeOff,
 )
 from trueplant.result.curves import CoherenceCurves, Curves, MuCurves, Residuals, RetuningCurves, Trend
 from trueplant.result.data import DataFinding, Excitation, Exclusion, ExperimentData, SetpointMoves, SignalExcitation
@@ -57,7 +67,7 @@ from trueplant.result.methods import (
     PartialCoherence,
     SignalCoherence,
 )
-from trueplant.result.plans import MoreData, PlannedMove, Settled
+from trueplant.result.plans import MoreData, NotWorth, PlannedMove, Settled
 from trueplant.result.provenance import Provenance, Settings
 from trueplant.result.reason import Code, Reason
 from trueplant.result.result import Result
@@ -78,9 +88,11 @@ from trueplant.result.uncertainty import HeldElement, UncertainParameter, Uncert
 from trueplant.result.usable import ExpectedGain, UsableStretch
 
 __all__ = [
+    "KEEP",
     "Axis",
     "Background",
     "BandTest",
+    "BeforeAfter",
     "BlackBox",
     "BlackBoxElement",
     "Calendar",
@@ -91,6 +103,11 @@ __all__ = [
     "Code",
     "CoherenceCurves",
     "CoherenceTable",
+    "ComparedElement",
+    "ComparedFit",
+    "ComparedLoop",
+    "ComparedParameter",
+    "Comparison",
     "ControllerCheck",
     "ControllerSettings",
     "CurrentSettings",
@@ -135,6 +152,7 @@ __all__ = [
     "MuCurves",
     "MuPeak",
     "NoiseMetrics",
+    "NotWorth",
     "Notation",
     "Pairing",
     "Parameter",
@@ -163,6 +181,7 @@ __all__ = [
     "Track",
     "TrackedElement",
     "TrackedExperiment",
+    "TradeOff",
     "Trend",
     "UncertainParameter",
     "UncertainRow",

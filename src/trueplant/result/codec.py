@@ -21,6 +21,8 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 T = TypeVar("T")
+FOR_THE_SHIFT = ("shift", "action")
+"""What a result has beside its headline."""
 Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
 """What JSON can hold."""
 
@@ -109,8 +111,8 @@ def _is_nothing(entry: Any) -> bool:
 def document(outcome: object, left_out: Collection[str] = ()) -> dict[str, Json]:
     """An outcome as plain Python (schema 1), without some of its fields; first what happened, then what was found."""
     found = fields_of(outcome, left_out)
-    first = ("status", "headline", "reasons", "notes")
-    return {"schema": 1} | {name: found.get(name, getattr(outcome, name)) for name in first} | found
+    first = ("status", "headline", *(name for name in FOR_THE_SHIFT if hasattr(outcome, name)), "reasons", "notes")
+    return {"schema": 1} | {name: found.get(name, plain(getattr(outcome, name))) for name in first} | found
 
 
 def build(cls: type[T], data: object) -> T:

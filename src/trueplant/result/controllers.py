@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 
 from trueplant.result.codec import ABSENT
 
+KEEP = "keep"
+"""Recommended where today's settings are best left as they are."""
+
 
 @dataclass(frozen=True)
 class ControllerSettings:
@@ -173,6 +176,39 @@ class ProposedSettings:
 
 
 @dataclass(frozen=True)
+class BeforeAfter:
+    """From today's settings to others."""
+
+    before: float
+    after: float
+
+    @property
+    def ratio(self) -> float | None:
+        """None from 0."""
+        return self.after / self.before if self.before else None
+
+
+@dataclass(frozen=True)
+class TradeOff:
+    """What the recommended settings change of a loop on the plant; None where either side has no such number."""
+
+    input: str
+    load_error: BeforeAfter | None
+    """Absolute error of a load step, integrated."""
+    overshoot: BeforeAfter | None
+    """Of a set-point step, as a share."""
+    settling: BeforeAfter | None
+    """Likewise, in time units."""
+    Ms: BeforeAfter | None
+    op_moves: BeforeAfter | None
+    """Total variation of OP after a set-point step."""
+    op_noise: BeforeAfter | None
+    """Total variation per time unit that noise of PV makes of OP."""
+    mu: BeforeAfter | None
+    """Of robust performance, all loops together."""
+
+
+@dataclass(frozen=True)
 class RetuningLimits:
     """What a retuned loop has to keep."""
 
@@ -210,10 +246,12 @@ class LoopRetuning:
     current: CurrentSettings
     proposals: tuple[ProposedSettings, ...]
     recommended: str | None
-    """The method whose settings are recommended."""
+    """The method whose settings are recommended; KEEP: today's are."""
     reason: str
     price: float | None
     """Integral gain given up for certainty, as a share."""
+    trade_off: TradeOff | None = None
+    """Of the recommended settings against today's."""
 
     @property
     def chosen(self) -> ProposedSettings | None:

@@ -24,7 +24,7 @@ class Trend:
     y: Array
     u: Array
     model: Array
-    """(N, n_y) simulated output of the model, driven by the recorded OP, with its offset fitted."""
+    """(N, n_y) simulated output of the model, driven by the recorded OP; offset fitted, of a level the slope too."""
     plant: Array
     """(N, n_y) the same for the estimated plant."""
     excluded: tuple[tuple[float, float, str, str], ...]
@@ -32,6 +32,8 @@ class Trend:
     start: str | None = field(default=None, metadata=ABSENT)
     """Time stamp of time 0."""
     time_zone: str | None = field(default=None, metadata=ABSENT)
+    thinned_from: int | None = field(default=None, metadata=ABSENT)
+    """Samples that there were, where only the extremes are kept."""
 
     def decimated(self, most: int) -> Trend:
         """At most about so many samples: of each stretch those at which any signal is highest or lowest."""
@@ -40,7 +42,8 @@ class Trend:
         signals = np.hstack([self.r, self.y, self.u, self.model, self.plant])
         kept = np.unique([0, self.t.size - 1, *_extremes(signals, most // (2 * signals.shape[1]))])
         names = ("t", "r", "y", "u", "model", "plant")
-        return replace(self, **{name: getattr(self, name)[kept] for name in names})
+        thin = {name: getattr(self, name)[kept] for name in names}
+        return replace(self, **thin, thinned_from=self.thinned_from or self.t.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +60,15 @@ class Residuals:
     """Cross-correlation with each input at `ccf_lags`."""
     ccf_lags: IntArray
     ccf_bound: float
+    thinned_from: int | None = field(default=None, metadata=ABSENT)
+    """Prediction errors that there were, where only the extremes are kept."""
 
     def decimated(self, most: int) -> Residuals:
         """At most about so many prediction errors, as `Trend.decimated`."""
         if self.t.size <= most:
             return self
         kept = np.unique([0, self.t.size - 1, *_extremes(self.e[:, None], most // 2)])
-        return replace(self, t=self.t[kept], e=self.e[kept])
+        return replace(self, t=self.t[kept], e=self.e[kept], thinned_from=self.thinned_from or self.t.size)
 
 
 def _extremes(signals: Array, stretches: int) -> list[int]:

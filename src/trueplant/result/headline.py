@@ -21,7 +21,7 @@ def headline(result: Outcome) -> str:
         rest = f" ({more} more reason{'s' if more > 1 else ''} in the result)" if more > 0 else ""
         return f"No answer can be given: {sentence(why)}{rest}"
     first = [e for e in result.elements if e.verdict in (ElementVerdict.FOUND, ElementVerdict.NONE_FOUND)]
-    changed = sorted((e for e in result.elements if e.verdict == ElementVerdict.CHANGED), key=_weight)
+    changed = sorted((e for e in result.elements if e.verdict == ElementVerdict.CHANGED), key=weight)
     open_ones = [e for e in result.elements if e.verdict == ElementVerdict.NOT_IDENTIFIABLE]
     kept = len(result.elements) - len(changed) - len(open_ones) - len(first)
     if first and not changed and not kept:
@@ -78,7 +78,9 @@ def _missed(elements: Sequence[Element]) -> str:
     """How large a change could have been missed."""
     share = max(math.inf if e.detectable_change is None else e.detectable_change for e in elements)
     return (
-        f"one of {100 * share:.2g} % could have been missed" if math.isfinite(share) else "any could have been missed"
+        f"one of {number(100 * share, 2)} % could have been missed"
+        if math.isfinite(share)
+        else "any could have been missed"
     )
 
 
@@ -87,10 +89,11 @@ def _would_be_seen(elements: Sequence[Element]) -> str:
     shares = [e.detectable_change for e in elements if e.detectable_change is not None]
     if not shares or not math.isfinite(max(shares)):
         return ""
-    return f"; a change of more than {100 * max(shares):.2g} % would have been seen"
+    return f"; a change of more than {number(100 * max(shares), 2)} % would have been seen"
 
 
-def _weight(element: Element) -> tuple[float, float]:
+def weight(element: Element) -> tuple[float, float]:
+    """To sort by: what matters most to the loops first."""
     importance = element.importance.value
     return -(importance if importance is not None and math.isfinite(importance) else 0.0), element.p_adjusted or 0.0
 

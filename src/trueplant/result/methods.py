@@ -17,6 +17,8 @@ class MethodParameter:
     plant: float | None
     std_error: float | None
     ci: Interval | None
+    differs: bool = field(default=False, metadata=ABSENT)
+    """From the direct fit by more than both their uncertainties."""
 
 
 @dataclass(frozen=True)

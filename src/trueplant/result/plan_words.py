@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from trueplant.result.numbers import duration, number, spoken
+from collections.abc import Sequence
+
+from trueplant.result import levels
+from trueplant.result.numbers import counted, duration, number, spoken
 from trueplant.result.parameter_words import kind_of, word_of
-from trueplant.result.plans import MoreData
+from trueplant.result.plans import MoreData, NotWorth
 
 
 def plan_sentence(unit: str, plan: MoreData) -> str:
@@ -16,24 +19,68 @@ def plan_sentence(unit: str, plan: MoreData) -> str:
         f"{' ' + m.unit if m.unit else ''} every {_plain(m.every)} {unit}"
         for m in plan.moves
     ]
-    worst = max(plan.settles, key=lambda s: (s.now is None, (s.now or 0.0) / s.wanted))
+    waited = [one for one in plan.settles if one.matters]
+    # of what the first of two tests hardly touches nothing is foretold
+    told = [one for one in waited if one.now is None or one.then < levels.TOLD * one.now] or waited
+    worst = max(told, key=lambda s: (s.now is None, (s.now or 0.0) / s.wanted))
     known = f"±{number(worst.then, 2)}{' ' + worst.unit if worst.unit else ''}"
-    text = f"move {' and '.join(parts)} for {duration(plan.length, unit)}: "
+    there = "where they were" if len(parts) > 1 else "where it was"
+    text = f"move {' and '.join(parts)} for {duration(plan.length, unit)}, then back to {there}: "
     name = word_of(worst.parameter) if kind_of(worst.parameter) == "tau" else spoken(worst.parameter)
     element = f"{spoken(worst.input)} -> {spoken(worst.output)}"
     text += f"the {name} of {element} would then be known to {known}"
     if worst.now is not None:
         text += f" (now ±{number(worst.now, 2)})"
-    others = len(plan.settles) - 1
-    if plan.suffices and others:
-        text += f", and {others} other open parameter{'s' if others > 1 else ''} well enough too"
-    if not plan.suffices:
-        text += ". That is still not what is asked for, but longer or larger moves were not looked at"
+    others = len(told) - 1
+    if others:
+        text += f", and {counted(others, 'other open parameter')} better too"
+    if plan.suffices:
+        text += ", which is enough for these loops" if closed else ", which is enough"
     if plan.limited_by:
-        text += f" ({plan.limited_by} limits the size)"
+        text += f" ({_signal(plan.limited_by)} limits the size)"
+    if plan.first_of_two:
+        text += ". It is the first of two tests: too little is known yet to plan larger moves, so analyse both records "
+        text += "together afterwards, and the second test is planned on what they show"
+    if plan.assumed_limits:
+        text += f". No limits are declared for {_listed(plan.assumed_limits)}: the range that the records show, and as "
+        text += "much to each side, counts as allowed. Declare limits to have more or less"
     if not closed:
         text += ". With the loop in manual; declare the controller to have set-point moves planned instead"
     return text
+
+
+def not_worth_sentence(unit: str, plan: MoreData) -> str:
+    """Why no test is worth it; `unit` is that of time."""
+    assert plan.longest is not None  # said with every plan that was looked for
+    if plan.not_worth is NotWorth.MATTERS_LITTLE:
+        return "a test is not worth it, because what is open matters little to the loops"
+    if plan.not_worth is NotWorth.NO_LIMITS:
+        return (
+            "no test can be planned, because an OP that has not moved would have to, and nothing says how far it may: "
+            "declare the limits of each OP"
+        )
+    if plan.not_worth is NotWorth.LIMITS_TOO_NEAR:
+        return (
+            f"a test is not worth it, because {_signal(plan.limited_by)} is so near its limits, with what the "
+            "disturbance does to it, that no move can be made: move it away from them first, or declare wider limits"
+        )
+    limited = f", as {_signal(plan.limited_by)} keeps the moves small" if plan.limited_by else ""
+    if plan.needs is None:
+        return f"a test is not worth it, because no length of it would settle what is open{limited}"
+    return (
+        f"a test is not worth it, because it would take {duration(plan.needs, unit)}{limited}, and a test may "
+        f"take {duration(plan.longest, unit)} (longest_test in [analysis])"
+    )
+
+
+def _signal(name: str) -> str:
+    """ "PV of top_temperature" as one says it."""
+    return spoken(name)
+
+
+def _listed(names: Sequence[str]) -> str:
+    *first, last = map(_signal, names)
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _plain(value: float) -> str:

@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
+
+
+class NotWorth(StrEnum):
+    """Why a test would not be worth it."""
+
+    TOO_LONG = "too-long"
+    """It would take longer than a test may."""
+    LIMITS_TOO_NEAR = "limits-too-near"
+    """The limits leave no room for moves that show above the noise."""
+    NO_LIMITS = "no-limits"
+    """An OP that never moved would have to, and nothing says how far it may."""
+    MATTERS_LITTLE = "matters-little"
+    """What is open matters little to the loops."""
 
 
 @dataclass(frozen=True)
 class PlannedMove:
-    """A set-point (OP in open loop) that goes so far to each side of where it is, every so long."""
+    """A set-point (OP in open loop) that goes so far to each side of where it is, every so long, and back."""
 
     signal: str
     """"set-point" or "OP"."""
@@ -31,6 +45,8 @@ class Settled:
     wanted: float
     then: float
     """After the moves."""
+    matters: bool = True
+    """To the loops: what does not is not waited for."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +57,17 @@ class MoreData:
     moves: tuple[PlannedMove, ...] = ()
     length: float | None = None
     suffices: bool | None = None
-    """Would all that is open be known well enough?"""
+    """Would all that is open and matters be known well enough?"""
     limited_by: str = ""
     """The limit that keeps the moves small; empty where none does."""
     settles: tuple[Settled, ...] = ()
+    first_of_two: bool = False
+    """Is it a small test that makes the one possible which settles everything?"""
+    assumed_limits: tuple[str, ...] = ()
+    """PVs and OPs without declared limits: they are kept near what the record has shown."""
+    not_worth: NotWorth | None = None
+    """Why no test is worth it."""
+    needs: float | None = None
+    """How long a test would take that is too long; None where no length would do."""
+    longest: float | None = None
+    """How long a test may take."""

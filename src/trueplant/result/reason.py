@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -33,6 +34,7 @@ class Code(StrEnum):
     SETPOINT_COMPUTED = "setpoint-computed", "a set-point follows PV and moves nothing from outside"
     SETPOINT_STILL = "setpoint-still", "a set-point never moves"
     SETPOINT_RANK = "setpoint-rank", "the set-points move in the same proportion"
+    MANUAL = "manual", "a loop was in manual for most of a record of closed loops"
     COMPRESSED = "compressed", "a historian stored only part of a signal"
     CONTROLLER = "controller", "a declared controller does not reproduce OP"
     SCAN = "scan", "OP was written between the recorded samples"
@@ -56,6 +58,9 @@ class Code(StrEnum):
     DRAWN = "drawn", "plants that the data leave open are unstable"
     TUNING = "tuning", "nothing, or not all, can be retuned"
     MORE_DATA = "more-data", "moves that would settle what is open"
+    SAME_DATA = "same-data", "two results rest on the same data"
+    ONLY_IN_ONE = "only-in-one", "an element is in one of two results"
+    NOTHING_COMMON = "nothing-common", "two results answer no parameter in common"
     CAUSE_PLANT = "cause-plant", "the plant itself"
     CAUSE_SENSOR_SPAN = "cause-sensor-span", "a sensor's span"
     CAUSE_ACTUATOR_GAIN = "cause-actuator-gain", "a valve or actuator"
@@ -74,3 +79,23 @@ class Reason:
     code: Code
     message: str
     where: str = ""
+
+
+_COMMON = frozenset({Code.ONE_EXPERIMENT, Code.HOLD, Code.MODEL_STEP})
+"""What holds for most records, and asks for nothing."""
+
+
+def ranked(notes: Sequence[Reason]) -> list[Reason]:
+    """Causes that were found first, what holds for most records last, each else in the order given."""
+
+    def rank(note: Reason) -> int:
+        if note.code in _COMMON:
+            return 2
+        return 0 if note.code.startswith("cause-") and note.code is not Code.CAUSE_UNKNOWN else 1
+
+    return sorted(notes, key=rank)
+
+
+def is_common(note: Reason) -> bool:
+    """Does it hold for most records, and ask for nothing?"""
+    return note.code in _COMMON

@@ -5,13 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from trueplant.result.controllers import TradeOff
+from trueplant.result.trade_off import trade_off_words
+
 
 class Outlook(Enum):
     """What became of the proposals for the loops of a project."""
 
     NO_ANSWER = "no method had an answer"
     NONE_HOLDS = "no proposal holds the limits for the share of plants asked for"
+    NO_BETTER = "those that hold the limits have a larger mu than today's settings"
     KEEP = "today's settings hold them, and none that does is worth a change"
+    KEEP_UNCHANGED = "the plant is as it was, today's margins are sound, and nothing is worth a change"
+    LESS_MU = "none holds the limits, and one has a smaller mu than today's settings"
     CHANGE = "a proposal holds them"
 
 
@@ -29,10 +35,11 @@ class Recommendation:
     method: str | None = None
     today: float | None = None
     """The share that today's settings hold them for; None where that cannot be told."""
-    load_changes: tuple[float, ...] = ()
-    """Relative change of a load step's absolute error, loop by loop; empty where today's loops are unstable."""
-    louder: float | None = None
-    """How many times as much noise moves OP, where that is worth saying."""
+    changes: tuple[TradeOff, ...] = ()
+    """Loop by loop; empty where nothing changes or today's loops are unstable."""
+    mu: float | None = None
+    """Limit of mu; None where none is asked for."""
+    time_unit: str = ""
     notes: tuple[str, ...] = ()
     """What methods without an answer say."""
 
@@ -40,29 +47,44 @@ class Recommendation:
 def recommendation_sentence(found: Recommendation) -> str:
     """Why the settings are recommended, or why none are."""
     named = f"Ms and Mt below {found.Ms:.3g} in all loops"
+    if found.mu is not None:
+        named += f", and mu of robust performance below {found.mu:.3g},"
+    likely = "of the plants that the record leaves possible"
     if found.outlook is Outlook.NO_ANSWER:
         return f"no method had an answer: {'; '.join(found.notes)}"
     if found.outlook is Outlook.NONE_HOLDS:
         text = (
-            f"no proposal holds {named} for {_percent(found.wanted)} of the plants that the record leaves possible "
-            f"(the best one: {_percent(found.share)})"
+            f"no proposal holds {named} for {_percent(found.wanted)} {likely} (the best one: {_percent(found.share)})"
         )
         return "; ".join([text, *found.notes])
+    if found.outlook is Outlook.NO_BETTER:
+        return f"each proposal that holds {named} for {_percent(found.wanted)} {likely} has a larger mu than today's"
+    no_more = "" if found.mu is None else " with no larger mu than theirs"
+    unpaid = "brings the error of a load step down by a tenth in one loop without raising it by as much in another"
     if found.outlook is Outlook.KEEP:
-        return (
-            f"today's settings hold {named} for {_percent(found.share)} of the plants that the record leaves "
-            "possible, and no proposal that does brings the error of a load step down by a tenth: keep them"
+        text = f"today's settings hold {named} for {_percent(found.share)} {likely}"
+        return f"{text}, and no proposal that does{no_more} {unpaid}: keep them"
+    if found.outlook is Outlook.KEEP_UNCHANGED:
+        text = "the plant is not found changed and the margins of today's settings are sound"
+        text += (
+            f", and no proposal that holds {named}{no_more} {unpaid} or paying for it in overshoot, settling or margin"
         )
+        return f"{text}: keep them"
+    if found.outlook is Outlook.LESS_MU:
+        text = f"lowers mu, though no proposal holds {named} for {_percent(found.wanted)} {likely}"
+        return f"{text} (this one: {_percent(found.share)}); {_changes(found)}"
     text = f"holds {named} for {_percent(found.share)} of plants drawn anew from those that the record leaves possible"
     if found.today is not None:
         text += f" (today's settings: for {_percent(found.today)})"
-    if not found.load_changes:
-        return f"{text}; today's loops are not stable on the plant as estimated"
-    told = ", ".join(f"{100 * change:+.0f} %" for change in found.load_changes)
-    text += f"; the absolute error of a load step, loop by loop, changes by {told}"
-    if found.louder is not None:
-        text += f"; noise moves OP up to {found.louder:.2g} times as much as today: a PI would be calmer"
-    return text
+    return f"{text}; {_changes(found)}"
+
+
+def _changes(found: Recommendation) -> str:
+    if not found.changes:
+        return "today's loops are not stable on the plant as estimated"
+    if len(found.changes) == 1:
+        return trade_off_words(found.changes[0], found.time_unit)
+    return "; ".join(f"{change.input}: {trade_off_words(change, found.time_unit)}" for change in found.changes)
 
 
 def _percent(share: float) -> str:

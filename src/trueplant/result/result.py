@@ -18,6 +18,7 @@ from trueplant.result.plans import MoreData
 from trueplant.result.provenance import Provenance
 from trueplant.result.reason import Reason
 from trueplant.result.robustness import LoopRobustness
+from trueplant.result.shift_words import Action, action, shift
 from trueplant.result.status import ElementVerdict, Status
 from trueplant.result.summary import html_summary, text_summary
 from trueplant.result.uncertainty import Uncertainty
@@ -55,6 +56,16 @@ class Result:
     def headline(self) -> str:
         """The verdict in one sentence for the person at the panel."""
         return headline(self)
+
+    @property
+    def shift(self) -> str:
+        """The same for the shift: what the loop does now, whether its tuning is safe, and what to do."""
+        return shift(self)
+
+    @property
+    def action(self) -> Action:
+        """What is to be done first."""
+        return action(self)
 
     def to_dict(self) -> dict[str, Any]:
         """result.json as plain Python; numbers that are not finite become None."""

@@ -14,24 +14,27 @@ from typing import Any
 
 import numpy as np
 
-from trueplant.result.codec import Json, hints, json_key
+from trueplant.result.codec import FOR_THE_SHIFT, Json, hints, json_key
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 VERSION = 1
-"""Of result.json, check.json and track.json; a change that breaks a reader raises it, with a changelog entry."""
+"""Of result.json and the other documents; a change that breaks a reader raises it, with a changelog entry."""
 
 
 def schema(cls: type, title: str, left_out: tuple[str, ...] = ()) -> dict[str, Json]:
     """The schema of a document (`codec.document`) of this class, without the fields left out of it."""
     definitions: dict[str, Any] = {}
     top = _object(cls, definitions, left_out)
-    headline = {"schema": {"const": VERSION}, "headline": {"type": "string"}}
+    headline: dict[str, Any] = {"schema": {"const": VERSION}, "headline": {"type": "string"}}
+    for name in FOR_THE_SHIFT if hasattr(cls, "shift") else ():
+        kind = typing.get_type_hints(getattr(cls, name).fget)["return"]
+        headline[name] = _described(kind, definitions)
     return {
         "$schema": DIALECT,
         "title": title,
         **top,
         "properties": headline | top["properties"],
-        "required": ["schema", "headline", *top["required"]],
+        "required": [*headline, *top["required"]],
         "$defs": definitions,
     }
 
@@ -96,7 +99,7 @@ def _described(hint: Any, definitions: dict[str, Any]) -> dict[str, Any]:
 
 
 def published(name: str) -> dict[str, Json]:
-    """The schema of "result.json", "check.json" or "track.json" as it goes with the package."""
+    """The schema of "result.json", "check.json", "compare.json" or "track.json" as it goes with the package."""
     text = files("trueplant.result").joinpath("schemas", f"{name.removesuffix('.json')}.schema.json")
     found: dict[str, Json] = json.loads(text.read_text(encoding="utf-8"))
     return found

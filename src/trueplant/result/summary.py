@@ -5,15 +5,18 @@ from __future__ import annotations
 import html
 import math
 
+from trueplant.result.controllers import KEEP
 from trueplant.result.detectors_words import detector_lines
 from trueplant.result.element import Element, Parameter
+from trueplant.result.faceplate_words import faceplate_values
 from trueplant.result.headline import headline
 from trueplant.result.methods_words import comparison_lines
-from trueplant.result.numbers import number, sentence, spoken, value_with_interval
+from trueplant.result.numbers import number, percentage, sentence, spoken, value_with_interval
 from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of, number_of
+from trueplant.result.reason import Reason, ranked
 from trueplant.result.robustness import Margins
-from trueplant.result.status import ElementVerdict
+from trueplant.result.status import ElementVerdict, Status
 
 _SYMBOLS = {"gain": "K", "slope": "K'", "dead_time": "dead time"}
 
@@ -35,7 +38,7 @@ def parameter_line(parameter: Parameter) -> str:
     else:
         compared = f"model {number(parameter.model)}"
         if parameter.change_percent is not None and math.isfinite(parameter.change_percent):
-            compared += f", {parameter.change_percent:+.1f} %"
+            compared += f", {percentage(parameter.change_percent)}"
     return f"{symbol} = {value} ({compared})" + ("  changed" if parameter.changed else "")
 
 
@@ -43,10 +46,10 @@ def text_summary(result: Outcome) -> str:
     """What a terminal shows."""
 
     lines = [headline(result)]
-    if result.elements:
+    if told_elements(result):
         confidence = result.provenance.settings.confidence
         lines.append(f"(± is half of the {100 * confidence:g} % interval)")
-    for element in result.elements:
+    for element in told_elements(result):
         grade = f", grade {element.grade}" if element.grade else ""
         said = f"{element.verdict}{seen(element)}{grade}"
         lines += ["", f"{element.input} -> {element.output} ({element.structure}): {said}"]
@@ -59,13 +62,25 @@ def text_summary(result: Outcome) -> str:
         lines += ["", *detected]
     if loop := loop_line(result):
         lines += ["", loop, *settings_lines(result)]
-    for title, reasons in (("refused", result.reasons), ("note", result.notes)):
+    for title, reasons in (("refused", told_reasons(result)), ("note", ranked(result.notes))):
         if reasons:
             lines.append("")
         for reason in reasons:
             where = f" ({reason.where})" if reason.where else ""
             lines.append(f"{title}{where}: {sentence(reason.message)}")
     return "\n".join(lines)
+
+
+def told_elements(result: Outcome) -> list[Element]:
+    """The elements, but for those of a refusal of which nothing is said but its reason."""
+    said = {reason.message for reason in result.reasons} if result.status == Status.REFUSED else set()
+    return [element for element in result.elements if element.parameters or element.reason not in said]
+
+
+def told_reasons(result: Outcome) -> list[Reason]:
+    """The reasons that the headline does not say."""
+    said = headline(result)
+    return [reason for reason in result.reasons if reason.message not in said or reason.where not in said]
 
 
 def seen(element: Element) -> str:
@@ -81,13 +96,16 @@ def loop_line(result: Outcome) -> str:
     found = result.robustness
     if found is None:
         return ""
+    checks = result.methods.controller_consistency
+    wrong = any(one.experiment == found.controller_of and one.confirmed is False for one in checks)
+    whose = "The controller as declared (OP was written by another)" if wrong else "Today's controller"
     unstable = [spoken(loop.input) for loop in found.margins.plant if not loop.stable]
     if unstable:
         every = len(unstable) == len(found.margins.plant) > 1
         which = "the loops" if every else f"the loop of {' and '.join(unstable)}"
-        return f"Today's controller leaves {which} unstable on the plant as estimated."
+        return f"{whose} leaves {which} unstable on the plant as estimated."
     modelled = any(element.tf_model is not None for element in result.elements)
-    text = f"Today's controller keeps the plant stable{_highest_peak(found.margins, modelled)}."
+    text = f"{whose} keeps the plant stable{_highest_peak(found.margins, modelled)}."
     on_model, on_plant = found.peaks.get("model"), found.peaks.get("plant")
     if modelled and on_model and on_plant and on_model.RP and on_plant.RP:
         before, today = on_model.RP.upper, on_plant.RP.upper
@@ -120,26 +138,25 @@ def settings_lines(result: Outcome) -> list[str]:
     for loop in loops:
         if loop.chosen is None or loop.chosen.settings is None:
             continue
-        now = {} if loop.current.settings is None else loop.current.settings.values
-        new = loop.chosen.settings
+        now, new = faceplate_values(loop, loop.current), loop.chosen.settings
         changed = [
-            f"{key} = {_setting(value)} (now {_setting(now.get(key))})"
-            for key, value in new.values.items()
-            if _setting(value) != _setting(now.get(key))
+            f"{name} = {value} (now {now.get(name, 'none')})"
+            for name, value in faceplate_values(loop, loop.chosen).items()
+            if value != now.get(name, "none")
         ]
         said = ", ".join(changed) or "as today"
         if new.others:
             said += f", and from {', '.join(new.others)} as in the report"
         lines.append(f"recommended for {loop.input} ({loop.recommended}): {said}")
-    if lines and loops[0].reason:
-        lines.append(f"  because it {sentence(loops[0].reason)}")
+    if chosen := [loop for loop in loops if loop.chosen is not None]:
+        lines += [f"for {loop.input}: {loop.reason}" for loop in loops if loop.recommended == KEEP]
+        if chosen[0].reason:
+            lines.append(f"  because it {sentence(chosen[0].reason)}")
     if loops and not lines:
-        lines.append(f"no retuning is recommended: {sentence(loops[0].reason or 'see the report')}")
+        says = sentence(loops[0].reason or "see the report")
+        kept = any(loop.recommended == KEEP for loop in loops)
+        lines.append(f"{says[:1].upper()}{says[1:]}" if kept else f"no retuning is recommended: {says}")
     return lines
-
-
-def _setting(value: float | str | None) -> str:
-    return "none" if value is None else value if isinstance(value, str) else f"{value:.4g}"
 
 
 def html_summary(result: Outcome) -> str:
@@ -150,7 +167,7 @@ def html_summary(result: Outcome) -> str:
         named = html.escape(f"{element.input} → {element.output}")
         said = html.escape(f"{element.verdict}, grade {element.grade}" if element.grade else element.verdict)
         rows.append(f"<tr><td>{named}</td><td>{said}</td><td style='text-align:left'>{cells}</td></tr>")
-    notes = "".join(f"<li>{html.escape(sentence(r.message))}</li>" for r in (*result.reasons, *result.notes))
+    notes = "".join(f"<li>{html.escape(sentence(r.message))}</li>" for r in (*result.reasons, *ranked(result.notes)))
     head = "<tr><th>element</th><th>verdict</th><th>parameters</th></tr>"
     table = f"<table>{head}{''.join(rows)}</table>" if rows else ""
     return f"<p><b>{html.escape(headline(result))}</b></p>{table}{f'<ul>{notes}</ul>' if notes else ''}"

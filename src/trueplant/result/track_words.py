@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Protocol
 
 from trueplant.calendar import Calendar
 from trueplant.result.changes import Change, ChangeKind, ElementHistory, Moved, TrackedElement, Window
 from trueplant.result.element import Parameter
-from trueplant.result.numbers import counted, number, spoken
+from trueplant.result.numbers import counted, number, percentage, spoken
 from trueplant.result.reason import Reason
 from trueplant.result.status import ElementVerdict, Status
 
@@ -47,9 +46,32 @@ def headline(track: Tracked) -> str:
     elif steady:
         text += f" {counted(len(steady), 'element')} without a change."
     text += "".join(f" {sentence}" for e in steady if (sentence := standing_sentence(e)))
+    open_ = [e for e in steady if not e.standing or e.standing.verdict == ElementVerdict.NOT_IDENTIFIABLE]
+    if open_:
+        text += f" Whether the model holds cannot be told of {counted(len(open_), 'element')}."
     if unknown:
         text += f" {counted(len(unknown), 'element')} cannot be followed in this record."
     return text.strip()
+
+
+def word_of(element: TrackedElement) -> str:
+    """Its history in a word or two, with whether what is constant is off the model."""
+    if element.history == ElementHistory.UNDECIDED:
+        return "step or drift"
+    return f"{element.history}, off the model" if standing_sentence(element) else element.history
+
+
+def holds(track: Tracked) -> bool | None:
+    """Does the model hold: nothing changed, and nothing is off it all the time? None where that is not known of all."""
+    if track.changes or any(map(standing_sentence, track.elements)):
+        return False
+    known = all(e.standing and e.standing.verdict == ElementVerdict.UNCHANGED for e in track.elements)
+    return True if known else None
+
+
+def told_reasons(track: Tracked) -> list[Reason]:
+    """The reasons that the headline does not say."""
+    return [reason for reason in track.reasons if reason.message.rstrip(".") not in headline(track)]
 
 
 def standing_sentence(element: TrackedElement) -> str:
@@ -89,24 +111,31 @@ def change_sentence(change: Change, calendar: Calendar) -> str:
 
 
 def moved_words(p: Moved) -> str:
-    percent = "" if p.change_percent is None else f" ({p.change_percent:+.0f} %)"
+    percent = "" if p.change_percent is None else f" ({percentage(p.change_percent, 0)})"
     unit = f" {p.unit}" if p.unit else ""
     return f"{spoken(p.name)} {number(p.before)} -> {number(p.after)}{unit}{percent}"
 
 
 def refused_stretches(track: Tracked) -> list[tuple[str, str, str, str]]:
-    """(outputs, experiment, from ... to ..., reason) of the refused windows: what was refused alike put together."""
-    outputs: dict[tuple[str, str, float, float], list[str]] = {}
-    for w in sorted(
-        (w for w in track.windows if w.status == Status.REFUSED), key=lambda w: (w.experiment, w.start, w.end)
-    ):
-        outputs.setdefault((w.experiment, w.reason, w.start, w.end), []).append(w.output)
-    spans: dict[tuple[str, str, str], list[str]] = {}
-    for (experiment, reason, start, end), names in outputs.items():
-        place = (_listed(names), experiment, reason)
-        spans.setdefault(place, []).append(track.calendar.span(start, end))
-    return [(names, experiment, ", ".join(when), reason) for (names, experiment, reason), when in spans.items()]
+    """(outputs, experiment, when, reason) of the refused windows: a line for what one reason refused in an experiment.
 
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(spoken(name) for name in names)
+    When is said output by output where it differs.
+    """
+    refused: dict[tuple[str, str], dict[str, list[str]]] = {}
+    places = {
+        output: k
+        for k, output in enumerate(
+            dict.fromkeys([*(e.output for e in track.elements), *(w.output for w in track.windows)])
+        )
+    }
+    windows = (w for w in track.windows if w.status == Status.REFUSED)
+    for w in sorted(windows, key=lambda w: (w.experiment, places[w.output], w.start)):
+        spans = refused.setdefault((w.experiment, w.reason), {})
+        spans.setdefault(spoken(w.output), []).append(track.calendar.span(w.start, w.end))
+    lines = []
+    for (experiment, reason), by_output in refused.items():
+        whens = {name: ", ".join(spans) for name, spans in by_output.items()}
+        alike = len(set(whens.values())) == 1
+        when = next(iter(whens.values())) if alike else "; ".join(f"{name} {spans}" for name, spans in whens.items())
+        lines.append((", ".join(whens), experiment, when, reason))
+    return lines

@@ -1,0 +1,156 @@
+"""The verdict in a sentence for the panel: what the loop does now, whether its tuning is safe, and what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import StrEnum
+
+from trueplant.result import levels
+from trueplant.result.element import Element, Parameter
+from trueplant.result.headline import is_useful, weight
+from trueplant.result.numbers import counted, number, spoken
+from trueplant.result.outcome import Outcome
+from trueplant.result.parameter_words import kind_of
+from trueplant.result.reason import Code
+from trueplant.result.status import ElementVerdict, Status
+
+
+class Action(StrEnum):
+    """What is to be done about a loop."""
+
+    NONE = "none"
+    RETUNE = "retune"
+    CHECK_VALVE = "check valve"
+    GET_DATA = "get data"
+
+
+def action(result: Outcome) -> Action:
+    """What the result asks for first: a valve before tuning, tuning before more data."""
+    if result.status == Status.REFUSED:
+        return Action.GET_DATA
+    if _sticking(result):
+        return Action.CHECK_VALVE
+    if _unsafe(result) or _misses(result) or any(loop.chosen for loop in result.controllers):
+        return Action.RETUNE
+    told = any(e.verdict in (ElementVerdict.CHANGED, ElementVerdict.FOUND) for e in result.elements)
+    open_ones = any(e.verdict == ElementVerdict.NOT_IDENTIFIABLE for e in result.elements)
+    return Action.GET_DATA if open_ones and not told else Action.NONE
+
+
+def shift(result: Outcome) -> str:
+    """One sentence for the shift, in parts that a semicolon divides."""
+    parts = [_what(result), _tuning(result), _to_do(result)]
+    text = "; ".join(part for part in parts if part)
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def _what(result: Outcome) -> str:
+    """What the plant does now."""
+    if result.status == Status.REFUSED:
+        why = f" ({result.reasons[0].code.meaning})" if result.reasons else ""
+        return f"these data say nothing of the plant{why}"
+    by_verdict = {verdict: [e for e in result.elements if e.verdict == verdict] for verdict in ElementVerdict}
+    if changed := sorted(by_verdict[ElementVerdict.CHANGED], key=weight):
+        more = f", and {counted(len(changed) - 1, 'other answer')} changed too" if len(changed) > 1 else ""
+        return f"{_answer(changed[0], _several_inputs(result))}{more}"
+    if stuck := _sticking(result):
+        return f"the valve of {' and '.join(map(spoken, stuck))} sticks"
+    if found := by_verdict[ElementVerdict.FOUND]:
+        named = list(dict.fromkeys(spoken(e.output) for e in found))
+        return f"a first model of {_and(named[: levels.SHOWN_FIRST])} was found"
+    kept, open_ones = by_verdict[ElementVerdict.UNCHANGED], by_verdict[ElementVerdict.NOT_IDENTIFIABLE]
+    if kept:
+        named = list(dict.fromkeys(spoken(e.output) for e in kept))
+        text = f"{_and(named)} {'answers' if len(named) == 1 else 'answer'} as the model says"
+        return f"{text}, as far as these data tell" if open_ones else text
+    return "these data say too little to tell whether the plant has changed"
+
+
+def _answer(element: Element, several: bool) -> str:
+    """How an output answers now, by the parameters that changed."""
+    output = spoken(element.output)
+    to = f" to {spoken(element.input)}" if several else ""
+    if element.tf_model in ("0", "0.0", ""):
+        return f"{output} answers to {spoken(element.input)}, which the model does not have"
+    words = [(abs(p.change_percent or 0.0), _changed(p)) for p in element.parameters if p.changed]
+    largest = max((size for size, word in words if word), default=0.0)
+    said = [word for size, word in words if word and size >= levels.WORTH_SAYING * largest]
+    if not said:
+        return f"{output} does not answer{to} as the model says"
+    return f"{output} answers {_and(said[:2])}{to} than the model says"
+
+
+def _changed(p: Parameter) -> str:
+    """Stronger, slower, later; empty for what has no plain word, or is not known well enough to be said."""
+    if p.plant is None or p.model is None or not is_useful(p):
+        return ""
+    kind, size = kind_of(p.name), p.change_percent
+    if kind in ("gain", "slope") and p.name == kind and size is not None and math.isfinite(size) and size > -100:
+        return f"{abs(size):.0f} % {'stronger' if size > 0 else 'weaker'}"
+    if p.name == "tau1" and size is not None and math.isfinite(size):
+        return f"{abs(size):.0f} % {'slower' if size > 0 else 'faster'}"
+    if p.name == "dead_time":
+        return f"{number(abs(p.plant - p.model), 2)} {p.unit} {'later' if p.plant > p.model else 'earlier'}"
+    return ""
+
+
+def _tuning(result: Outcome) -> str:
+    """Whether today's controllers stand it; empty where none is declared, or another wrote OP."""
+    found = result.robustness
+    if found is None or result.status == Status.REFUSED:
+        return ""
+    checks = result.methods.controller_consistency
+    if any(one.experiment == found.controller_of and one.confirmed is False for one in checks):
+        return "the controller is not the one that was declared"
+    unstable = [spoken(loop.input) for loop in found.margins.plant if not loop.stable]
+    if unstable:
+        return f"today's tuning of {_and(unstable)} is unstable on it"
+    if _unsafe(result):
+        return "today's tuning has little margin left on it"
+    if _misses(result):
+        return "today's tuning is stable but no longer does what is asked of it"
+    still = "still " if result.elements and any(e.verdict == ElementVerdict.CHANGED for e in result.elements) else ""
+    return f"today's tuning is {still}stable"
+
+
+def _to_do(result: Outcome) -> str:
+    does = action(result)
+    if does is Action.CHECK_VALVE:
+        return f"check the valve of {_and([spoken(name) for name in _sticking(result)])} first"
+    if does is Action.RETUNE:
+        chosen = [spoken(loop.input) for loop in result.controllers if loop.chosen]
+        return f"enter the new settings of {_and(chosen)}" if chosen else "the controllers need new settings"
+    if does is Action.GET_DATA:
+        return "get more data before anything is changed"
+    return "no action now"
+
+
+def _unsafe(result: Outcome) -> bool:
+    """Is a loop unstable or close to it, on the plant or on too many of those that the record leaves possible?"""
+    found = result.robustness
+    if found is None:
+        return False
+    shaky = found.drawn is not None and found.drawn.share_stable < levels.SAFE_SHARE
+    return bool(found.worse) or shaky or any(not loop.stable for loop in found.margins.plant)
+
+
+def _misses(result: Outcome) -> bool:
+    """Does robust performance, which was asked for and held on the model, no longer hold on the plant?"""
+    peaks = {} if result.robustness is None else result.robustness.peaks
+    before, now = peaks.get("model"), peaks.get("plant")
+    return bool(before and now and before.robust_performance_holds and now.robust_performance_holds is False)
+
+
+def _sticking(result: Outcome) -> list[str]:
+    """Inputs whose valves do not follow OP."""
+    said = [note.where for note in result.notes if note.code == Code.CAUSE_VALVE_STICKING]
+    return list(dict.fromkeys(where.split(" -> ")[0] for where in said if where))
+
+
+def _several_inputs(result: Outcome) -> bool:
+    return len({e.input for e in result.elements}) > 1
+
+
+def _and(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -1,0 +1,111 @@
+"""What is said to the shift, and what is to be done first; all records are simulated."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from support.one_loop import LAG, declared, one_loop
+from trueplant import Loop, Result, run
+from trueplant.lti import TransferMatrix
+from trueplant.result import Code, LoopRobustness, Reason
+from trueplant.result.shift_words import Action
+
+MODEL = "2 exp(-13.4 s)/(60 s + 1)"
+LAW = {"Kc": 1.0, "Ti": 60.0, "sample_time": 1.0}
+
+
+def said(folder, plant: str = MODEL, law: dict[str, float] | None = LAW, **of_record: float) -> Result:
+    """The result of a record of this plant, held against the model."""
+    simulation = one_loop(3, TransferMatrix.of([[plant]]), **of_record)
+    return run(declared(folder, simulation, MODEL, law)).result
+
+
+@pytest.mark.parametrize(
+    ("plant", "words", "does"),
+    [
+        (MODEL, "Y answers as the model says; today's tuning is stable; no action now.", Action.NONE),
+        (
+            "2.6 exp(-13.4 s)/(60 s + 1)",
+            r"Y answers (29|3\d) % stronger than the model says; today's tuning is still stable; no action now.",
+            Action.NONE,
+        ),
+        (
+            "2 exp(-13.4 s)/(90 s + 1)",
+            r"Y answers (4|5)\d % slower than the model says; today's tuning is still stable; no action now.",
+            Action.NONE,
+        ),
+        (
+            "2 exp(-17.4 s)/(60 s + 1)",
+            r"Y answers \d\.\d s later than the model says; today's tuning is still stable; no action now.",
+            Action.NONE,
+        ),
+        (
+            "5.5 exp(-13.4 s)/(60 s + 1)",
+            r"Y answers 17\d % stronger than the model says; today's tuning has little margin left on it; "
+            "the controllers need new settings.",
+            Action.RETUNE,
+        ),
+    ],
+)
+def test_a_loop_that_changed_and_its_tuning(tmp_path, plant, words, does):
+    result = said(tmp_path, plant)
+    assert re.fullmatch(words, result.shift), result.shift
+    assert result.action is does
+    document = result.to_dict()
+    assert (document["shift"], document["action"]) == (result.shift, str(does))
+
+
+def test_without_a_controller_nothing_is_said_of_its_tuning(tmp_path):
+    result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)", None)
+    assert result.shift.endswith("stronger than the model says; no action now.")
+
+
+def test_a_refusal_asks_for_data(tmp_path):
+    result = said(tmp_path, size=0.0)
+    assert result.shift == (
+        "These data say nothing of the plant (nothing moves the plant from outside, or not enough); "
+        "get more data before anything is changed."
+    )
+    assert result.action is Action.GET_DATA
+
+
+def test_a_first_model_is_named(tmp_path):
+    simulation = one_loop(3, LAG)
+    frame = {"t": simulation.t, "sp": simulation.r[:, 0], "op": simulation.u[:, 0], "pv": simulation.y[:, 0]}
+    result = run(frame, loops=[Loop("T", pv="pv", sp="sp", op="op")], time_unit="s").result
+    assert result.shift == "A first model of T was found; no action now."
+
+
+def test_a_valve_comes_before_tuning(tmp_path):
+    result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)")
+    stuck = replace(result, notes=(*result.notes, Reason(Code.CAUSE_VALVE_STICKING, "the valve sticks", "u")))
+    assert stuck.action is Action.CHECK_VALVE
+    assert stuck.shift.endswith("check the valve of u first.")
+
+
+def test_another_controller_is_said_and_its_margins_are_not(tmp_path):
+    result = said(tmp_path, law=LAW | {"Kc": 2.0})
+    assert (
+        result.shift == "Y answers as the model says; the controller is not the one that was declared; no action now."
+    )
+
+
+def test_an_unstable_loop_needs_new_settings(tmp_path):
+    result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)")
+    assert isinstance(result.robustness, LoopRobustness)
+    margins = result.robustness.margins
+    broken = replace(margins, plant=tuple(replace(one, stable=False) for one in margins.plant))
+    unstable = replace(result, robustness=replace(result.robustness, margins=broken))
+    assert "today's tuning of u is unstable on it; the controllers need new settings" in unstable.shift
+    assert unstable.action is Action.RETUNE
+
+
+def test_what_a_little_data_leave_open_asks_for_more(tmp_path):
+    result = said(tmp_path, samples=400, std=0.8)
+    assert np.all([element.verdict == "not identifiable" for element in result.elements])
+    assert result.action is Action.GET_DATA
+    assert result.shift.endswith("get more data before anything is changed.")
