@@ -78,6 +78,9 @@ ELSEWHERE = {
     "the calendar": {
         "calendar.py:_NEAR_ZONE",
         "calendar.py:_QUARTER",
+        "fleet/demo/site.py:END",
+        "fleet/demo/site.py:START",
+        "project/bundle.py:EPOCH",
         "record/stamps.py:_DAY",
         "record/stamps.py:_EPOCH",
         "record/stamps.py:_LENGTHS",

@@ -42,6 +42,21 @@ def zone_of(name: str) -> tzinfo:
         raise DataError(f"unknown time zone {name!r}; {hint}") from None
 
 
+def moment_in(at: datetime, zone: str | None) -> datetime:
+    """A moment in UTC; one without an offset is by the clock of the zone.
+
+    Raises DataError without a zone, for one that is unknown, and for a moment that its clock skips.
+    """
+    if at.tzinfo is None:
+        if zone is None:
+            raise DataError(f"{at} bears no offset from UTC: add one, as in {at.isoformat()}+00:00, or set time_zone")
+        at = at.replace(tzinfo=zone_of(zone))
+        if at.astimezone(UTC).astimezone(at.tzinfo).replace(tzinfo=None) != at.replace(tzinfo=None):
+            clock = at.replace(tzinfo=None)
+            raise DataError(f"{clock} does not exist in {zone} (the clock skips that hour): give it an offset from UTC")
+    return at.astimezone(UTC)
+
+
 @dataclass(frozen=True)
 class Calendar:
     """How the times of a record are spoken of."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from numba import njit
+from numba.core import event
 from numba.core.caching import FunctionCache
 
 
@@ -34,3 +35,24 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     with contextlib.suppress(RuntimeError):  # neither the package's folder nor the user's can be written to
         dispatcher._cache = _Forgiving(function)
     return dispatcher
+
+
+class _Telling(event.Listener):  # type: ignore[misc]
+    def __init__(self, tell: Callable[[bool], None]) -> None:
+        self.tell = tell
+
+    def on_start(self, event: Any) -> None:
+        self.tell(True)
+
+    def on_end(self, event: Any) -> None:
+        self.tell(False)
+
+
+@contextlib.contextmanager
+def compiling(tell: Callable[[bool], None]) -> Iterator[None]:
+    """Call `tell` with True whenever a function begins to be compiled, which takes seconds, and with False after it.
+
+    What is loaded from the store is not told.
+    """
+    with event.install_listener("numba:compile", _Telling(tell)):
+        yield

@@ -61,3 +61,16 @@ def shortened(path: Path, most: int = 200) -> str:
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"} | dict.fromkeys(
     [stat.S_IFCHR, stat.S_IFBLK], "a device"
 )
+
+
+def runs(process: int) -> bool:
+    """Is there a process of this number?"""
+    if process == os.getpid():
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

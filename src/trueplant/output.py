@@ -24,13 +24,16 @@ from typing import Any, NoReturn
 
 from trueplant.claims import claim, known_to
 from trueplant.errors import OutputError, UsageError
+from trueplant.files import runs
 from trueplant.printable import escaped_json
 from trueplant.project import Project, plant_project
 from trueplant.result import Curves, Result, build
 from trueplant.result.codec import plain
 
-RESULT, REPORT, PLANT, CURVES = "result.json", "report.html", "plant.toml", "curves.json"
-BESIDE = (REPORT, PLANT, CURVES)
+RESULT, REPORT, PLANT, CURVES, SHIFT = "result.json", "report.html", "plant.toml", "curves.json", "shift.html"
+PAGES = (REPORT, SHIFT)
+"""Drawn from the others, and drawn again when asked for."""
+BESIDE = (*PAGES, PLANT, CURVES)
 """The files that belong to a result.json."""
 MOST_SAMPLES = 4000
 """Of each trend in curves.json."""
@@ -87,6 +90,23 @@ def write_results(
         texts[REPORT] = report
     texts[RESULT] = to_json(result, texts)
     return write_files(folder, texts, gone=[name for name in BESIDE if name not in texts])
+
+
+def write_page(path: str | os.PathLike[str], name: str, text: str, force: bool = False) -> Path:
+    """Write one of the `PAGES` of a saved result, and result.json last, which bears its SHA-256 and says else the same.
+
+    Raises OutputError, as for a page of that name that no earlier run wrote (without `force`).
+    """
+    folder = results_folder(path)
+    claim([folder / name], force=force, known={*known_to(folder / RESULT), _sha256(text.encode("utf-8"))})
+    document = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+    document["files"] = dict(sorted({**document.get("files", {}), name: _sha256(text.encode("utf-8"))}.items()))
+    return write_files(folder, {name: text, RESULT: as_json(document, indent=1)})[name]
+
+
+def page_unchanged(path: str | os.PathLike[str], name: str, text: str) -> bool:
+    """Is this the page that result.json speaks of?"""
+    return (_sums(results_folder(path) / RESULT) or {}).get(name) == _sha256(text.encode("utf-8"))
 
 
 def to_json(result: Result, beside: Mapping[str, str] | None = None) -> str:
@@ -168,7 +188,7 @@ def repair(folder: Path) -> None:
     groups: dict[str, dict[Path, Path]] = {}
     for beside in folder.glob(".*.part") if folder.is_dir() else ():
         found = _WAITING.fullmatch(beside.name)
-        if found and not _runs(int(found["process"])):
+        if found and not runs(int(found["process"])):
             groups.setdefault(found["token"], {})[beside] = folder / found["name"]
     for waiting in groups.values():
         _finish(folder, waiting)
@@ -201,19 +221,13 @@ def _sum_of(path: Path) -> str | None:
     return _sha256(path.read_bytes()) if path.is_file() else None
 
 
-def _runs(process: int) -> bool:
-    if process == os.getpid():
-        return True
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
-
-
 # -- read again --------------------------------------------------------------------------------------------------
+
+
+def results_folder(path: str | os.PathLike[str]) -> Path:
+    """The folder of a saved result, which may be named by its result.json."""
+    folder = Path(path)
+    return folder.parent if folder.is_file() else folder
 
 
 def read_results(path: str | os.PathLike[str]) -> Result:
@@ -221,8 +235,7 @@ def read_results(path: str | os.PathLike[str]) -> Result:
 
     Raises UsageError where there is none, it cannot be read, or its files are not of one analysis.
     """
-    folder = Path(path)
-    folder = folder.parent if folder.is_file() else folder
+    folder = results_folder(path)
     repair(folder)
     place = folder / RESULT
     try:
@@ -232,9 +245,7 @@ def read_results(path: str | os.PathLike[str]) -> Result:
     except (OSError, ValueError) as error:
         raise UsageError(f"{place} cannot be read ({error}): run the analysis again") from None
     sums = data.get("files", {})
-    mixed = [name for name, digest in sums.items() if name != REPORT and _sum_of(folder / name) not in (digest, None)]
-    if mixed:
-        raise UsageError(f"{folder}: {' and '.join(mixed)} and {RESULT} are not of one analysis: run it again")
+    _check_one_analysis(folder, sums)
     try:
         result = build(Result, data)
         if result.uncertainty is not None:
@@ -245,6 +256,13 @@ def read_results(path: str | os.PathLike[str]) -> Result:
     except (KeyError, TypeError, ValueError) as error:
         raise UsageError(f"{place} is not a result of this version ({error}): run the analysis again") from None
     return result
+
+
+def _check_one_analysis(folder: Path, sums: Mapping[str, str]) -> None:
+    others = {name: digest for name, digest in sums.items() if name not in PAGES}
+    mixed = [name for name, digest in others.items() if _sum_of(folder / name) not in (digest, None)]
+    if mixed:
+        raise UsageError(f"{folder}: {' and '.join(mixed)} and {RESULT} are not of one analysis: run it again")
 
 
 def as_json(value: Any, indent: int | None = 1) -> str:

@@ -168,7 +168,7 @@ def test_the_command_writes_both_files(written, entries):
 @pytest.mark.slow
 def test_the_page_shows_every_value_and_needs_no_network(written):
     page = (written[1] / "paper.html").read_text("utf-8")
-    text = page[: page.index('<script type="application/json"')]
+    text = page[: page.index('<script type="application/gzip"')]
     rows = json.loads((written[1] / "paper.json").read_text("utf-8"))
     assert all(f">{row['id']}</code>" in text for row in rows)
     compared = [row for row in rows if row["agrees"] is not None]
@@ -189,7 +189,7 @@ def test_the_page_shows_every_value_and_needs_no_network(written):
 def test_the_page_explains_everything_once(written):
     """Notes that many rows of a table share stand above it; a difference is explained where the differences stand."""
     page = (written[1] / "paper.html").read_text("utf-8")
-    text = html.unescape(page[: page.index('<script type="application/json"')])
+    text = html.unescape(page[: page.index('<script type="application/gzip"')])
     rows = json.loads((written[1] / "paper.json").read_text("utf-8"))
     shared = "largest difference of the two sides relative to the larger"
     assert sum(shared in row["note"] for row in rows) > 10 and text.count(shared) == 1

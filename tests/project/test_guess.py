@@ -153,6 +153,15 @@ def test_what_is_offered_is_toml_once_the_marks_are_taken_off():
     assert [(d.name, d.column, d.unit) for d in project.disturbances] == [("feed flow", "feed flow", "t/h")]
 
 
+def test_a_valve_output_belongs_to_the_loop_of_the_measurement():
+    """Two words for OP in one name; "east valve" alone is the loop's name."""
+    (one,) = guess_loops(["recycle flow measurement", "recycle flow setpoint", "recycle valve output", "recycle mode"])
+    assert (one.pv, one.op) == ("recycle flow measurement", "recycle valve output")
+    assert (one.sp, one.mode) == ("recycle flow setpoint", "recycle mode")
+    (other,) = guess_loops(["east valve.pv", "east valve.op"])
+    assert (other.pv, other.op) == ("east valve.pv", "east valve.op")
+
+
 MEANINGS = {
     "FIC101.PV": ("fic 101", "pv", "flow", False),
     "Area/FIC101/PV.CV": ("area fic 101", "pv", "flow", False),

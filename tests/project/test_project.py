@@ -229,6 +229,11 @@ MISTAKES = {
     "span in an unknown file": ('{file = "b.csv"', '{file = "c.csv"', 'line 4: .*"c.csv" is not declared'),
     "files and experiments": ("[data]", '[[experiment]]\nfile = "c.csv"\n[data]', r"line 5: data\.files: .*keep one"),
     "slave without its PV": ('op = "op2"', 'op = "op2"\nslave_sp = "x"', "slave_sp and slave_pv go together"),
+    "a moment in quotes": (
+        "from = 0, to = 12.5",
+        'from = "05.03.2024", to = 12.5',
+        "without quotes such as 2024-03-05",
+    ),
     "automatic values without a mode": ('op = "op2"', 'op = "op2"\nautomatic_values = [1]', "automatic_values"),
     "second controller of one loop": (
         "[[controller]]",

@@ -115,6 +115,7 @@ def test_several_offsets_are_shown_in_utc_unless_the_zone_is_named():
     assert any("+01:00, +02:00" in note.message and "data.time_zone" in note.message for note in record.notes)
     named = read_record(frame(stamps), layout(time_zone=AMSTERDAM))
     assert named.calendar.text(60.0) == "2024-03-31 03:00:00 CEST"
+    assert not any("offsets" in note.message for note in named.notes)
 
 
 def test_the_zone_of_a_column_of_moments_is_kept():

@@ -60,7 +60,7 @@ def test_numbers_that_nobody_declared_are_unknown():
     record = read(mode=[8] * 40 + [16] * 20)
     assert not record.automatic.any()
     assert "nothing is automatic" in said(record, "mode")
-    assert "automatic_values = [8, 16]" in said(record, "mode")
+    assert "Name those of them that are automatic in automatic_values." in said(record, "mode")
     declared = read((8,), mode=[8] * 40 + [16] * 20)
     np.testing.assert_array_equal(declared.automatic[:, 0], np.arange(N) < 40)
 

@@ -93,6 +93,17 @@ def test_the_smallest_printed_moves_count(seed: int, level: int, offset: int, di
     assert not any(f.kind == "constant" for f in result.findings)
 
 
+def test_a_setpoint_may_go_to_a_number_that_others_write_for_no_value() -> None:
+    """999 after a constant 995; beside values about 50 it is no measurement."""
+    rng = np.random.default_rng(5)
+    late = np.arange(N) >= 200
+    asked = screened(stamps(rng, False), np.where(late, 999.0, 995.0), lambda x: np.round(x, 2), rng)
+    assert moves(asked) == 1
+    assert not asked.findings
+    lost = screened(stamps(rng, False), np.where(late, 999.0, 50.0), lambda x: np.round(x, 2), rng)
+    assert {f.kind for f in lost.findings} >= {"code", "constant"}
+
+
 @pytest.mark.parametrize("level", [0.0, 37.5, 1e6])
 def test_the_smallest_moves_of_floating_point_numbers_count(level: float) -> None:
     rng = np.random.default_rng(1)

@@ -240,3 +240,12 @@ def test_lines_above_the_header_may_hold_dates_and_numbers(tmp_path, ending):
     assert table.names == tuple(head[0]) and table.units == {"FIC1.PV": "m3/h", "FIC1.OP": "%"}
     assert len(table) == 30 and table.where(0) == "line 6"
     assert table.numbers("FIC1.PV")[0][3] == 3.5
+
+
+def test_a_column_by_itself_may_have_blanks_in_its_name(tmp_path):
+    """Such as the coefficients of one element."""
+    path = tmp_path / "steps.csv"
+    path.write_text("steam -> reactor\n" + "".join(f"{k / 10}\n" for k in range(30)))
+    table = read_table(path, fewest=1)
+    assert table.names == ("steam -> reactor",)
+    assert table.numbers("steam -> reactor")[0][:3].tolist() == [0.0, 0.1, 0.2]

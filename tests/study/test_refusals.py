@@ -226,6 +226,8 @@ def test_a_loop_in_manual_most_of_the_time_is_used(tmp_path):
     assert result.elements[0].verdict == "unchanged" and covers(result)
     (finding,) = [f for f in result.to_dict()["data"][0]["findings"] if f["kind"] == "manual"]
     assert finding["message"] == "heater was in manual for 70 % of the record."
+    (said,) = notes(result, "manual")
+    assert "name the values that mean automatic" in said
 
 
 def test_a_loop_in_manual_for_a_while_is_used_and_said(tmp_path):
@@ -233,6 +235,7 @@ def test_a_loop_in_manual_for_a_while_is_used_and_said(tmp_path):
     assert result.elements[0].verdict == "unchanged" and covers(result)
     (finding,) = [f for f in result.to_dict()["data"][0]["findings"] if f["kind"] == "manual"]
     assert finding["message"] == "heater was in manual for 20 % of the record."
+    assert not notes(result, "manual")
 
 
 def test_a_loop_in_no_known_mode_is_said_and_is_no_error(tmp_path):
@@ -241,8 +244,18 @@ def test_a_loop_in_no_known_mode_is_said_and_is_no_error(tmp_path):
     result = answered(tmp_path, record, mode="mode")
     found = {f["kind"]: f["message"] for f in result.to_dict()["data"][0]["findings"]}
     assert f"4 ({SAMPLES - 500})" in found["mode"] and "16 (500)" in found["mode"]
-    assert "nothing is automatic" in found["mode"] and "automatic_values = [" in found["mode"]
+    assert "nothing is automatic" in found["mode"] and "Name those of them that are" in found["mode"]
     assert found["manual"] == "heater was in manual for 100 % of the record."
+
+
+def test_a_pv_that_answers_to_nothing_is_said_to(tmp_path):
+    """PV and OP are not those of one loop: no first model, and where to look."""
+    columns, other = columns_of(one_loop(9)), columns_of(one_loop(10))
+    pl.DataFrame(columns | {"pv": other["pv"], "sp": other["sp"]}).write_csv(tmp_path / "r.csv")
+    loop = Loop("T", pv="pv", sp="sp", op="op")
+    result = run(pl.read_csv(tmp_path / "r.csv"), loops=[loop], time_unit="s")
+    assert result.status == "refused"
+    assert "see whether PV, SP and OP are the columns that they are called" in result.headline
 
 
 @pytest.mark.parametrize("digits", [12, 4])

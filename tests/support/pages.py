@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
 import re
 from html.parser import HTMLParser
-
-from plotly.offline import get_plotlyjs
 
 VOID = {"meta", "br", "hr", "img", "input", "link", "path", "circle", "rect"}
 
@@ -50,11 +50,19 @@ class Page(HTMLParser):
         return next(" ".join("".join(text).split()) for _, a, text in self.elements if a.get("id") == name)
 
 
+PACKED = re.compile(r'<script type="application/gzip" id="(\w+)">([^<]*)</script>')
+
+
+def unpacked(page: str) -> dict[str, str]:
+    """What a page unpacks: plotly and the book of figures; nothing for a page without figures."""
+    return {name: gzip.decompress(base64.b64decode(text)).decode() for name, text in PACKED.findall(page)}
+
+
 def without_plotly(page: str) -> str:
-    return page.replace(get_plotlyjs(), "")
+    """The page with its figures' JSON as it is unpacked."""
+    found = unpacked(page)
+    return PACKED.sub(lambda one: found["book"].replace("<", "\\u003c") if one[1] == "book" else "", page)
 
 
 def book(page: str) -> dict[str, dict]:
-    found = re.search(r'<script type="application/json" id="book">(.*?)</script>', page, re.DOTALL)
-    assert found
-    return json.loads(found[1])
+    return json.loads(unpacked(page)["book"])

@@ -20,6 +20,7 @@ def generated() -> dict[str, dict[str, Any]]:
     return {
         "result.schema.json": result,
         "check.schema.json": schema(results.Check, "What trueplant found in the data, before an analysis"),
+        "compare.schema.json": schema(results.Comparison, "Two results of trueplant beside each other"),
         "track.schema.json": schema(results.Track, "A plant followed through a long record by trueplant"),
     }
 

@@ -14,14 +14,17 @@ import pytest
 import trueplant as tp
 from support.changing import PROJECT
 from support.month import LARGE, LIMIT, MANUAL, MIDDLE, SMALL, month
-from support.simulated import BLT, WOOD_BERRY, coloured
+from support.simulated import BLT, WOOD_BERRY, coloured, segment_of, wood_berry
 from support.stamped import AMSTERDAM, project_text, stamped
 from trueplant.cli import main
+from trueplant.identify import Row, Spec, fit_row, pieces_of
 from trueplant.loop import simulate
+from trueplant.lti.structure import Structure
 from trueplant.project import Project
 from trueplant.result import Check, Code, Status
 from trueplant.study.pipeline import analyse
 from trueplant.tracking.find import find
+from trueplant.tracking.windows import blocks_of
 
 MODE = 'mode = "mode"'
 ZONE = f'time_zone = "{AMSTERDAM}"'
@@ -210,3 +213,14 @@ def test_a_file_without_usable_moves_is_excluded_whole(columns: dict[str, np.nda
     assert kept[0] < LARGE[0] < LARGE[1] - 60 < kept[1] and kept[1] - kept[0] < 720 + 3 * SETTLE
     again = tp.check(tmp_path / "p.toml")
     assert [one.refused is None for one in again.data] == [False, True] and again.status == Status.OK
+
+
+def test_an_element_that_would_settle_in_a_million_years_takes_no_memory() -> None:
+    """Blocks are as long as the piece at most; they were as long as the element takes to settle."""
+    segment = segment_of(wood_berry(3, 400))
+    row = Row(tuple(Spec(j, Structure.parse("fopdt")) for j in range(2)), pieces_of([segment], 0))
+    fit = fit_row(row, np.array([12.8, 5e11, 1.4, -18.9, 21.0, 3.4]), np.zeros(0), iterations=0)
+    found = blocks_of(fit, row, np.array([50.0]))
+    assert found.start.size == 1
+    assert found.end[0] - found.start[0] < segment.t[-1] - segment.t[0] + segment.h
+    assert np.all(np.isfinite(found.information))

@@ -16,6 +16,7 @@ from trueplant import Loop
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.notebook.loops import project_of
+from trueplant.report.track import render
 from trueplant.result import Track
 from trueplant.tracking.track import track
 
@@ -165,6 +166,8 @@ def test_constant_but_off_the_model_is_said_with_its_interval() -> None:
     assert found.changes == () and "L OP -> L is constant, but " in found.headline
     (element,) = found.elements
     assert element.standing is not None and element.standing.verdict == "changed"
+    page = render(found)
+    assert 'class="verdict mismatch"' in page and "constant, off the model" in page
     gain = element.standing.parameters[0]
     assert gain.changed and gain.plant is not None and gain.ci is not None and gain.ci[0] < 2.0 < gain.ci[1]
     assert gain.change_percent == pytest.approx(29, abs=5)

@@ -228,7 +228,7 @@ def test_every_field_of_the_track_is_described(step: tuple[int, Path, dict[str, 
 
 
 def test_stretches_refused_alike_are_said_together() -> None:
-    """Outputs with the same stretch and reason, then stretches with the same outputs, record and reason."""
+    """A line a reason and record; when is said output by output where outputs differ."""
     still, short = "no set-point moves in this stretch", "this stretch is shorter than a window can be"
     windows = [
         Window(output, "march.csv", start, end, "refused", why)
@@ -238,11 +238,12 @@ def test_stretches_refused_alike_are_said_together() -> None:
             ("top", 300.0, 340.0, short),
             ("top", 500.0, 560.0, still),
             ("bottom", 500.0, 560.0, still),
+            ("bottom", 700.0, 800.0, short),
         ]
     ]
     windows.append(Window("top", "march.csv", 60.0, 300.0, "ok"))
     found = Track("ok", (), (), {}, "min", (), windows=tuple(windows))
     assert refused_stretches(found) == [
         ("top, bottom", "march.csv", "0 to 60 min, 500 to 560 min", still),
-        ("top", "march.csv", "300 to 340 min", short),
+        ("top, bottom", "march.csv", "top 300 to 340 min; bottom 700 to 800 min", short),
     ]

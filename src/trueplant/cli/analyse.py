@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from trueplant.claims import claim, known_to
 from trueplant.errors import UsageError
 from trueplant.output import BESIDE, RESULT, claim_results, prepare_output, repair, write_files, write_results
+from trueplant.printable import printable
 from trueplant.project.project import Project
 from trueplant.result.status import Status
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from trueplant.result import Result
 
 REFUSED, MISMATCH = 3, 1
+COMPILING = " (compiling, first time only)"
 Say = Callable[[str], None]
 
 
@@ -42,7 +44,9 @@ def demo(name: str, out: Path | None, json: bool, force: bool) -> int:
 
     project = Project.from_toml(text, folder)
     record = project.data.files[0]
-    given = {record: as_file(simulate_record(project), record), "project.toml": text.encode("utf-8")}
+    with saying() as say:
+        say("simulating the record")
+        given = {record: as_file(simulate_record(project), record), "project.toml": text.encode("utf-8")}
     # one that was interrupted has left these, and no result that knows them
     known = known_to(folder / RESULT).union(hashlib.sha256(content).hexdigest() for content in given.values())
     repair(folder)
@@ -56,18 +60,20 @@ def demo_text(name: str) -> str:
     """The project file of a built-in case. Raises UsageError for an unknown name."""
     cases = {p.name.removesuffix(".toml"): p for p in resources.files("trueplant.cli").joinpath("demos").iterdir()}
     if name not in cases:
-        raise UsageError(f"there is no demo {name!r}: choose one of {', '.join(sorted(cases))}")
+        raise UsageError(f"there is no demo {name!r}: choose one of {', '.join([*sorted(cases), 'site'])}")
     return cases[name].read_text(encoding="utf-8")
 
 
 def _analyse(project: Project, folder: Path, json: bool) -> Result:
-    from trueplant.report import render
-    from trueplant.study.pipeline import analyse
-
     with saying() as say:
+        from trueplant.report import render
+        from trueplant.study.pipeline import analyse
+
         result = analyse(project, say)
-        say("writing the report")
-        written = write_results(result, project, folder, render(result))
+        say("drawing the report")
+        page = render(result)
+        say("writing the files")
+        written = write_results(result, project, folder, page)
     if json:
         sys.stdout.write(written[RESULT].read_text(encoding="utf-8"))
     else:
@@ -86,7 +92,10 @@ def saying() -> Iterator[Say]:
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    columns = (SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}{task.fields[also]}", markup=False))
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("starting", total=None)
-        yield lambda what: bar.update(task, description=what)
+        task = bar.add_task("loading the program", total=None, also="")
+        from trueplant.compiled import compiling
+
+        with compiling(lambda begun: bar.update(task, also=COMPILING if begun else "")):
+            yield lambda what: bar.update(task, description=printable(what))

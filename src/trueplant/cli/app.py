@@ -37,6 +37,20 @@ def _path(text: str) -> Path:
 
 
 ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT.toml", help="The project file.")]
+SiteFile = Annotated[Path, typer.Argument(metavar="SITE.toml", help="The site file: which loops it has.")]
+Workers = Annotated[int | None, typer.Option("--workers", min=0, help="Processes; 0: in this one.")]
+Address = Annotated[str | None, typer.Option("--dask", metavar="ADDRESS", help="Of a cluster: tls://host:8786.")]
+Only = Annotated[str | None, typer.Option("--only", metavar="GLOB", help="Only loops whose names fit, such as 'FC*'.")]
+Pages = Annotated[bool, typer.Option("--pages", help="Draw the report of every loop, too.")]
+Saved = Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a saved result.")]
+First = Annotated[Path, typer.Argument(metavar="OUT1", help="The folder of a saved result.")]
+Second = Annotated[Path, typer.Argument(metavar="OUT2", help="That of another, of the same plant.")]
+CompareJson = Annotated[bool, typer.Option("--json", help="Print compare.json, and nothing else.")]
+Shift = Annotated[bool, typer.Option("--shift", help="One page of A4 for the shift, shift.html, instead.")]
+OfProject = Annotated[
+    Path | None, typer.Option("--project", metavar="FILE", help="Its project file, if it is not where it was.")
+]
+ForceAccept = Annotated[bool, typer.Option("--force", help="Though the project or its data have changed since.")]
 OutFolder = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.", parser=_path)]
 OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="File to write.", parser=_path)]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite files that no earlier run wrote.")]
@@ -50,7 +64,15 @@ TrackJson = Annotated[bool, typer.Option("--json", help="Print track.json, and n
 Precision = Annotated[
     float, typer.Option("--precision", metavar="PERCENT", help="Standard error that windows are made long enough for.")
 ]
+Refresh = Annotated[bool, typer.Option("--refresh", help="Read the historian again, though a snapshot is there.")]
 FailOnMismatch = Annotated[bool, typer.Option("--fail-on-mismatch", help="Exit with 1 if the plant has changed.")]
+
+
+def _refresh(project: Path, wanted: bool) -> None:
+    if wanted:
+        from trueplant.cli.fetch import read_again
+
+        read_again(project)
 
 
 def _version(wanted: bool) -> None:
@@ -73,11 +95,37 @@ def run(
     json: Json = False,
     fail_on_mismatch: FailOnMismatch = False,
     force: Force = False,
+    refresh: Refresh = False,
 ) -> int:
     """Analyse a project: writes result.json, report.html and plant.toml."""
+    _refresh(project, refresh)
     from trueplant.cli.analyse import run
 
     return run(project, out, json, fail_on_mismatch, force)
+
+
+@app.command(short_help="Draw the report of a saved result again.")
+def report(saved: Saved, out: OutFile = None, shift: Shift = False, force: Force = False) -> int:
+    """Draw report.html again from result.json and curves.json, without the data."""
+    from trueplant.cli.report import report
+
+    return report(saved, out, shift, force)
+
+
+@app.command(short_help="Make the plant found the project's model.")
+def accept(saved: Saved, project: OfProject = None, force: ForceAccept = False) -> int:
+    """Write the plant of a saved result into its project file; comments stay, and old values become comments."""
+    from trueplant.cli.accept import accept
+
+    return accept(saved, project, force)
+
+
+@app.command(short_help="Two saved results beside each other.")
+def compare(first: First, second: Second, json: CompareJson = False) -> int:
+    """Say what differs between two saved results, and whether that is beyond chance."""
+    from trueplant.cli.compare import compare
+
+    return compare(first, second, json)
 
 
 @app.command(short_help="Parameters over time: since when has the plant changed.")
@@ -87,18 +135,49 @@ def track(
     json: TrackJson = False,
     precision: Precision = 10.0,
     force: Force = False,
+    refresh: Refresh = False,
 ) -> int:
     """Follow the plant through a long record: writes track.json and track.html."""
+    _refresh(project, refresh)
     from trueplant.cli.track import track
 
     return track(project, out, json, precision, force)
 
 
+@app.command(short_help="Audit every loop of a site: what changed, worst first.")
+def audit(
+    site: SiteFile,
+    out: OutFolder = None,
+    workers: Workers = None,
+    dask: Address = None,
+    only: Only = None,
+    pages: Pages = False,
+    fail_on_mismatch: FailOnMismatch = False,
+) -> int:
+    """Audit every loop of a site: writes audit.parquet and index.html; what is there already is not computed again."""
+    if workers is not None and dask is not None:
+        raise UsageError("--workers and --dask say different things: keep one of them")
+    from trueplant.cli.audit import Asked, audit
+
+    return audit(site, out, Asked(workers, dask, only, pages, fail_on_mismatch))
+
+
+@app.command(short_help="A snapshot of the historian that a project names.")
+def fetch(project: ProjectFile, refresh: Refresh = False) -> int:
+    """Read the historian of a project ([data.source]) into a snapshot, unless that is there."""
+    from trueplant.cli.fetch import fetch
+
+    return fetch(project, refresh)
+
+
 @app.command(short_help="Screen the data only: what can be used, and why not.")
-def check(project: ProjectFile, find: Find = False, write: Write = False, json: CheckJson = False) -> int:
+def check(
+    project: ProjectFile, find: Find = False, write: Write = False, json: CheckJson = False, refresh: Refresh = False
+) -> int:
     """Read and screen the data only: what is usable, what is not and why."""
     if write and not find:
         raise UsageError("--write goes with --find: it excludes all but the stretches that were found")
+    _refresh(project, refresh)
     if find:
         from trueplant.cli.find import find_usable
 
@@ -149,14 +228,30 @@ def convert(
     return convert(model, to.value, out, force, Coefficients(kind.value, sample_time, ramp or ()), structure)
 
 
+@app.command(short_help="An anonymised project and record, to give away.")
+def bundle(project: ProjectFile, out: OutFile = None, force: Force = False) -> int:
+    """Write the project and its records under neutral names into a ZIP file, and the names into a file beside it."""
+    from trueplant.cli.bundle import bundle
+
+    return bundle(project, out, force)
+
+
 @app.command(short_help="Run a built-in case end to end, no file needed.")
 def demo(
-    name: Annotated[str, typer.Argument(metavar="[NAME]", help="splitter, mill or wood-berry.")] = "splitter",
+    name: Annotated[str, typer.Argument(metavar="[NAME]", help="splitter, mill, wood-berry or site.")] = "splitter",
     out: OutFolder = None,
     json: Json = False,
     force: Force = False,
+    workers: Annotated[int, typer.Option("--workers", min=0, help="Of the site's audit.")] = 2,
+    small: Annotated[bool, typer.Option("--small", help="The site with 24 loops over 10 days.")] = False,
 ) -> int:
-    """Run a built-in simulated case end to end, no file needed."""
+    """Run a built-in simulated case end to end, no file needed; `site` is sixty loops and their audit."""
+    if name == "site":
+        if json:
+            raise UsageError("--json is of one result: a site has audit.parquet")
+        from trueplant.cli.audit import demo_site
+
+        return demo_site(out, workers, small)
     from trueplant.cli.analyse import demo
 
     return demo(name, out, json, force)

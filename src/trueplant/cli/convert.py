@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from trueplant.claims import claim
-from trueplant.cli.show import say_lines
+from trueplant.cli.layout import say_lines
 from trueplant.errors import OutputError
 from trueplant.lti.measured import Kind
 from trueplant.output import write_files

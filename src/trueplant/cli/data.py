@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trueplant.claims import claim
-from trueplant.cli.show import say_lines
+from trueplant.cli.layout import say_lines
 from trueplant.errors import UsageError
 from trueplant.output import as_json, write_files
 from trueplant.result import Calendar, Check, Code, DataFinding, Status

@@ -5,12 +5,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-
 from trueplant.cli.analyse import REFUSED, saying
 from trueplant.cli.data import show_check
-from trueplant.cli.show import console, say_lines, text
+from trueplant.cli.layout import blocks, console, say_lines, text
 from trueplant.errors import OutputError
 from trueplant.output import as_json, write_files
 from trueplant.project.exclusions import all_but_usable
@@ -48,15 +45,15 @@ def show_usable(found: Check) -> None:
         return
     several, out = len(found.data) > 1, console()
     calendars = {one.name: one.calendar(found.provenance.time_unit) for one in found.data}
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for heading in ("", *(["record"] if several else []), "usable stretch", "moves", "of", "gains known alone to"):
-        table.add_column(heading, justify="right" if heading in ("", "moves") else "left", overflow="fold")
+    headings = ("", *(["record"] if several else []), "usable stretch", "moves", "of", "gains known alone to")
+    rows = []
     for k, one in enumerate(found.usable, start=1):
         span = calendars[one.experiment].span(one.start, one.end)
         names = [one.experiment] if several else []
         cells = [str(k), *names, span, str(one.moves), ", ".join(one.moved), _expected(one)]
-        table.add_row(*map(text, cells))
-    out.print(table)
+        rows.append([*map(text, cells)])
+    for line in blocks(headings, [(None, rows)], ("", "moves"), out.width):
+        out.print(line)
     out.print(
         text(
             "Ranked by what each adds to those above it. Standard errors are foretold from a first estimate and the "

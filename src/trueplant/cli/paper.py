@@ -7,7 +7,7 @@ from pathlib import Path
 
 from trueplant.claims import claim_pair
 from trueplant.cli.analyse import saying
-from trueplant.cli.show import say_lines
+from trueplant.cli.layout import say_lines
 from trueplant.output import prepare_output, write_files
 
 JSON, PAGE = "paper.json", "paper.html"

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
+from rich.console import RenderableType
 from rich.text import Text
 
-from trueplant.printable import printable
+from trueplant.cli.layout import Group, blocks, console, text
 from trueplant.result import Element, Parameter, Result
 from trueplant.result.detectors_words import detector_lines
 from trueplant.result.methods_words import comparison_lines
-from trueplant.result.numbers import number, value_with_interval
+from trueplant.result.numbers import number, percentage, value_with_interval
+from trueplant.result.reason import ranked
 from trueplant.result.status import ElementVerdict
-from trueplant.result.summary import loop_line, settings_lines
+from trueplant.result.summary import loop_line, settings_lines, told_elements, told_reasons
 
 _STYLE = {
     ElementVerdict.CHANGED: "bold red",
@@ -28,54 +26,37 @@ _STYLE = {
 }
 
 
-def console() -> Console:
-    """Standard output; in a pipe lines are not folded at 80 columns."""
-    on_terminal = Console(highlight=False, soft_wrap=True)
-    return on_terminal if on_terminal.is_terminal else Console(highlight=False, soft_wrap=True, width=140)
-
-
-def say_lines(*lines: object) -> None:
-    """Print plain lines."""
-    print(*(printable(str(line)) for line in lines), sep="\n")
-
-
-def text(content: str, **style: Any) -> Text:
-    """For the terminal: names and messages may hold what came with the data."""
-    return Text(printable(content), **style)
-
-
 def show(result: Result, written: Sequence[Path]) -> None:
     """The headline, a table of the elements, what to know about the data, and the files written."""
     out = console()
-    out.print(text(result.headline, style="bold"))
-    if result.elements:
-        out.print(elements_table(result))
+    out.print(text(result.shift, style="bold"))
+    out.print(text(result.headline))
+    if told_elements(result):
+        out.print()
+        for line in elements_table(result, out.width):
+            out.print(line)
+        out.print()
         out.print(text(legend(result)))
     for line in (loop_line(result), *settings_lines(result), *comparison_lines(result), *detector_lines(result)):
         if line:
             out.print(text(line))
-    for reason in (*result.reasons, *result.notes):
+    for reason in (*told_reasons(result), *ranked(result.notes)):
         where = f" ({reason.where})" if reason.where else ""
         out.print(text(f"{'refused' if reason in result.reasons else 'note'}{where}: {reason.message}"))
     for path in written:
-        out.print(text(str(path)))
+        out.print(text(str(path)), soft_wrap=True)
 
 
-def elements_table(result: Result) -> Table:
-    """One row a parameter: what the model says, what the plant does, and the verdict of its element."""
+def elements_table(result: Result, width: int) -> Iterator[RenderableType]:
+    """Below each element with its verdict, a row a parameter: what the model says, and what the plant does."""
     plant = f"plant ({100 * result.provenance.settings.confidence:g} % interval)"
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
     modelled = any(element.tf_model is not None for element in result.elements)
-    for heading in ("element", "verdict", "grade", "parameter", "model", plant, "change"):
-        compared = heading in ("model", "change")
-        if modelled or not compared:
-            table.add_column(heading, justify="right" if compared else "left", overflow="fold")
-    for element in result.elements:
-        for k, parameter in enumerate(element.parameters or (None,)):
-            name, model, answer, change = _parameter_cells(element, parameter)
-            cells = (name, model, answer, change) if modelled else (name, answer)
-            table.add_row(*(_element_cells(element) if k == 0 else ("", "", "")), *cells)
-    return table
+    headings = ("parameter", "model", plant, "change") if modelled else ("parameter", plant)
+    groups: list[Group] = []
+    for element in told_elements(result):
+        rows = [_parameter_cells(parameter) for parameter in element.parameters]
+        groups.append((_title(element), rows if modelled else [(name, answer) for name, _, answer, _ in rows]))
+    return blocks(headings, groups, ("model", "change"), width)
 
 
 def legend(result: Result) -> str:
@@ -93,14 +74,15 @@ def legend(result: Result) -> str:
     )
 
 
-def _element_cells(element: Element) -> tuple[Text, Text, Text]:
-    name = text(f"{element.input} -> {element.output}")
-    return name, text(element.verdict, style=_STYLE.get(element.verdict, "")), text(element.grade)
+def _title(element: Element) -> Text:
+    said = text(f"{element.input} -> {element.output}: ")
+    said.append(text(element.verdict, style=_STYLE.get(element.verdict, "")))
+    if element.grade:
+        said.append(text(f", grade {element.grade}"))
+    return said if element.parameters or not element.reason else said.append(text(f" ({element.reason})"))
 
 
-def _parameter_cells(element: Element, parameter: Parameter | None) -> tuple[Text, Text, Text, Text]:
-    if parameter is None:
-        return Text(""), Text(""), text(element.reason), Text("")
+def _parameter_cells(parameter: Parameter) -> tuple[Text, Text, Text, Text]:
     unit = f" {parameter.unit}" if parameter.unit else ""
     model = "-" if parameter.model is None else number(parameter.model)
     if parameter.plant is None:
@@ -109,7 +91,7 @@ def _parameter_cells(element: Element, parameter: Parameter | None) -> tuple[Tex
         plant = f"{number(parameter.plant)}{unit}"
     else:
         plant = f"{value_with_interval(parameter.plant, parameter.ci)}{unit}"
-    percent = "" if parameter.change_percent is None else f"{parameter.change_percent:+.1f} %"
+    percent = "" if parameter.change_percent is None else percentage(parameter.change_percent)
     percent = f"{percent} *".strip() if parameter.changed else f"{percent}  "
     style = "bold" if parameter.changed else ""
     return text(parameter.name.replace("_", " ")), text(model), text(plant, style=style), text(percent, style=style)

@@ -5,17 +5,16 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 from rich.text import Text
 
 from trueplant.claims import claim_pair
 from trueplant.cli.analyse import REFUSED, saying
-from trueplant.cli.show import console, say_lines, text
+from trueplant.cli.layout import Group, blocks, console, say_lines, text
 from trueplant.output import as_json, prepare_output, write_files
 from trueplant.project.project import Project
 from trueplant.result import Calendar, Change, ElementHistory, Status, Track, TrackedElement
-from trueplant.result.track_words import moved_words, off_words, refused_stretches
+from trueplant.result.numbers import counted
+from trueplant.result.track_words import moved_words, off_words, refused_stretches, told_reasons, word_of
 
 JSON, PAGE = "track.json", "track.html"
 
@@ -48,26 +47,26 @@ def show(track: Track) -> None:
     """The headline, a table of the elements, the refused stretches and what else to know."""
     out = console()
     out.print(text(track.headline, style="bold"))
-    if track.elements:
-        table = Table(box=SIMPLE_HEAD, pad_edge=False)
-        for heading in ("element", "history", "windows", "when", "what changed"):
-            table.add_column(heading, justify="right" if heading == "windows" else "left", overflow="fold")
-        for element in track.elements:
-            changes = [c for c in track.changes if (c.output, c.input) == (element.output, element.input)]
-            name = text(f"{element.input} -> {element.output}")
-            word = "step or drift" if element.history == ElementHistory.UNDECIDED else element.history
-            style = _STYLES.get(element.history, "bold red")
-            cells = [_cells(c, track.calendar) for c in changes] or [
-                (Text(""), text(_standing(element) or element.reason))
-            ]
-            for k, (when, what) in enumerate(cells):
-                first = (name, text(word, style=style), text(str(element.windows)))
-                table.add_row(*(first if k == 0 else (Text(""),) * 3), when, what)
-        out.print(table)
+    followed = [element for element in track.elements if element.windows]
+    if followed:
+        for line in blocks(("when", "what changed"), [_group(e, track) for e in followed], (), out.width):
+            out.print(line)
     for names, file, spans, why in refused_stretches(track):
         out.print(text(f"refused: {names}, {file}, {spans}: {why}"))
-    for reason in (*track.reasons, *track.notes):
+    for reason in (*told_reasons(track), *track.notes):
         out.print(text(f"{'refused' if reason in track.reasons else 'note'}: {reason.message}"))
+
+
+def _group(element: TrackedElement, track: Track) -> Group:
+    """An element with its history, and its changes below."""
+    word = word_of(element)
+    style = _STYLES.get(element.history, "bold red") if word == element.history else "bold red"
+    title = text(f"{element.input} -> {element.output}: ").append(text(word, style=style))
+    title.append(text(f", {counted(element.windows, 'window')}"))
+    changes = [c for c in track.changes if (c.output, c.input) == (element.output, element.input)]
+    rows = [_cells(c, track.calendar) for c in changes]
+    said = _standing(element) or element.reason
+    return title, rows or ([(Text(""), text(said))] if said else [])
 
 
 def _standing(element: TrackedElement) -> str:

@@ -60,6 +60,16 @@ class Analysis:
         return self.result.headline
 
     @property
+    def shift(self) -> str:
+        """The verdict in a sentence for the shift."""
+        return self.result.shift
+
+    @property
+    def action(self) -> str:
+        """ "none", "retune", "check valve" or "get data"."""
+        return str(self.result.action)
+
+    @property
     def reasons(self) -> tuple[Reason, ...]:
         """Why nothing, or not everything, could be answered."""
         return self.result.reasons
@@ -146,13 +156,13 @@ class Analysis:
         """Unit step responses of model and plant with their band, a panel an element."""
         from trueplant.report import matrices
 
-        return matrices.steps(self._curves())
+        return matrices.steps(self._curves(answered=True))
 
     def plot_bode(self) -> go.Figure:
         """Magnitude and phase of model and plant with their bands, and the estimate without a model as points."""
         from trueplant.report import matrices
 
-        return matrices.bodes(self._curves(), self.result.provenance.settings.confidence)
+        return matrices.bodes(self._curves(answered=True), self.result.provenance.settings.confidence)
 
     def plot_trends(self, experiment: int = 0) -> go.Figure:
         """The record with what model and plant make of OP."""
@@ -172,9 +182,11 @@ class Analysis:
             raise UsageError("nothing was retuned: add a [tuning] table (tuning={}) and the controllers")
         return matrices.retuning(curves)
 
-    def _curves(self) -> Any:
+    def _curves(self, answered: bool = False) -> Any:
         if self.result.curves is None:
-            raise UsageError("there is nothing to draw: the analysis was refused, or curves.json is not there")
+            raise UsageError("there is nothing to draw: curves.json is not there")
+        if answered and not self.result.curves.w.size:
+            raise UsageError("there is nothing to draw but trends: the analysis was refused")
         return self.result.curves
 
     # -- files ----------------------------------------------------------------------------------------------------

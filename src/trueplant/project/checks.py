@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-from trueplant.errors import FormulaError
+from trueplant.errors import DataError, FormulaError
 from trueplant.lti import tf
 from trueplant.lti.structure import structure_of
 from trueplant.project.declaration import Declaration
@@ -121,9 +121,12 @@ def _check_spans(project: Declaration, element: ModelElement, where: tuple[str |
 
 
 def _check_experiments(project: Declaration) -> None:
+    if project.data.source is not None:
+        _check_source(project)
     if project.data.files and project.declared_experiments:
         raise problem("files and [[experiment]] say the same in two ways: keep one of them", "data", "files")
-    files = project.data.files or [entry.file for entry in project.declared_experiments]
+    own = project.data.files if project.data.source is None else [project.snapshot]
+    files = own or [entry.file for entry in project.declared_experiments]
     for k, exclude in enumerate(project.data.exclude):
         if exclude.file is not None:
             _known(exclude.file, files, "data.files or [[experiment]]", "data", "exclude", k, "file")
@@ -132,6 +135,19 @@ def _check_experiments(project: Declaration) -> None:
             _known(name, project.input_names, "[[input]]", "experiment", k, "limits", name)
         where = ("experiment", k, "controllers")
         _check_controllers(project, project.overridden(experiment.controllers, where), where)
+
+
+def _check_source(project: Declaration) -> None:
+    if project.declared_experiments:
+        text = (
+            "and [data.source] say where the data are in two ways: take [data.source] out, and name the snapshot that "
+            "was fetched as the file of each [[experiment]]"
+        )
+        raise problem(text, "experiment")
+    try:
+        _ = project.window
+    except DataError as error:
+        raise problem(str(error), "data", "from") from None
 
 
 def _check_controllers(project: Declaration, controllers: Iterable[Controller], where: tuple[str | int, ...]) -> None:

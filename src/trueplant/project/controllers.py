@@ -128,7 +128,7 @@ def layout_of(project: Declaration) -> Layout:
             for e in project.inputs
         ),
         disturbances=tuple(Channel(e.name, e.column, unit=e.unit, hold=e.hold) for e in project.disturbances),
-        time=data.time,
+        time=data.time if data.source is None else "time",
         time_unit=data.time_unit or project.time_unit,
         time_unit_declared=data.time_unit is not None,
         time_format=data.time_format,
@@ -141,4 +141,6 @@ def layout_of(project: Declaration) -> Layout:
         value=data.value,
         quality=data.quality,
         most=data.max_samples or Layout.most,
+        sample_time=data.sample_time,
+        max_gap=data.max_gap,
     )

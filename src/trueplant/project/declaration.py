@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field, PrivateAttr, ValidationError
 
 from trueplant import datasets
+from trueplant.calendar import moment_in
+from trueplant.errors import DataError
 from trueplant.project.fields import Limits, Table, TimeUnit, problem
 from trueplant.project.law_table import Controller
 from trueplant.project.messages import message
@@ -107,9 +110,31 @@ class Declaration(Table):
         return tuple(entry.name for entry in self.disturbances)
 
     @property
+    def snapshot(self) -> str:
+        """The file that a historian's events are kept in, as the project names it."""
+        named = None if self.data.source is None else self.data.source.snapshot
+        return named or f"{Path(self._source).stem}-snapshot.parquet"
+
+    @property
+    def window(self) -> tuple[datetime, datetime]:
+        """The stretch of time that is read from a historian, in UTC.
+
+        Raises DataError where its ends bear no offset and no zone is known, or where the clock skips one of them.
+        """
+        assert self.data.start is not None
+        assert self.data.end is not None
+        start, end = (moment_in(at, self.data.time_zone) for at in (self.data.start, self.data.end))
+        if not start < end:
+            raise DataError(
+                "the clock goes back between from and to, so that to is not after from: give both an offset"
+            )
+        return start, end
+
+    @property
     def experiments(self) -> tuple[ExperimentPlan, ...]:
         """One plan a file, in order."""
-        entries = self.declared_experiments or [Experiment(file=name) for name in self.data.files]
+        files = self.data.files if self.data.source is None else [self.snapshot]
+        entries = self.declared_experiments or [Experiment(file=name) for name in files]
         return tuple(
             ExperimentPlan(
                 name=entry.file + _part(entry),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
@@ -9,6 +10,8 @@ from typing import Any
 
 import tomlkit
 from tomlkit.items import Array, InlineTable
+
+from trueplant.project.source_table import PATHS
 
 OF_FILES = ("step", "column", "time", "sample_time", "kind", "ramp", "state_space", "gain_unit")
 """Keys of a model element that a formula in engineering units takes the place of."""
@@ -85,11 +88,15 @@ def same_toml(text: str, tables: Mapping[str, Any]) -> bool:
         return False
 
 
-def with_moved_paths(text: str, move: Callable[[str], str]) -> str:
-    """The project ``text`` with every path replaced by ``move(path)``."""
+def with_moved_paths(text: str, move: Callable[[str], str], snapshot: str = "") -> str:
+    """The project ``text`` with every path replaced by ``move(path)``, that of its ``snapshot`` too if it has one."""
 
     def change(tables: Tables) -> None:
         data, simulate = tables.get("data", {}), tables.get("simulate", {})
+        if source := data.get("source"):
+            source["snapshot"] = snapshot
+            for key in [key for key in PATHS if key in source]:
+                source[key] = move(source[key])
         files = data.get("files", [])
         for k, name in enumerate(files):
             files[k] = move(name)
@@ -130,6 +137,48 @@ def with_formulas(text: str, formulas: Mapping[tuple[str, str], str]) -> str:
         line_end = "\r\n" if "\r\n" in text else "\n"
         text = text.rstrip() + f"\n\n{added}".replace("\n", line_end)
     return text
+
+
+def with_structures(text: str, structures: Mapping[tuple[str, str], str]) -> str:
+    """The project ``text`` with other structures at the model elements (output, input) that name one.
+
+    Pairs that the text does not declare are added at the end, as elements to be found.
+    """
+    missing = dict(structures)
+
+    def change(tables: Tables) -> None:
+        for entry in _entries(tables, "model"):
+            structure = missing.pop((entry["output"], entry["input"]), None)
+            if structure is not None and entry.get("structure", "auto") != "auto":
+                entry["structure"] = structure
+
+    text = edited(text, change)
+    more = [{"output": pair[0], "input": pair[1], "structure": structure} for pair, structure in missing.items()]
+    return _in_its_lines(text, f"{text.rstrip()}\n\n{to_toml({'model': more})}") if more else text
+
+
+def with_old_lines(before: str, after: str, old: str, new: str) -> str:
+    """The TOML text ``after`` with the lines of ``before`` that it lacks as comments where they were.
+
+    Each begins with ``old``; what is added where nothing was is headed by the comment ``new``.
+    """
+    lines, changed = before.splitlines(keepends=True), after.splitlines(keepends=True)
+    out: list[str] = []
+    for kind, a, b, c, d in difflib.SequenceMatcher(None, lines, changed, autojunk=False).get_opcodes():
+        added = changed[c:d]
+        if kind == "insert":
+            blank = next((k for k, line in enumerate(added) if line.strip()), 0)
+            out += [*added[:blank], f"# {new}{_line_end(after)}", *added[blank:]]
+            continue
+        for line in lines[a:b] if kind != "equal" else ():
+            indent = line[: len(line) - len(line.lstrip())] if line.strip() else ""
+            out.append(f"{indent}# {old}: {line.strip()}{_line_end(before)}" if line.strip() else line)
+        out += added
+    return "".join(out)
+
+
+def _line_end(text: str) -> str:
+    return "\r\n" if "\r\n" in text else "\n"
 
 
 def with_exclusions(text: str, entries: Sequence[Mapping[str, Any]]) -> str:

@@ -64,6 +64,12 @@ def guess_loops(names: Iterable[str]) -> list[Loop]:
     for name, meaning in meanings.items():
         if meaning.role is not None:
             by_key[meaning.key].append(name)
+    for key in [key for key, members in by_key.items() if {meanings[name].role for name in members} <= {"op", "mode"}]:
+        shorter = {meanings[name].shorter for name in by_key[key]}
+        other = shorter.pop() if len(shorter) == 1 else key
+        roles = {meanings[name].role for name in by_key.get(other, ())}
+        if other != key and "pv" in roles and "op" not in roles:
+            by_key[other] += by_key.pop(key)
     found = []
     for key, members in by_key.items():
         measured = {meanings[name].quantity for name in members if meanings[name].role == "pv"}

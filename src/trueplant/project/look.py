@@ -56,8 +56,11 @@ def _time(table: Table, others: tuple[str, ...]) -> str:
 
 
 def _clock(table: Table, time: str, parts: LongParts | None) -> tuple[bool | None, float | None, str]:
-    """Does the time bear moments, how many seconds lie between its samples, and what of it is not understood."""
-    rows = table if parts is None else _of_tag(table, parts, parts.tags[0])
+    """Does the time bear moments, how many seconds lie between its samples, and what of it is not understood.
+
+    Of a long export the tag that is written most often counts: a set-point is written when it changes.
+    """
+    rows = table if parts is None else max((_of_tag(table, parts, tag) for tag in parts.tags), key=len)
     try:
         times = parse_times(rows, time, Layout((), ()))
     except DataError as error:

@@ -19,8 +19,13 @@ _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
 _KEY = re.compile(r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*=""")
 
 
-def message(error: ValidationError, model: type[BaseModel], source: str, text: str = "") -> str:
-    """The first mistake of ``error`` (by line where ``text``, the file's, is given), and how many more there are."""
+def message(
+    error: ValidationError, model: type[BaseModel], source: str, text: str = "", file: str = "the project file"
+) -> str:
+    """The first mistake of ``error`` (by line where ``text``, the file's, is given), and how many more there are.
+
+    ``file`` is what the file is called where a key stands in no table.
+    """
     lines = line_numbers(text)
     found = [(_locate(item, model), item) for item in error.errors(include_url=False)]
     # A value that fits no member of a union yields one error a member: the last of the deepest says most.
@@ -40,7 +45,7 @@ def message(error: ValidationError, model: type[BaseModel], source: str, text: s
     place = f"{source}, line {line}" if line else source
     key = path(where)
     more = f" ({len(ordered) - 1} more after this one)" if len(ordered) > 1 else ""
-    return f"{place}: {f'{key}: ' if key else ''}{_words(item, where, model)}{more}"
+    return f"{place}: {f'{key}: ' if key else ''}{_words(item, where, model, file)}{more}"
 
 
 def path(where: Sequence[str | int]) -> str:
@@ -140,16 +145,16 @@ def keys_of(model: type[BaseModel]) -> list[str]:
     return [info.alias or name for name, info in model.model_fields.items()]
 
 
-def _words(item: Any, where: Where, model: type[BaseModel]) -> str:
+def _words(item: Any, where: Where, model: type[BaseModel], file: str) -> str:
     kind, given, context = item["type"], item["input"], item.get("ctx", {})
     if kind == "project":
         return str(item["msg"])
     if kind == "extra_forbidden":
-        return f"is not a key of {_table(where)}: {_nearest(where, model)}"
+        return f"is not a key of {_table(where, file)}: {_nearest(where, model)}"
     if kind == "missing" and isinstance(where[-1], int):
         return "is missing: a pair of numbers is needed here, as in [0, 100]"
     if kind == "missing":
-        return f"is missing: add it to {_table(where)}"
+        return f"is missing: add it to {_table(where, file)}"
     shown = _shown(given)
     if kind == "literal_error":
         choices = str(context.get("expected", "")).replace("'", '"')
@@ -185,10 +190,10 @@ def _words(item: Any, where: Where, model: type[BaseModel]) -> str:
     return f"cannot be {shown}: {item['msg']}"
 
 
-def _table(where: Where) -> str:
+def _table(where: Where, file: str) -> str:
     above = where[:-1]
     if not above:
-        return "the project file"
+        return file
     if isinstance(above[-1], int):
         return f"[[{above[0]}]]" if len(above) == 2 else path(above)
     return f"[{path(above)}]"

@@ -189,9 +189,10 @@ class Project(Declaration):
         from there is not Unicode, as TOML must be.
         """
         text = self._text or to_toml(self.model_dump(by_alias=True, exclude_unset=True))
-        if folder is None or os.path.relpath(self._folder, folder) == os.curdir:
+        named = self.data.source is None or self.data.source.snapshot is not None
+        if folder is None or (named and os.path.relpath(self._folder, folder) == os.curdir):
             return text
-        return with_moved_paths(text, lambda name: self._moved(name, folder))
+        return with_moved_paths(text, lambda name: self._moved(name, folder), self.snapshot)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """A copy, with ``update`` put in unchecked; it is then no longer the project of the file."""

@@ -5,17 +5,26 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from trueplant.project.fields import Finite, Formula, Limits, Name, NotNegative, Positive, Table, TimeUnit, problem
 from trueplant.project.law_table import VendorName
+from trueplant.project.source_table import Historian
 from trueplant.tune import ALL_METHODS
 
 TimeFormat = Literal[
     "dmy", "mdy", "ymd", "numbers", "calendar", "spreadsheet", "unix s", "unix ms", "unix us", "unix ns"
 ]
 """Those of `record.times.FORMATS`."""
-Moment = Finite | datetime
+
+
+def _no_text(given: Any) -> Any:
+    if isinstance(given, str):
+        raise problem(f'must be a number, or a timestamp without quotes such as 2024-03-05T04:00:00, not "{given}"')
+    return given
+
+
+Moment = Annotated[Finite | datetime, BeforeValidator(_no_text)]
 """A point of a record's time axis: a number in data.time_unit, or a timestamp."""
 
 
@@ -43,9 +52,17 @@ class Exclude(Table):
 
 
 class Data(Table):
-    """The files and how to read them; tag, value and quality name the columns of long exports."""
+    """The files and how to read them; tag, value and quality name the columns of long exports.
+
+    Instead of files a historian, and which stretch of time of it.
+    """
 
     files: list[Name] = Field(default_factory=list)
+    source: Historian | None = None
+    start: datetime | None = Field(default=None, alias="from")
+    end: datetime | None = Field(default=None, alias="to")
+    sample_time: Positive | None = None
+    max_gap: Positive | None = None
     time: Name | None = None
     time_unit: TimeUnit | None = None
     time_format: TimeFormat | None = None
@@ -58,6 +75,31 @@ class Data(Table):
     quality: Name = "quality"
     max_samples: int | None = Field(default=None, gt=0)
     exclude: list[Exclude] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _source_is_whole(self) -> Data:
+        if (self.sample_time is None) != (self.max_gap is None):
+            missing = "max_gap" if self.max_gap is None else "sample_time"
+            raise problem("sample_time and max_gap go together: set both or none", missing)
+        if self.sample_time is not None and self.max_gap is not None and self.max_gap < self.sample_time:
+            raise problem(f"must be at least sample_time ({self.sample_time:g})", "max_gap")
+        if self.source is None:
+            for key, said in (("from", self.start), ("to", self.end)):
+                if said is not None:
+                    raise problem(
+                        "goes with [data.source]; a part of a file is an [[experiment]] with from and to", key
+                    )
+            return self
+        for key in ("files", "time", "time_format", "separator", "encoding", "sheet", "tag", "value", "quality"):
+            if key in self.model_fields_set:
+                raise problem("says how files are read: leave it out with [data.source]", key)
+        for key, said in (("from", self.start), ("to", self.end)):
+            if said is None:
+                raise problem("is needed with [data.source], as in from = 2026-10-01T00:00:00+02:00", key)
+        assert self.start is not None
+        assert self.end is not None
+        _check_forwards(self.start, self.end)
+        return self
 
 
 class Experiment(Table):
@@ -171,6 +213,7 @@ class Analysis(Table):
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
     tolerance_percent: NotNegative = 0.0
     worth_knowing_percent: Positive = 30.0
+    longest_test: Positive | None = None
     seed: Annotated[int, Field(ge=0)] = 0
     detectors: list[Detector] = Field(default_factory=list)
 

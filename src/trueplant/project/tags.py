@@ -75,6 +75,8 @@ class Meaning:
     """flow, pressure, level, temperature or other; None where nothing is said."""
     tag: str = ""
     """The tag of the loop without areas and blocks, such as "fic101"; empty without one."""
+    shorter: str = ""
+    """The key where the name says twice what it is: "recycle valve output" may belong to the loop "recycle"."""
 
 
 def meaning_of(name: str) -> Meaning:
@@ -89,11 +91,13 @@ def meaning_of(name: str) -> Meaning:
     at, role = (None, None) if found is None else found
     rest = [part for k, part in enumerate(parts) if k != at]
     quantity = next((_QUANTITIES[part] for part in rest if part in _QUANTITIES), "")
-    key = _key([part for part in rest if part not in _QUANTITIES])
+    named = [part for part in rest if part not in _QUANTITIES]
+    key = _key(named)
+    shorter = _key([part for part in named if role is None or part not in _WORDS[role]])
     weak = role is None
     if role is None and (quantity or tag):
         role = "pv"
-    return Meaning(key, role, weak, status, quantity, kind or quantity or None, tag)
+    return Meaning(key, role, weak, status, quantity, kind or quantity or None, tag, shorter)
 
 
 def _parts(name: str) -> list[str]:

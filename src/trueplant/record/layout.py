@@ -58,6 +58,10 @@ class Layout:
     quality: str = "quality"
     most: int = levels.MOST_CELLS
     """Cells of a file that are read."""
+    sample_time: float | None = None
+    """Of the even grid that a long export is put on, in `time_unit`; None: the stamps of its most recorded tag."""
+    max_gap: float | None = None
+    """Between two values of a PV, or after one of OP, in `time_unit`: beyond is missing. Goes with `sample_time`."""
 
     @property
     def continuous(self) -> tuple[str, ...]:

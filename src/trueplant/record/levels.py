@@ -22,12 +22,17 @@ SENTINELS = tuple(
 SENTINEL_AWAY = 3.0
 """Ranges of all other values by which such a number lies off them. Judgement: a measurement that happens to be 999
 has neighbours."""
+SENTINEL_STEP = 0.1
+"""Share of the size of all other values by which it lies off them at least: a set-point that was constant at 998 has no
+range, and may go to 999. Judgement."""
 MOST_CELLS = 200_000_000
 """Cells of a table that is read: 1.6 GB as numbers."""
 MOST_SHEET_CELLS = 50_000_000
 """Cells of an Excel sheet that is read: they are laid out as text first, some 100 bytes each."""
 MOST_UNPACKED = 2_000_000_000
 """Bytes that a workbook unpacks to."""
+STAMP = 1e-6
+"""Seconds by which stamps that are kept to the microsecond may miss a moment of a grid, and the share of a step."""
 BLOCK = 1 << 18
 """Samples that are looked at at once where that bounds memory."""
 MOST_SPANS = 1000

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from datetime import timedelta
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +14,15 @@ from numpy.typing import NDArray
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import DataError
 from trueplant.record import levels
+from trueplant.record.grid import Grid
 from trueplant.record.layout import Layout
-from trueplant.record.numbers import counted
+from trueplant.record.numbers import counted, no_measurements, to_numbers
 from trueplant.record.table import Table, did_you_mean
 from trueplant.record.times import Times, find_time, parse_times
 from trueplant.record.types import Finding, Kind
+
+if TYPE_CHECKING:
+    import polars as pl
 
 _SYNONYMS = {
     "tag": ("tag", "tagname", "point", "pointname", "name", "signal", "variable", "item", "itemid", "messstelle"),
@@ -100,7 +106,8 @@ def to_wide(table: Table, layout: Layout) -> tuple[Table, Times]:
 
     Tags that share their stamps are set side by side. Otherwise the stamps of the most often recorded tag are
     kept; held tags (OP, SP, mode) take their last value, and each value of a continuous tag (PV) goes to
-    the nearest stamp within half an interval, NaN elsewhere. Raises DataError for tags that are not there.
+    the nearest stamp within half an interval, NaN elsewhere. With `layout.sample_time` all tags are put on an even grid
+    instead. Raises DataError for tags that are not there.
     """
     import polars as pl
 
@@ -123,6 +130,9 @@ def to_wide(table: Table, layout: Layout) -> tuple[Table, Times]:
         notes += _bad_ones(table, quality, bad, code, wanted)
         values = pl.select(pl.when(pl.Series(bad)).then(None).otherwise(values)).to_series()
     stamps, rows = _sorted_stamps(table, times.seconds, code, wanted)
+    if layout.sample_time is not None:
+        events = dict(zip(wanted, zip(stamps, rows, strict=True), strict=True))
+        return _on_grid(dataclasses.replace(table, notes=tuple(notes)), times, layout, values, events)
     base = max(range(len(wanted)), key=lambda k: (stamps[k].size, k < len(layout.continuous)))
     grid = stamps[base]
     apart = [k for k in range(len(wanted)) if not np.array_equal(stamps[k], grid)]
@@ -142,6 +152,51 @@ def to_wide(table: Table, layout: Layout) -> tuple[Table, Times]:
     whole = pl.DataFrame([s.alias(n) for n, s in frame.items()])
     wide = dataclasses.replace(table, names=tuple(frame), frame=whole, lines=None, notes=tuple(notes))
     return wide, times
+
+
+def _on_grid(
+    table: Table,
+    times: Times,
+    layout: Layout,
+    values: pl.Series,
+    events: Mapping[str, tuple[Array, NDArray[np.int64]]],
+) -> tuple[Table, Times]:
+    """The same on an even grid: PV and disturbances run straight between their events, all else holds its last one.
+
+    `events` are the stamps and rows of each tag.
+    """
+    import polars as pl
+
+    grid = Grid.of(layout, {name: stamps for name, (stamps, _) in events.items()}, table.source)
+    numbers, _ = to_numbers(values, table.decimal)
+    limited = {channel.column for channel in layout.inputs}
+    origin = float(grid.moments[0])
+    frame = {"time": pl.Series("time", grid.moments - origin)}
+    filled: dict[str, float] = {}
+    notes = list(table.notes)
+    for name, (stamps, rows) in events.items():
+        if name in layout.continuous:
+            own = numbers[rows]
+            codes = no_measurements(own)
+            if codes.any():
+                message = f"{name}: {counted(int(codes.sum()), 'value')} that is no measurement; counted as missing."
+                notes.append(Finding(Kind.CODE, name, message, samples=int(codes.sum()), excludes=True))
+            frame[name] = pl.Series(name, grid.linear(stamps, np.where(codes, np.nan, own)))
+            filled[name] = float(np.mean(grid.reconstructed(stamps)))
+            continue
+        last = grid.held(stamps, name in limited)
+        picked = values.gather(rows[np.maximum(last, 0)])
+        frame[name] = picked.zip_with(pl.Series(last >= 0), picked.clear(last.size)).alias(name)
+    told = ", ".join(f"{100 * share:.3g} % of {name}" for name, share in filled.items())
+    message = (
+        f"The tags were put on a grid of {grid.step:g} s: PV and disturbances run straight between their events, OP, "
+        f"set-points and mode hold. Without an event of their own are {told}."
+    )
+    notes.append(Finding(Kind.ALIGNED, table.source, message, value=max(filled.values())))
+    whole = pl.DataFrame(list(frame.values()))
+    wide = dataclasses.replace(table, names=tuple(frame), frame=whole, lines=None, notes=tuple(notes))
+    start = None if times.start is None else times.start + timedelta(seconds=origin)
+    return wide, dataclasses.replace(times, seconds=grid.moments - origin, start=start)
 
 
 def _codes(table: Table, column: str, wanted: Sequence[str]) -> NDArray[np.int64]:

@@ -106,11 +106,15 @@ def _sentence(
         parts.append(f"not automatic {listed(False)}")
     text = f"{column}: {'; '.join(parts)}."
     if None in meant.values():
-        unknown = sum(counts[cell] for cell, said in meant.items() if said is None)
-        text += (
-            f" What {listed(None)} means is not known: {counted(unknown, 'row')} counted as not automatic. If it is, "
-            f"say automatic_values = [{', '.join(toml_of(cell) for cell, said in meant.items() if said is not False)}]."
-        )
+        cells = [cell for cell, said in meant.items() if said is None]
+        known = [cell for cell, said in meant.items() if said]
+        unknown = sum(counts[cell] for cell in cells)
+        text += f" What {listed(None)} means is not known: {counted(unknown, 'row')} counted as not automatic. "
+        if len(cells) == 1:
+            text += f"If it is, say automatic_values = [{', '.join(map(toml_of, [*known, *cells]))}]."
+        else:
+            beside = f", beside {', '.join(map(toml_of, known))}" if known else ""
+            text += f"Name those of them that are automatic in automatic_values{beside}."
     elif True not in meant.values():
         text += (
             " If one of these is, name it in automatic_values."

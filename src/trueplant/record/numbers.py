@@ -101,5 +101,5 @@ def no_measurements(values: Array) -> BoolArray:
     if not codes.any() or not others.size:
         return np.asarray(bad)
     low, high = float(others.min()), float(others.max())
-    away = levels.SENTINEL_AWAY * (high - low)
+    away = max(levels.SENTINEL_AWAY * (high - low), levels.SENTINEL_STEP * max(-low, high))
     return np.asarray(bad | codes & ((values < low - away) | (values > high + away)))

@@ -45,13 +45,13 @@ def read_record(
     is_file = isinstance(path_or_frame, (str, Path))
     if is_file:
         said = {"separator": layout.separator, "encoding": layout.encoding, "sheet": layout.sheet, "most": layout.most}
-        table = read_table(path_or_frame, wanted=partial(_wanted, layout), say=say, **said)
+        table = read_table(path_or_frame, wanted=partial(wanted_columns, layout), say=say, **said)
     else:
         table = as_table(path_or_frame, name or "frame")
     if not layout.outputs or not layout.inputs:
         raise DataError(f"{table.source}: declare at least one output and one input")
     name = name or (Path(path_or_frame).stem if is_file else "frame")
-    columns, times = _in_time(table, layout)
+    columns, times = in_time(table, layout)
     record = _record(columns, layout, name)
     source = str(path_or_frame) if is_file else ""
     return replace(
@@ -65,7 +65,7 @@ def read_record(
     )
 
 
-def _wanted(layout: Layout, start: Table) -> list[str] | None:
+def wanted_columns(layout: Layout, start: Table) -> list[str] | None:
     """The columns of a table that are used, given its first rows; None where that does not show in its header."""
     used = {column for _, column in _roles(layout)} & set(start.names)
     if not used:
@@ -77,7 +77,7 @@ def _wanted(layout: Layout, start: Table) -> list[str] | None:
     return [*used, time, *partners(start, time)]
 
 
-def _in_time(table: Table, layout: Layout) -> tuple[_Columns, Times]:
+def in_time(table: Table, layout: Layout) -> tuple[_Columns, Times]:
     """The columns of a table, long or wide, on its rows in order of time, and what its column of time says."""
     per_unit = unit_seconds(layout.project_time_unit)
     if is_long(table, layout):
@@ -87,6 +87,11 @@ def _in_time(table: Table, layout: Layout) -> tuple[_Columns, Times]:
     else:
         for role, column in _roles(layout):
             table.column(column, role)
+        if layout.sample_time is not None:
+            raise DataError(
+                f"{table.source} has a column for each signal, on a grid of its own: leave out data.sample_time and "
+                "data.max_gap, which are for long exports (tag, time, value)"
+            )
         used = frozenset([*layout.continuous, *layout.held])
         time = layout.time if layout.time is not None else find_time(table, used)
         if time in used:

@@ -165,9 +165,11 @@ def _separator(text: str, source: Source) -> str:
         sample = sample[:-1]
     chosen = _sniff(sample)
     if chosen is None:
-        if sum(map(_has_data, sample)) == 0:
+        rows = [line for line in sample if _has_data(line)]
+        if not rows:
             raise DataError(f"{source.name} holds no rows of numbers below its header; export the data again")
-        chosen = max(SEPARATORS, key=lambda c: sum(c in line for line in sample))
+        # a column by itself has none, whatever stands in its name
+        chosen = max(SEPARATORS, key=lambda c: sum(c in line for line in rows))
     return chosen
 
 

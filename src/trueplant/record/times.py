@@ -105,7 +105,7 @@ def parse_times(table: Table, name: str, layout: Layout, groups: NDArray[np.int6
             stamps = stamps - declared.utcoffset(None)
         elif zone is None:
             stamps = _to_utc(table, stamps, layout.time_zone, groups)
-        zone = layout.time_zone
+        zone, notes = layout.time_zone, tuple(note for note in notes if note.kind is not Kind.ZONE)
     return _since_start(table, name, stamps, zone, notes)
 
 
@@ -226,7 +226,7 @@ def _borne(offsets: pl.Series) -> tuple[str, tuple[Finding, ...]]:
         f"Stamps bear several offsets from UTC ({', '.join(names)}): times are shown in UTC. For those of the clock on "
         "the wall, name its zone as data.time_zone."
     )
-    return "UTC", (Finding(Kind.TIME, "time", message),)
+    return "UTC", (Finding(Kind.ZONE, "time", message),)
 
 
 def _with_date(table: Table, name: str) -> pl.Series:

@@ -78,6 +78,8 @@ class Kind(StrEnum):
     """Day and month could be swapped."""
     TIME = "time"
     """Numbers of time were read as moments."""
+    ZONE = "zone"
+    """Stamps bear several offsets, and no zone was named."""
     ALIGNED = "aligned"
     """The tags of a long export bear stamps of their own."""
     BAD_QUALITY = "bad-quality"

@@ -24,7 +24,7 @@ from trueplant.result import (
     Status,
     Uncertainty,
 )
-from trueplant.study.curves import curves_of
+from trueplant.study.curves import curves_of, trends_alone
 from trueplant.study.data.cascade import cascade_notes
 from trueplant.study.data.declared import band_notes, beside_the_band
 from trueplant.study.data.nonparametric import coherence_curves, coherence_table
@@ -119,6 +119,7 @@ def refused(study: Study, checked: Checked) -> Result:
         elements=elements,
         methods=_beside(checked),
         notes=grouped(notes),
+        curves=trends_alone(study),
     )
 
 
@@ -176,5 +177,8 @@ def _notes(study: Study, checked: Checked, found: Found, elements: Sequence[Elem
     notes += band_notes(study, elements)
     notes += found.judged.powerless
     notes += [Reason(Code.METHODS, sentence) for sentence in found.compared.disagreements]
-    notes += [Reason(Code.MORE_DATA, f"to settle what is open: {plan.sentence}") for plan in found.plans[:1]]
+    notes += [
+        Reason(Code.MORE_DATA, f"to settle what is open: {plan.sentence}" if plan.moves else plan.sentence)
+        for plan in found.plans[:1]
+    ]
     return grouped(notes)

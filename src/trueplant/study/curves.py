@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from scipy.stats import norm
 
@@ -13,7 +15,7 @@ from trueplant.lti import TransferMatrix, UncertainPlant
 from trueplant.lti.sampled import sampled_response
 from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.record import excitation
-from trueplant.result import Curves, Residuals, Trend
+from trueplant.result import Curves, Interval, Residuals, Trend
 from trueplant.study import levels
 from trueplant.study.data.declared import model_response, model_steps, step_responses
 from trueplant.study.data.nonparametric import label_of
@@ -49,12 +51,14 @@ def curves_of(
         bode_model=model_response(study, w) * said,
         bode_plant=plant(1j * w)[:, :, :n_u],
         bode_std=_relative_std(known, w)[:, :, :n_u],
-        band=tuple((None,) * n_u for _ in range(n_y)) if response is None else speaking_band(response),
+        band=tuple((None,) * n_u for _ in range(n_y))
+        if response is None
+        else speaking_band(response, plant.columns(0, n_u)),
         np_w=np.zeros(0) if response is None else response.w,
         np_value=np.zeros((0, n_y, n_u), complex) if response is None else _reliable(response),
         np_std=np.zeros((0, n_y, n_u)) if response is None else response.std,
         np_label="" if response is None else label_of(response),
-        trends=tuple(_trend(study, identified, k, plant) for k in range(len(study.screened))),
+        trends=tuple(_trend(study, k, _predicted(study, identified, k, plant)) for k in range(len(study.screened))),
         residuals=tuple(_residuals(study, i, e) for i, e in sorted(identified.estimates.items())),
         condition_w=excited.w,
         condition=excited.condition,
@@ -90,6 +94,38 @@ def _step_times(study: Study, plant: TransferMatrix) -> Array:
     return np.linspace(0, end, levels.STEP_POINTS + 1)
 
 
+def trends_alone(study: Study) -> Curves:
+    """The records as they were read, where nothing can be said of a plant."""
+    project = study.project
+    n_y, n_u = len(project.outputs), study.n_u
+    none, elements = np.zeros(0), np.zeros((0, n_y, n_u))
+    return Curves(
+        outputs=project.output_names,
+        inputs=project.input_names,
+        output_units=tuple(o.unit for o in project.outputs),
+        input_units=tuple(u.unit for u in project.inputs),
+        time_unit=project.time_unit,
+        step_t=none,
+        step_model=elements,
+        step_plant=elements,
+        step_low=elements,
+        step_high=elements,
+        w=none,
+        bode_model=elements.astype(complex),
+        bode_plant=elements.astype(complex),
+        bode_std=elements,
+        band=((None,) * n_u,) * n_y,
+        np_w=none,
+        np_value=elements.astype(complex),
+        np_std=elements,
+        np_label="",
+        trends=tuple(_trend(study, k, {}) for k in range(len(study.screened))),
+        residuals=(),
+        condition_w=none,
+        condition=none,
+    )
+
+
 def _step_bands(study: Study, plant: UncertainPlant, t: Array) -> tuple[Array, Array]:
     """(n_t, n_y, n_u + n_d) each: the band of the step responses over plants drawn from what is known of this one.
 
@@ -110,7 +146,13 @@ def _step_bands(study: Study, plant: UncertainPlant, t: Array) -> tuple[Array, A
     return low, high
 
 
-def _trend(study: Study, identified: Identified, k: int, plant: TransferMatrix) -> Trend:
+def _band(response: FrequencyResponse | None, plant: TransferMatrix) -> tuple[tuple[Interval | None, ...], ...]:
+    n_y, n_u = plant.shape
+    return ((None,) * n_u,) * n_y if response is None else speaking_band(response, plant)
+
+
+def _predicted(study: Study, identified: Identified, k: int, plant: TransferMatrix) -> dict[str, Array]:
+    """What model and plant make of the recorded OP of an experiment, (N, n_y) each."""
     screened = study.screened[k]
     record = screened.record
     simulated = {label: np.full(record.y.shape, np.nan) for label in ("model", "plant")}
@@ -123,6 +165,13 @@ def _trend(study: Study, identified: Identified, k: int, plant: TransferMatrix) 
                     for label, matrix in both:
                         y = simulate_row(matrix, i, piece)
                         simulated[label][inside, i] = np.interp(record.t[inside], segment.t, y)
+    return simulated
+
+
+def _trend(study: Study, k: int, predicted: Mapping[str, Array]) -> Trend:
+    screened = study.screened[k]
+    record = screened.record
+    unknown = np.full(record.y.shape, np.nan)
     findings = [*record.notes, *screened.findings]
     return Trend(
         name=study.project.experiments[k].name,
@@ -132,8 +181,8 @@ def _trend(study: Study, identified: Identified, k: int, plant: TransferMatrix) 
         r=record.r,
         y=record.y,
         u=record.u,
-        model=simulated["model"],
-        plant=simulated["plant"],
+        model=predicted.get("model", unknown),
+        plant=predicted.get("plant", unknown),
         excluded=tuple(
             (a, b, f.signal, f.kind) for f in findings if f.excludes or f.kind in SHADED for a, b in f.spans
         ),

@@ -9,6 +9,12 @@ EXCITED = 1e-3
 FILLED_IN = 0.3
 """Share of a signal that its historian may fill in before the reader is told that the estimate suffers. Half of it
 does not show yet in simulated Wood-Berry records, two thirds are a bias (benchmarks/bench_compression.py)."""
+MOSTLY_MANUAL = 0.5
+"""Share of a record of closed loops in manual from which that is said beside the answer."""
+REACHED = 0.01
+"""Of the answer of a PV or OP whose set-point stands still to what moves elsewhere, to count as reached by it."""
+OTHER_TIMES = 199
+"""To which the sources are shifted for that: enough for the level above."""
 ANSWER_LAGS = 6
 """Lags tried, samples of PV's own past, samples looked at."""
 ANSWER_PAST = 10
@@ -67,6 +73,9 @@ GAIN_OFF = 0.10
 """A gain of a controller that is off by this has to be found: half of it is the line between right and wrong."""
 TIME_OFF = 0.25
 """The same of integral and derivative times."""
+BETWEEN_OFF = 1.5
+"""Times the declared gain, or that part of it, from which a law is wrong that acts between the samples of its record: a
+proportional band taken for a gain, per cent of span for units, are more. Judgement."""
 LAW_SURE = 3.0
 """Standard errors by which a gain or time has to be off to be called wrong: once in 400 where nothing is."""
 LAW_WINDOWS = 20
@@ -212,36 +221,106 @@ RESPONSE_POINTS = 300
 
 # -- loops/recommendation --------------------------------------------------------------------------------------------
 
-LOUDER_NOISE = 1.5
-"""From this factor on it is said that noise moves OP more than today."""
+MORE_OVERSHOOT = 0.05
+"""Of the step: by how much more a set-point step may overshoot where sound settings for an unchanged plant are given
+up. Judgement; with it and the tenth of the settling time benchmarks/bench_settings.py says how often they are kept."""
+MORE_PEAK = 0.05
+"""By how much Ms may rise there: a little less load error for less margin is another choice, not a better one.
+Judgement, as above."""
+WORTH_MARGIN = 0.5
+"""Below this part of today's load error a loop there was sluggish, and may pay with margin. Judgement."""
 WORTH_A_CHANGE = 0.9
-"""A proposal has to bring the error of a load step below this part of today's to be worth a change."""
+"""A proposal has to bring the error of a load step below this part of today's to be worth a change, and
+may raise it by no more than a tenth in another loop; where a smaller mu is all there is, mu."""
 
 # -- experiment/moves ------------------------------------------------------------------------------------------------
 
 MOVE_RATIO = (1 + 5**0.5) / 2
 """Loops that are moved at once change at intervals in this ratio, so that their moves never fall into step."""
-PLAN_LENGTHS = 500
+PLAN_LENGTHS = 200
 """Lengths of a plan at which its information is looked at."""
 
-# -- experiment/plans ------------------------------------------------------------------------------------------------
+# -- experiment/known ------------------------------------------------------------------------------------------------
+
+SHORTEST_SLOWEST = 10
+"""Samples that the slowest element counts as taking at least."""
+USUAL_DAMPING = 0.7
+"""Of a pair of which nothing is known."""
+GAIN_STEPS = 10
+"""Steps in which such a gain is looked for: it is a linear problem."""
+
+# -- experiment/open_questions ---------------------------------------------------------------------------------------
 
 WANTED_PRECISION = 0.10
 """Half-width of an interval relative to its parameter (of a dead time to dead time and lag): that of grade A."""
+MATTERS = 0.10
+"""Change of the loops' answers to their set-points, as a share of what PV moves, below which it does not matter that an
+element is open: what the precision that is wanted of a gain amounts to in a loop that follows its set-point."""
+MATTERS_SURE = 2.0
+"""Standard errors of an element's response that count as what is open of it."""
+HARDLY_KNOWN = 0.5
+"""The same, above which moves cannot be planned with any certainty: a first test comes before. Judgement."""
+FIRST_PRECISION = 0.3
+"""The same, that a first test is to reach: with it the second can be planned. Judgement."""
+MATTERS_POINTS = 60
+"""Frequencies at which that is looked at."""
+
+# -- experiment/stand ------------------------------------------------------------------------------------------------
+
+PLANS_TRIED_ON = 60
+"""Plants drawn, each with a disturbance of its own, on none of which a plan may leave the limits: of as many more at
+most 1 in 60 would. On the true plant 5 % are allowed (benchmarks/bench_plans.py)."""
+DRAWN_AT_MOST = 5
+"""Times as many plants are drawn at most, as those on which today's loop would run away do not count."""
+FEWEST_TRIED_ON = 10
+"""Plants on which today's loop is stable, below which nothing is planned. Judgement."""
+DRAWN_SPREAD = 0.5
+"""Largest standard deviation of a drawn parameter relative to itself: of what is known worse, nothing is known."""
+SHOWN_WIDENED = 1.0
+"""Part of the range that a record shows of PV or OP which counts as allowed beyond it to each side, where no limits are
+declared. A record mostly ends at one end of its range, and moves go as far to both sides. Judgement."""
+LATELY = (3.0, 10.0)
+"""Lags and dead times of the slowest element, at the end of the records, in which OP is averaged at least and at most:
+long enough for its noise to be small, and short enough to be today."""
+WANDERS = 1.0
+"""Lags and dead times of the slowest element in which PV and OP are averaged to see how their rest wanders."""
+PERCENT = (0.0, 100.0)
+"""Where a signal in per cent can be, unless the record says otherwise."""
+WELL_AFTER = 2
+"""Lags and dead times of the slowest element after a move that are not averaged, where the record goes on so long."""
+LARGER_DISTURBANCE = 1.4
+"""Times what the noise model says: short records take a part of the noise for the plant. Without it, PV or OP left the
+limits in 10 to 20 % of the runs of some plans in part 1 of benchmarks/bench_plans.py."""
+SLOW_NOISE = 0.05
+"""Time constant of a noise model, over the length of its record, beyond which it is taken for a drift without end: the
+record cannot tell them apart. Judgement."""
+BURN_IN = 500
+"""Samples after which simulated noise has forgotten its start."""
+
+# -- experiment/plans ------------------------------------------------------------------------------------------------
+
 MOVE_INTERVALS = (0.5, 1.0, 2.0, 4.0)
 """Times from one move to the next that are tried, in lags and dead time of the slowest element."""
+SHIFT = 8.0
+"""Hours of the longest test, where the project does not say."""
 LONGEST_PLAN = 150.0
-"""Longest plan, in the same unit."""
+"""Longest plan that is tried out, in lags and dead time of the slowest element."""
+LONGEST_FORETOLD = 100.0
+"""How many times longer than what was tried out a test is foretold to take, before it is said that none would do."""
+SETTLING = 5.0
+"""Lags and dead times of the slowest element after the last move in which the limits are looked at as well."""
+LOWEST_OF_SLOWEST = 0.01
+"""The lowest frequency looked at, over the reciprocal of lag and dead time of the slowest element: all is at rest."""
 LARGER_MOVES = 2.0
-"""A plan may move a set-point by so many times what the record saw."""
+"""A plan may move a set-point by so many times what the record saw; the first of two no further than that."""
 PLAN_SAMPLES = 100_000
 """Of a plan that is tried out."""
 LEAST_ROOM = 0.02
 """Share of the moves wished for below which the limits leave no room for any."""
 SPAN_PART = 0.05
 """Part of its instrument's span that a signal is moved by which has not moved in the record."""
-LIMIT_MARGIN = 3.0
-"""Standard deviations of what noise does to PV and OP that are kept from their limits."""
+SIZED_TWICE = 6
+"""How often a plan is made smaller, and therefore longer, until it keeps the limits on all plants drawn."""
 
 # -- curves ----------------------------------------------------------------------------------------------------------
 

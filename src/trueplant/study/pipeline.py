@@ -28,6 +28,12 @@ from trueplant.study.plant.updated import updated_plant
 from trueplant.study.study import Progress, Study, quiet
 from trueplant.threads import one_thread
 
+NO_ELEMENT = "no output has both an element to estimate and usable data"
+NOTHING_SHOWN = (
+    "nothing in these data shows beyond chance that a PV answers to an OP: see whether PV, SP and OP are the columns "
+    "that they are called, and whether several samples lie within the time that the loop takes to answer"
+)
+
 
 @one_thread()
 def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | None = None) -> Result:
@@ -43,16 +49,20 @@ def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
     identified = through_the_gate(study, identify(study, say))
     identified = against_settled_loop(study, identified, controllers)
     if not identified.estimates:
-        reasons += (Reason(Code.NOTHING_TO_ESTIMATE, "no output has both an element to estimate and usable data"),)
+        reasons += (Reason(Code.NOTHING_TO_ESTIMATE, NOTHING_SHOWN if identified.absence_p else NO_ELEMENT),)
         return refused(study, _checked(study, controllers, reasons))
     plant = updated_plant(study.model, identified.estimates)
     judged = with_derived(study, plant.nominal, judge(study, identified, plant.nominal))
     study = study.with_first_model(plant.nominal)
     say("comparing methods")
     compared = compare_methods(study, identified, plant.nominal)
-    say("what the change does to the loops")
+    say("margins and robustness of today's loops")
     loop = robustness_of(study, plant) if judged.answered else LoopToday()
-    retuned = retuning_of(study, identified, plant, compared.response, controllers) if judged.answered else Retuning()
+    retuned = Retuning()
+    if judged.answered:
+        say("settings for the controllers")
+        retuned = retuning_of(study, identified, plant, compared.response, controllers, judged.elements)
+    say("planning moves that would tell more")
     plans = more_data(study, identified.estimates, plant.nominal)
     say("putting the result together")
     return assemble(

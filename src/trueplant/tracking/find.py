@@ -7,7 +7,7 @@ those before it (greedy A-optimal design; Pukelsheim 2006), each gain relative t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +23,7 @@ from trueplant.result import Check, Code, ExpectedGain, Reason, Status, UsableSt
 from trueplant.study.check import checked
 from trueplant.study.data.excitation import excited
 from trueplant.study.data.prepare import prepare
+from trueplant.study.data.reached import unreached_elements
 from trueplant.study.data.timing import update_interval
 from trueplant.study.study import Progress, Study, quiet
 from trueplant.threads import one_thread
@@ -55,7 +56,8 @@ def find(project: Project, say: Progress = quiet, frames: Sequence[Any] | None =
         moves = moves_by_experiment(study, settle)
         say("weighing the stretches")
         tried = _candidates(study, rows, moves, settle)
-        usable = tuple(_told(study, rows, one) for one in _ranked(study, rows, tried))
+        unreached = unreached_elements(study)
+        usable = tuple(_told(study, rows, one, unreached) for one in _ranked(study, rows, tried))
     # what is said of the whole history together does not hold for parts of it
     others = tuple(r for r in found.reasons if r.code not in (Code.NO_EXCITATION, Code.TOO_LARGE))
     if usable:
@@ -202,8 +204,10 @@ def _shows(study: Study, one: _Candidate) -> bool:
     return bool(segments) and excited(segments, [study.computed] * len(segments))
 
 
-def _told(study: Study, rows: Sequence[_EstimatedRow], one: _Candidate) -> UsableStretch:
-    """A stretch as the result has it, from its first to its last sample."""
+def _told(
+    study: Study, rows: Sequence[_EstimatedRow], one: _Candidate, unreached: Collection[tuple[int, int]]
+) -> UsableStretch:
+    """A stretch as the result has it, from its first to its last sample; nothing is told of `unreached` elements."""
     screened, project = study.screened[one.experiment], study.project
     t = screened.record.t
     first, last = np.searchsorted(t, one.start), np.searchsorted(t, one.end, side="right") - 1
@@ -211,7 +215,7 @@ def _told(study: Study, rows: Sequence[_EstimatedRow], one: _Candidate) -> Usabl
     channels, moves = one.moves.within(*span)
     names = project.output_names if screened.record.closed else project.input_names
     expected = [
-        _expected(study, row, spec, part, error)
+        _expected(study, row, spec, part, np.inf if (row.output, spec.column) in unreached else error)
         for row, errors in zip(rows, one.errors(rows), strict=True)
         for spec, part, error in _gains(row, errors)
     ]

@@ -113,7 +113,7 @@ class FollowedRow:
         """What windows have to be like if this estimate is right."""
         reasons = unanswered(estimate)
         answered = [k for k in range(estimate.theta.size) if k not in reasons]
-        demand = demand_of(estimate.fit, answered, self.study.columns, self.precision)
+        demand = demand_of(estimate.fit, answered, self.study.columns, self.precision, self.study.project.time_unit)
         order = sorted(self.pieces, key=lambda k: self.offsets[k])
         own = [blocks_of(estimate.fit, replace(estimate.row, pieces=self.pieces[k]), self.moves[k]) for k in order]
         return Plan(demand, settling(estimate.fit), Blocks.joined(own, [self.offsets[k] for k in order]))

@@ -18,6 +18,7 @@ from trueplant.identify import Row, RowFit
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.record import Segment
+from trueplant.result.numbers import number
 from trueplant.tracking import levels
 
 
@@ -67,6 +68,7 @@ class Demand:
     precision: float
     shortest: float
     """Time that a window takes at least."""
+    time_unit: str
 
     def met(self, information: Array, share: float = 1.0) -> bool:
         """Are the standard errors within this many times what was asked for?"""
@@ -76,8 +78,8 @@ class Demand:
         """What a stretch of this length with so many prediction errors lacks: length, samples, or moves."""
         if length < self.shortest:
             return (
-                f"this stretch is shorter than a window can be: it takes {self.shortest:.3g}, three times what the "
-                "plant takes to settle"
+                f"this stretch is shorter than a window can be: it takes {number(self.shortest)} {self.time_unit}, "
+                "three times what the plant takes to settle"
             )
         if errors < levels.FEWEST_ERRORS:
             return (
@@ -99,7 +101,7 @@ def standard_errors(information: Array) -> Array:
     return np.asarray(np.sqrt(np.diag(inverse(information, levels.NO_INFORMATION)))[:-1])
 
 
-def demand_of(fit: RowFit, answered: Sequence[int], columns: Sequence[str], precision: float) -> Demand:
+def demand_of(fit: RowFit, answered: Sequence[int], columns: Sequence[str], precision: float, time_unit: str) -> Demand:
     """Gains, slopes, first time constants and dead times of the elements that the pilot has found."""
     names = fit.row.names
     inputs = [columns[spec.column] for spec in fit.row.specs for _ in spec.structure.names]
@@ -110,7 +112,7 @@ def demand_of(fit: RowFit, answered: Sequence[int], columns: Sequence[str], prec
         if wanted[k] or names[k] == "tau1":
             limits[k] = precision * size[k]
     words = tuple(f"{name.replace('_', ' ')} of {column}" for name, column in zip(names, inputs, strict=True))
-    return Demand(limits, words, precision, levels.LEAST_SETTLINGS * settling(fit))
+    return Demand(limits, words, precision, levels.LEAST_SETTLINGS * settling(fit), time_unit)
 
 
 def settling(fit: RowFit) -> float:
@@ -136,7 +138,9 @@ def blocks_of(fit: RowFit, row: Row, moves: Array) -> Blocks:
     """What each block of the pieces of one experiment will say about theta of `fit` under its noise model."""
     settle = settling(fit)
     h = row.pieces[0].h * row.stride
-    length = max(levels.SHORTEST_BLOCK, round(settle / levels.BLOCKS_PER_SETTLING / h))
+    # an element of which little is known may take longer to settle than the record lasts
+    longest = max(len(range(0, piece.y.size, row.stride)) for piece in row.pieces)
+    length = max(levels.SHORTEST_BLOCK, round(min(settle / levels.BLOCKS_PER_SETTLING / h, longest)))
     parts = [_piece_blocks(fit, replace(row, pieces=(piece,)), length, settle) for piece in row.pieces]
     start, end, information, errors = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     last = np.searchsorted(moves, end) - 1
@@ -152,7 +156,7 @@ def _piece_blocks(fit: RowFit, row: Row, length: int, settle: float) -> tuple[Ar
     piece, stride, order = row.pieces[0], row.stride, fit.ar.size
     total = len(range(0, piece.y.size, stride))
     count, size = -(-total // length), fit.theta.size + 1
-    warm = int(np.ceil(levels.WARM * settle / (piece.h * stride))) + order
+    warm = int(np.ceil(min(levels.WARM * settle / (piece.h * stride), total))) + order
     information, errors = np.zeros((count, size, size)), np.zeros(count)
     per_chunk = max(1, levels.CHUNK // length)
     for first in range(0, count, per_chunk):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from support.pages import unpacked
 from support.stamped import AMSTERDAM, project_text, record, square_wave, stamped
 from trueplant.cli.data import show_check
 from trueplant.cli.track import show as show_track
@@ -112,7 +113,8 @@ def test_the_page_and_the_terminal_say_when(tracks: dict[str, Track], capsys: py
     local = tracks["local"]
     when = local.calendar.text(local.changes[0].time)
     page = render_track(local)
-    assert when in page and "Amsterdam)" in page and '"type":"date"' in page
+    figures = unpacked(page)["book"]
+    assert when in page and "Amsterdam)" in figures and '"type":"date"' in figures
     show_track(local)
     assert when[:16] in capsys.readouterr().out
 
@@ -130,7 +132,7 @@ def test_the_report_says_when():
     result = analyse(Project.from_toml(project_text(data)), frames=[stamped(COLUMNS, "local")])
     page = render(result)
     assert page.count("2024-03-30 19:00:00 CET to 2024-03-31 20:59:00 CEST") >= 2
-    assert "2024-03-31 01:30:00 CET to 2024-03-31 03:30:00 CEST" in page and '"type":"date"' in page
+    assert "2024-03-31 01:30:00 CET to 2024-03-31 03:30:00 CEST" in page and '"type":"date"' in unpacked(page)["book"]
     assert result.curves is not None
     again = build(Curves, plain(result.curves))
     assert again.calendar(again.trends[0]) == result.curves.calendar(result.curves.trends[0])

@@ -213,4 +213,4 @@ def test_one_of_two_is_said_and_the_other_answers(tmp_path):
     assert said.startswith("the set-point of flow2 follows PV: it is computed from it")
     verdicts = {(e.output, e.input): e.verdict for e in result.elements}
     assert verdicts == {("flow", "valve"): "unchanged", ("flow2", "valve2"): "not identifiable"}
-    assert "nothing moves it from outside" in result.elements[-1].reason
+    assert "no set-point or measured disturbance that moves shows in" in result.elements[-1].reason

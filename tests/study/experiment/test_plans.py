@@ -15,10 +15,17 @@ from scipy.stats import norm
 from support.changing import PARAMETERS, PROJECT, changing_wood_berry, write_project
 from support.simulated import BLT, WOOD_BERRY, coloured, segment_of
 from trueplant import Project, run
+from trueplant.errors import ProjectError
 from trueplant.identify import Row, RowFit, Spec, fit_row, pieces_of
 from trueplant.loop import PID, Controller, alternating_steps, simulate
 from trueplant.lti import Structure, TransferMatrix
-from trueplant.study.experiment.moves import Bench, combined, information, pattern
+from trueplant.study.data.prepare import prepare
+from trueplant.study.experiment.known import known_of
+from trueplant.study.experiment.moves import Moves, combined, information, pattern
+from trueplant.study.experiment.open_questions import what_matters
+from trueplant.study.experiment.stand import Bench, Rest, Room, Trial
+from trueplant.study.plant.identified import identify
+from trueplant.study.study import quiet
 
 Array = NDArray[np.float64]
 FOPDT = Structure.parse("fopdt")
@@ -37,7 +44,7 @@ Ti = 23.6
 sample_time = 1.0
 """
 Z = norm.ppf(0.975)
-BENCH = Bench(WOOD_BERRY, BLT, 1.0, 1, np.zeros((0, 2)))
+BENCH = Bench(WOOD_BERRY, BLT, 1.0, 1)
 
 
 def planned(entry: dict[str, Any], seed: int) -> Any:
@@ -70,7 +77,8 @@ def test_what_is_open_is_listed_and_nothing_else(short: dict[str, Any]) -> None:
     assert short["more_data"]
     for entry in short["more_data"]:
         assert {(s["output"], s["input"], s["parameter"]) for s in entry["settles"]} == wide
-        assert all(s["then"] <= s["wanted"] < s["now"] for s in entry["settles"])
+        assert all(s["then"] < s["now"] and s["wanted"] < s["now"] and s["matters"] for s in entry["settles"])
+        assert entry["length"] <= entry["longest"] == 480.0
 
 
 def test_plans_come_shortest_first_and_are_said_in_words(short: dict[str, Any]) -> None:
@@ -111,7 +119,7 @@ def test_foretold_standard_errors_are_those_of_a_monte_carlo(short: dict[str, An
     moved *= [m["size"] for m in entry["moves"]]
     _, u = BENCH.run(moved)
     told, _ = information(replace(first, variance=0.3**2 * (1 - 0.8**2)), u, 1.0, 2, True)
-    foretold = combined(first.covariance, told)[-1]
+    foretold = np.sqrt(np.diag(combined(first.covariance, told)[-1]))
     runs = 120
     errors = np.array(
         [fitted([changing_wood_berry(1000 + s, 700), planned(entry, s)], 30).theta - truth for s in range(runs)]
@@ -166,25 +174,75 @@ def single(tmp_path: Path) -> dict[str, Any]:
     return run(Project.load(loop_project(tmp_path, CONTROLLER))).to_dict()
 
 
-def test_limits_of_op_keep_the_moves_small(tmp_path: Path, single: dict[str, Any]) -> None:
+PLANT = TransferMatrix.of([["2 exp(-3 s)/(12 s + 1)"]], "min")
+LAW = Controller.diagonal([PID(Kc=0.8, Ti=12.0, sample_time=1.0)])
+LONGER = "[analysis]\nlongest_test = 1500\n"
+
+
+def test_limits_of_op_keep_the_moves_small_and_are_kept_on_the_true_plant(
+    tmp_path: Path, single: dict[str, Any]
+) -> None:
+    """Of 200 runs of the plan on the true plant, each with noise of its own, at most 1 in 20 leaves OP's limits."""
     free = single["more_data"][0]
     assert free["limited_by"] == ""
-    text = "limits = [48.0, 52.0]"
-    tight = run(Project.load(loop_project(tmp_path, CONTROLLER, text))).to_dict()["more_data"][0]
+    text = "limits = [47.5, 52.5]"
+    tight = run(Project.load(loop_project(tmp_path, CONTROLLER + LONGER, text))).to_dict()["more_data"][0]
     assert tight["limited_by"] == "OP of u"
-    assert tight["moves"][0]["size"] < free["moves"][0]["size"]
+    assert tight["moves"][0]["size"] < free["moves"][0]["size"] and tight["length"] > free["length"]
     assert "OP of u limits the size" in tight["sentence"]
-    # run as planned, without noise: OP keeps three standard deviations of what noise does to it from its limits
-    bench = Bench(
-        TransferMatrix.of([["2 exp(-3 s)/(12 s + 1)"]], "min"),
-        Controller.diagonal([PID(Kc=0.8, Ti=12.0, sample_time=1.0)]),
-        1.0,
-        1,
-        np.zeros((0, 1)),
-    )
+    assert free["assumed_limits"] == ["PV of y", "OP of u"] and tight["assumed_limits"] == ["PV of y"]
     moves = pattern(int(tight["length"]), 1.0, {0: tight["moves"][0]["every"]}, 1) * tight["moves"][0]["size"]
-    _, u = bench.run(moves)
-    assert 0.3 < np.max(np.abs(u)) < 2.0 - 2 * 0.3 * 0.8
+    left = 0
+    for seed in range(200):
+        sim = simulate(PLANT, LAW, moves, 1.0, noise=0.3, seed=seed, limits=[[-np.inf, np.inf]])
+        left += bool(np.max(np.abs(sim.u)) > 2.5)
+    assert left <= 10
+
+
+def test_no_plan_is_longer_than_a_test_may_be(tmp_path: Path) -> None:
+    """With noise that asks for some 20 h: not worth it by default, a plan where the project allows it."""
+    loop_project(tmp_path, CONTROLLER, noise=1.0)
+    refused = run(Project.load(tmp_path / "project.toml")).to_dict()
+    entry = refused["more_data"][0]
+    assert entry["not_worth"] == "too-long" and entry["moves"] == [] and entry["longest"] == 480.0
+    assert entry["needs"] > 480.0
+    assert entry["sentence"].startswith("a test is not worth it, because it would take ")
+    assert [n["message"] for n in refused["notes"] if n["code"] == "more-data"] == [entry["sentence"]]
+    loop_project(tmp_path, CONTROLLER + "[analysis]\nlongest_test = 3000\n", noise=1.0)
+    allowed = run(Project.load(tmp_path / "project.toml")).to_dict()["more_data"][0]
+    assert allowed["moves"] and 480.0 < allowed["length"] <= 3000
+    assert allowed["length"] == pytest.approx(entry["needs"], rel=0.3)  # the first was foretold, not simulated
+
+
+def test_limits_that_the_disturbance_reaches_leave_no_room(tmp_path: Path) -> None:
+    path = loop_project(tmp_path, CONTROLLER, "limits = [49.6, 53.0]")
+    entry = run(Project.load(path)).to_dict()["more_data"][0]
+    assert entry["not_worth"] == "limits-too-near" and entry["limited_by"] == "OP of u"
+
+
+def test_the_share_of_moves_that_is_allowed_just_touches_a_limit() -> None:
+    """What disturbance and moves do is added up: held against one simulation of both (simulated)."""
+    bench = Bench(PLANT, LAW, 1.0, 1)
+    noise = coloured(np.random.default_rng(5), 400, 1, [1, -0.8], [1], 0.2)
+    room = Room(("PV of y", "OP of u"), np.array([-3.0, -1.1]), np.array([3.0, 1.1]), ())
+    moves = Moves({0: 4.0}, {0: 50.0}).course(300.0, 1.0, 1, rest=100)
+    at_rest = Rest(np.zeros(2), np.zeros((1, 2)), np.zeros((0, 2)))
+    share, why = Trial.of(bench, noise, at_rest).share(moves, room)
+    sim = simulate(PLANT, LAW, share * moves, 1.0, v=noise, limits=[[-np.inf, np.inf]])
+    reach = np.abs(np.hstack([sim.y, sim.u])).max(axis=0) / room.high
+    assert 0.05 < share < 1
+    assert reach.max() == pytest.approx(1.0, abs=1e-9)
+    assert room.names[int(np.argmax(reach))] == why
+
+
+@pytest.mark.parametrize("length", [260.0, 400.0, 530.0])
+def test_a_level_comes_back_to_where_it_began(length: float) -> None:
+    """OP moved by hand on an integrating element: PV ends where it began, and never left one side (simulated)."""
+    moves = Moves({0: 2.0}, {0: 40.0}).course(length, 1.0, 1, rest=60)
+    level = TransferMatrix.of([["0.05 exp(-4 s)/s"]], "min")
+    y, u = Bench(level, None, 1.0, 1).run(moves)
+    assert abs(u.sum()) < 1e-9 and abs(y[-1, 0]) < 1e-9
+    assert y.max() == pytest.approx(2.0 * 0.05 * 40.0) and y.min() > -1e-9
 
 
 def test_without_a_controller_op_moves_are_planned_and_said(tmp_path: Path) -> None:
@@ -200,7 +258,7 @@ def test_nothing_is_planned_where_nothing_is_open(tmp_path: Path) -> None:
 
 
 def test_more_noise_asks_for_a_longer_plan(tmp_path: Path, single: dict[str, Any]) -> None:
-    louder = run(Project.load(loop_project(tmp_path, CONTROLLER, noise=0.4))).to_dict()["more_data"][0]
+    louder = run(Project.load(loop_project(tmp_path, CONTROLLER + LONGER, noise=0.4))).to_dict()["more_data"][0]
     assert louder["length"] > single["more_data"][0]["length"]
 
 
@@ -224,7 +282,170 @@ def test_information_grows_with_the_square_of_the_moves() -> None:
 
 def test_combined_without_information_is_what_was_known() -> None:
     existing = np.array([[4.0, 1.0], [1.0, 9.0]])
-    assert np.allclose(combined(existing, np.zeros((1, 2, 2)))[0], [2.0, 3.0])
+    assert np.allclose(combined(existing, np.zeros((1, 2, 2)))[0], existing)
     told = np.array([[[2.0, 0.3], [0.3, 1.0]]])
-    expected = np.sqrt(np.diag(np.linalg.inv(np.linalg.inv(existing) + told[0])))
+    expected = np.linalg.inv(np.linalg.inv(existing) + told[0])
     assert np.allclose(combined(existing, told)[0], expected)
+
+
+def test_what_is_open_of_an_element_counts_by_what_it_does_to_the_loop(tmp_path: Path) -> None:
+    """`Matter` against a finite difference of the closed loop's answer T = G Q/(1 + G Q) by the gain."""
+    path = loop_project(tmp_path, CONTROLLER)
+    study = prepare(Project.load(path), quiet, None)
+    estimates = identify(study, quiet).estimates
+    known, slowest = known_of(estimates, 1.0)
+    loop = study.loop(PLANT)
+    assert loop is not None and slowest > 10
+    w = np.geomspace(0.001, 1.0, 30)
+    theta = np.array([2.0, 12.0, 3.0])
+    own = replace(known[0], fit=replace(known[0].fit, theta=theta), covariance=np.diag([0.1**2, 0.0, 0.0]))
+    (one,) = what_matters(study, {0: own}, loop, w, np.array([1.0]))
+
+    def answer(gain: float) -> Array:
+        g = FOPDT.transfer(np.array([gain, 12.0, 3.0]))(1j * w) * LAW(1j * w)[:, 0, 0]
+        return np.asarray(g / (1 + g))
+
+    slope = np.abs(answer(2.0 + 1e-5) - answer(2.0 - 1e-5)) / 2e-5
+    assert one.now == pytest.approx(2 * 0.1 * slope.max(), rel=1e-5)
+
+
+def two_loops(folder: Path, interaction: float, noise: float, samples: int) -> Path:
+    """Two loops of which the second disturbs the first by so much; both set-points move (simulated)."""
+    elements = [["2 exp(-3 s)/(12 s + 1)", f"{interaction} exp(-3 s)/(12 s + 1)"], ["0", "2 exp(-3 s)/(12 s + 1)"]]
+    law = Controller.diagonal([PID(Kc=0.8, Ti=12.0, sample_time=1.0)] * 2)
+    moves = alternating_steps(samples, 1.0, 60.0, [3.0, 3.0])
+    sim = simulate(TransferMatrix.of(elements, "min"), law, moves, 1.0, noise=noise, seed=4)
+    columns = {"t": sim.t} | {
+        f"{n}{k}": x[:, k] for n, x in (("sp", sim.r), ("op", sim.u), ("pv", sim.y)) for k in (0, 1)
+    }
+    pl.DataFrame(columns).write_csv(folder / "record.csv")
+    text = 'time_unit = "min"\n[data]\nfiles = ["record.csv"]\n'
+    for k in (0, 1):
+        text += f'[[output]]\nname = "y{k}"\npv = "pv{k}"\nsp = "sp{k}"\n[[input]]\nname = "u{k}"\nop = "op{k}"\n'
+        text += f'[[controller]]\noutput = "y{k}"\ninput = "u{k}"\nKc = 0.8\nTi = 12.0\nsample_time = 1.0\n'
+    for i, j in ((0, 0), (0, 1), (1, 1)):
+        text += f'[[model]]\noutput = "y{i}"\ninput = "u{j}"\ntf = "{elements[i][j]}"\n'
+    path = folder / "project.toml"
+    path.write_text(text)
+    return path
+
+
+def test_an_interaction_that_matters_little_is_not_tested(tmp_path: Path) -> None:
+    """Its gain is open, and so small that the loops hardly notice; the elements of the loops are known well."""
+    result = run(Project.load(two_loops(tmp_path, 0.02, 0.03, 3000))).to_dict()
+    wide = [p for e in result["elements"] for p in e["parameters"] if (e["output"], e["input"]) == ("y0", "u1")]
+    assert (wide[0]["ci"][1] - wide[0]["ci"][0]) / 2 > 0.1 * abs(wide[0]["plant"])
+    assert [e["not_worth"] for e in result["more_data"]] == ["matters-little"]
+    assert result["more_data"][0]["moves"] == []
+
+
+def test_where_little_is_known_the_first_of_two_tests_is_planned(tmp_path: Path) -> None:
+    """A small test, no further than the record went, after which a second can be planned."""
+    path = loop_project(tmp_path, CONTROLLER, noise=0.6)
+    result = run(Project.load(path)).to_dict()
+    first = result["more_data"][0]
+    assert first["first_of_two"] and not first["suffices"]
+    assert "It is the first of two tests" in first["sentence"]
+    assert first["moves"][0]["size"] <= 0.5  # half of the set-point's range in the record
+    lag = next(s for s in first["settles"] if s["parameter"] == "tau1")
+    assert lag["then"] < 0.75 * lag["now"]
+
+
+LEVEL = TransferMatrix.of([["0.05 exp(-4 s)/s"]], "min")
+
+
+def test_a_level_in_manual_is_tested_within_its_limits(tmp_path: Path) -> None:
+    """The plan on the true level, 100 times with noise of its own: within limits, and back at the end (simulated)."""
+    moved = np.zeros((160, 1))
+    moved[20:60], moved[60:100] = 2.0, -2.0
+    sim = simulate(LEVEL, None, np.zeros((160, 1)), 1.0, u=30 + moved, u0=30.0, y0=50.0, noise=0.5, seed=2)
+    pl.DataFrame({"t": sim.t, "op": sim.u[:, 0], "pv": sim.y[:, 0]}).write_csv(tmp_path / "record.csv")
+    text = """
+time_unit = "min"
+[[experiment]]
+file = "record.csv"
+loop = "open"
+[[output]]
+name = "level"
+pv = "pv"
+unit = "%"
+limits = [40, 60]
+[[input]]
+name = "feed"
+op = "op"
+unit = "%"
+limits = [10, 60]
+[[model]]
+output = "level"
+input = "feed"
+tf = "0.06 exp(-3 s)/s"
+"""
+    entry = run(Project.from_toml(text, tmp_path)).to_dict()["more_data"][0]
+    (move,) = entry["moves"]
+    course = Moves({0: move["size"]}, {0: move["every"]}).course(entry["length"], 1.0, 1, rest=60)
+    assert abs(course.sum()) < 1e-9
+    for seed in range(100):
+        y = simulate(LEVEL, None, np.zeros_like(course), 1.0, u=course, noise=0.5, seed=seed, y0=50.0).y[:, 0]
+        assert y.min() > 40 and y.max() < 60
+        assert abs(y[-30:].mean() - 50.0) < 0.5
+
+
+def test_a_level_that_drifts_in_manual_gets_no_long_test(tmp_path: Path) -> None:
+    """OP was left 1 % off balance: PV would be out of its limits by itself, and no plan says otherwise (simulated)."""
+    moved = np.ones((160, 1))
+    moved[20:60], moved[60:100] = 3.0, -1.0
+    sim = simulate(LEVEL, None, np.zeros((160, 1)), 1.0, u=moved, noise=0.5, seed=2)
+    pl.DataFrame({"t": sim.t, "op": sim.u[:, 0], "pv": sim.y[:, 0]}).write_csv(tmp_path / "record.csv")
+    high = float(sim.y[-1, 0]) + 3.0  # an hour away
+    text = f"""
+time_unit = "min"
+[[experiment]]
+file = "record.csv"
+loop = "open"
+[[output]]
+name = "level"
+pv = "pv"
+limits = [-20, {high}]
+[[input]]
+name = "feed"
+op = "op"
+limits = [-20, 20]
+[[model]]
+output = "level"
+input = "feed"
+tf = "0.06 exp(-3 s)/s"
+"""
+    entry = run(Project.from_toml(text, tmp_path)).to_dict()["more_data"][0]
+    assert entry["moves"] == []
+    assert entry["not_worth"] in ("limits-too-near", "too-long")
+
+
+@pytest.mark.parametrize("longest", ["0.01", "3"])
+def test_a_test_that_may_take_no_time_is_too_long(tmp_path: Path, longest: str) -> None:
+    path = loop_project(tmp_path, CONTROLLER + f"[analysis]\nlongest_test = {longest}\n")
+    (entry,) = run(Project.load(path)).to_dict()["more_data"]
+    assert entry["not_worth"] == "too-long" and entry["needs"] > float(longest) == entry["longest"]
+
+
+@pytest.mark.parametrize("longest", ["0", "-5", '"a shift"', "inf"])
+def test_a_longest_test_that_is_no_time_is_refused_with_its_line(tmp_path: Path, longest: str) -> None:
+    path = loop_project(tmp_path, CONTROLLER + f"[analysis]\nlongest_test = {longest}\n")
+    with pytest.raises(ProjectError, match=r"line \d+.*longest_test"):
+        Project.load(path)
+
+
+def test_where_a_loop_comes_to_rest_is_known_before_it_is_there(tmp_path: Path) -> None:
+    """The record ends ten minutes after a move, without noise: OP at rest is what the plant's gain asks for.
+
+    The way there is the true loop's (simulated).
+    """
+    sim = simulate(PLANT, LAW, 60 + np.repeat([[0.0], [1.0]], [60, 10], axis=0), 1.0, u0=50.0, y0=60.0)
+    columns = {"t": sim.t, "sp": sim.r[:, 0], "op": sim.u[:, 0], "pv": sim.y[:, 0]}
+    path = loop_project(tmp_path, CONTROLLER)
+    pl.DataFrame(columns).write_csv(tmp_path / "record.csv")
+    study = prepare(Project.load(path), quiet, None)
+    rest = Rest.of(study, Bench(PLANT, LAW, 1.0, 1), 15.0)
+    assert rest.now == pytest.approx([61.0, 50.5], abs=1e-3)
+    longer = simulate(PLANT, LAW, 60 + np.repeat([[0.0], [1.0]], [60, 85], axis=0), 1.0, u0=50.0, y0=60.0)
+    there = np.hstack([longer.y, longer.u])[70:]
+    assert rest.now + rest.settling == pytest.approx(there[: len(rest.settling)], abs=1e-3)

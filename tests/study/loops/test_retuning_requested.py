@@ -47,7 +47,7 @@ def test_a_loop_that_needs_nothing_is_left_alone(tmp_path):
     declared = DECLARED.replace("Kc = 1.0\nTi = 10", "Kc = 0.8\nTi = 5")
     asked = '[tuning]\nmethods = ["certain-share", "amigo"]\nlimits = {Ms = 1.75}'
     loop = tp.run(small(tmp_path, asked, declared, law=law)).to_dict()["controllers"][0]
-    assert loop["recommended"] is None
+    assert loop["recommended"] == "keep" and loop["trade_off"] is None
     assert "keep them" in loop["reason"]
     assert loop["current"]["drawn"]["share_all"] >= 0.95
 

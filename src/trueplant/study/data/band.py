@@ -25,7 +25,7 @@ def band_test(
         return (), ()
     test = within_band(response, plant.columns(0, study.n_u))
     places = [place for place in sorted(specs) if place[1] < study.n_u and np.isfinite(test.p_value[place])]
-    speaks = speaking_band(response)
+    speaks = speaking_band(response, plant.columns(0, study.n_u))
     rows, notes = [], []
     for place, adjusted in zip(places, holm([test.p_value[place] for place in places]), strict=True):
         i, j = place

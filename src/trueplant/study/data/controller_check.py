@@ -61,7 +61,11 @@ def _entry(study: Study, k: int, name: str, controller: Controller, i: int) -> C
         return replace(said, confirmed=True, message=text)
     if written.between(study, k, controller, i):
         text = "OP is written more often than it was recorded, or acts on what was not recorded"
-        return replace(said, message=f"{unchecked.message}{text}. From the samples that there are: {_words(ratios)}")
+        said = replace(said, message=f"{unchecked.message}{text}. From the samples that there are: {_words(ratios)}")
+        if not _far_off(ratios, controller, i):
+            return said
+        text = f"the controller is not what was declared: by the samples that there are {_words(ratios)}"
+        return replace(said, confirmed=False, message=f"{text}, more than OP's moves between them could make of it")
     if not found.known and not found.off and found.left <= found.allowed:
         text = "OP and PV move too little, or were rounded too coarsely, to tell its gain or its integral time"
         return replace(said, message=f"{unchecked.message}{text}: {_words(ratios)}")
@@ -140,6 +144,23 @@ def _words(ratios: Sequence[LawRatio]) -> str:
         spread = "" if r.std_error < 0.0005 else f" ± {r.std_error:.{digits}f}"
         parts.append(f"{r.name}{f' from {r.output}' if several else ''} {r.value:.{digits}f}{spread}")
     return f"{', '.join(parts)} times what is declared"
+
+
+def _far_off(ratios: Sequence[LawRatio], controller: Controller, i: int) -> bool:
+    """Is a gain further off than it could come out where a law is recorded less often than it acts?
+
+    What a derivative makes of PV between the samples may pass for gain; an integral moves little there.
+    """
+    laws = [e for (row, _), e in controller.entries.items() if row == i]
+    if any(not isinstance(e, PID) or e.parallel[2] for e in laws):
+        return False
+    return any(
+        r.name == "gain"
+        and np.isfinite(r.value)
+        and not 1 / levels.BETWEEN_OFF < r.value < levels.BETWEEN_OFF
+        and abs(r.value - 1) > levels.LAW_SURE * r.std_error
+        for r in ratios
+    )
 
 
 def _summed(found: Judged) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter
@@ -66,7 +66,7 @@ def why_not_informative(study: Study) -> list[Reason]:
             )
         ]
     moved = np.any([_moving(segment) for segment in closed], axis=0)
-    computed = _computed_somewhere(study)
+    computed = computed_somewhere(study)
     if moved.any() and not (moved & ~computed).any():
         return [
             Reason(
@@ -94,24 +94,13 @@ def why_not_informative(study: Study) -> list[Reason]:
     ]
 
 
-def unmoved_outputs(study: Study) -> list[int]:
-    """Outputs that show nothing of what moves from outside, where some set-points are computed from the PVs."""
-    segments = study.segments
-    computed = _computed_somewhere(study)
-    if not computed.any():
-        return []
-    every = range(segments[0].y.shape[1])
-    known = [computed] * len(segments)
-    return [i for i in every if not excited([replace(s, y=s.y[:, [i]]) for s in segments], known)]
-
-
 def excited(segments: Sequence[Segment], computed: Sequence[BoolArray]) -> bool:
     """Does something moved from outside (set-points, in open loop OP) show in some PV beyond chance?
 
     `computed`, one an element (n_y,) for each segment, is True for a set-point that does not move from outside. The
     segments of an experiment are asked together, so that a record in pieces tells what the pieces tell.
     """
-    sources = [_sources(segment, known) for segment, known in zip(segments, computed, strict=True)]
+    sources = [sources_of(segment, known) for segment, known in zip(segments, computed, strict=True)]
     experiments = sorted({segment.experiment for segment in segments})
     p = []
     for k in experiments:
@@ -123,7 +112,7 @@ def excited(segments: Sequence[Segment], computed: Sequence[BoolArray]) -> bool:
     return bool(p) and min(p) * len(p) < levels.EXCITED
 
 
-def _sources(segment: Segment, computed: BoolArray) -> Array:
+def sources_of(segment: Segment, computed: BoolArray) -> Array:
     """What may move the plant from outside (N, n_y), in open loop (N, n_u); 0 for what is not known or computed."""
     source, outside = segment.u, np.ones(segment.u.shape[1], dtype=bool)
     if segment.closed:
@@ -137,31 +126,48 @@ def _answer_p(outputs: Sequence[Array], sources: Sequence[Array]) -> float:
 
     outputs (N,) and sources (N, n), one an element for each stretch; only samples whose past was measured are asked.
     """
-    samples = sum(y.size for y in outputs)
-    step = max(1, samples // levels.ANSWER_SAMPLES)
-    outputs = [y[::step] for y in outputs]
-    order = _past([np.isfinite(y) for y in outputs], levels.ANSWER_LAGS * sources[0].shape[1])
-    poles = np.exp(-1 / np.geomspace(2.0, max(samples / step / 10, 4.0), levels.ANSWER_LAGS))
-    rows = []
-    for y, x in zip(outputs, sources, strict=True):
-        if y.size > order:
-            bank = [x[0] + lfilter([0.0, 1 - a], [1.0, -a], x[::step] - x[0], axis=0)[order:] for a in poles]
-            one = np.column_stack([y[order:], *(y[order - k : y.size - k] for k in range(1, order + 1)), *bank])
-            one = one[np.isfinite(one).all(axis=1)]
-            rows += [one] if len(one) else []
-    if all(np.ptp(one[:, 0]) == 0 for one in rows):
+    asked = Asked.of(outputs, sources)
+    if asked is None:
         return 1.0
-    joined = np.vstack(rows)
-    joined -= joined.mean(axis=0)  # a mean of each stretch would bias what the output owes to its past
+    joined, order = asked.columns, asked.order
+    joined = joined - joined.mean(axis=0)  # a mean of each stretch would bias what the output owes to its past
     now, past, both = joined[:, 0], joined[:, 1 : order + 1], joined[:, 1:]
-    asked = both.shape[1] - order
+    count = both.shape[1] - order
     left = len(now) - 1 - both.shape[1]
     own, rest = (float(np.sum(unexplained(now, columns, rcond=1e-10) ** 2)) for columns in (past, both))
     if left < 1:
         return 1.0
     if own <= 1e-20 * float(np.sum(now**2)):
         return 0.0  # free of noise
-    return float(f_distribution.sf((own - rest) / asked / max(rest / left, 1e-300), asked, left))
+    return float(f_distribution.sf((own - rest) / count / max(rest / left, 1e-300), count, left))
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """An output beside its own past and what may have moved it, through a bank of lags."""
+
+    columns: Array
+    """(n, 1 + order + lags times sources) of all stretches: the output, its past, the sources."""
+    order: int
+
+    @classmethod
+    def of(cls, outputs: Sequence[Array], sources: Sequence[Array]) -> Asked | None:
+        """None where the output never moves. outputs (N,) and sources (N, n), one an element for each stretch."""
+        samples = sum(y.size for y in outputs)
+        step = max(1, samples // levels.ANSWER_SAMPLES)
+        outputs = [y[::step] for y in outputs]
+        order = _past([np.isfinite(y) for y in outputs], levels.ANSWER_LAGS * sources[0].shape[1])
+        poles = np.exp(-1 / np.geomspace(2.0, max(samples / step / 10, 4.0), levels.ANSWER_LAGS))
+        rows = []
+        for y, x in zip(outputs, sources, strict=True):
+            if y.size > order:
+                bank = [x[0] + lfilter([0.0, 1 - a], [1.0, -a], x[::step] - x[0], axis=0)[order:] for a in poles]
+                one = np.column_stack([y[order:], *(y[order - k : y.size - k] for k in range(1, order + 1)), *bank])
+                one = one[np.isfinite(one).all(axis=1)]
+                rows += [one] if len(one) else []
+        if all(np.ptp(one[:, 0]) == 0 for one in rows):
+            return None
+        return cls(np.vstack(rows), order)
 
 
 def _past(measured: Sequence[BoolArray], asked: int) -> int:
@@ -201,7 +207,7 @@ def _moving(segment: Segment) -> BoolArray:
     return moving
 
 
-def _computed_somewhere(study: Study) -> BoolArray:
+def computed_somewhere(study: Study) -> BoolArray:
     """(n_y,) True for a set-point that is computed from PV in all segments together or in one of them."""
     found: BoolArray = np.any([study.computed, *study.computed_alone], axis=0)
     return found
@@ -229,7 +235,7 @@ def setpoint_moves(segment: Segment) -> Array:
 
 def setpoint_rank_note(study: Study) -> list[Reason]:
     """Said where a set-point does not move from outside, or the set-points cannot be told from each other."""
-    computed = _computed_somewhere(study)
+    computed = computed_somewhere(study)
     if computed.any():
         return [
             Reason(
@@ -266,6 +272,26 @@ def setpoint_rank_note(study: Study) -> list[Reason]:
             )
         ]
     return []
+
+
+def manual_notes(study: Study) -> list[Reason]:
+    """Said where a loop that counts as closed was in manual for most of a record, as its mode column has it."""
+    notes = []
+    for s in study.screened:
+        if not s.record.closed or s.refusal is not None:
+            continue
+        for name, share in zip(s.record.inputs, 1 - s.record.automatic.mean(axis=0), strict=True):
+            if share > levels.MOSTLY_MANUAL:
+                notes.append(
+                    Reason(
+                        Code.MANUAL,
+                        f"{name} was in manual for {100 * share:.3g} % of {s.record.name}, as its mode column has it: "
+                        "its moves there are taken as made by hand. If the loop was closed, name the values that mean "
+                        "automatic in automatic_values",
+                        name,
+                    )
+                )
+    return notes
 
 
 def compression_notes(study: Study) -> list[Reason]:

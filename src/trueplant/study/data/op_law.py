@@ -9,6 +9,7 @@ import numpy as np
 from trueplant.arrays import Array, BoolArray
 from trueplant.loop import PID, Controller
 from trueplant.record import Segment
+from trueplant.record.resolution import resolution
 from trueplant.record.sensor import quantum
 from trueplant.study import levels
 from trueplant.study.study import Records
@@ -44,12 +45,17 @@ def written_from_samples(records: Records, k: int, i: int, close: float = levels
     if len(rows) < levels.FEWEST_PER_COEFFICIENT * rows.shape[1] or np.mean(rows[:, 0] != rows[:, 1]) < 0.5:
         return True
     joined = [np.concatenate([c[m][0] for c in columns]) for m in range(len(columns[0]))]
-    steps = [0.0 if given else quantum(x[np.isfinite(x)]) for x, (_, given) in zip(joined, columns[0], strict=True)]
+    steps = [0.0 if given else _step(x[np.isfinite(x)]) for x, (_, given) in zip(joined, columns[0], strict=True)]
     quanta = np.repeat(steps, levels.LAW_PAST + 1)
     scale = np.maximum(rows.std(axis=0), np.finfo(float).tiny)
     count = min(levels.LAW_PARTS, len(rows) // (levels.FEWEST_PER_COEFFICIENT * rows.shape[1]))
     parts = np.array_split((rows - rows.mean(axis=0)) / scale, count)
     return bool(np.median([_left(part, quanta / scale, close) for part in parts]) <= 1)
+
+
+def _step(x: Array) -> float:
+    """How finely x (N,) was measured and written down."""
+    return max(quantum(x), resolution(x))
 
 
 def _left(rows: Array, quanta: Array, close: float) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from trueplant.calendar import unit_seconds
+from trueplant.connect import ensure
 from trueplant.errors import DataError, ProjectError, UnstableLoop
 from trueplant.identify import INTEGRATING, SELF_REGULATING, Spec
 from trueplant.lti import TransferFunction, TransferMatrix
@@ -57,9 +58,11 @@ def prepare(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
 
 def _screened(project: Project, say: Progress, frames: Sequence[Any] | None) -> tuple[Screened, ...]:
     layout, plans = project.layout(), project.experiments
+    if frames is None:
+        ensure(project, say)
     records, excluded = [], []
     for k, plan in enumerate(plans):
-        say(f"reading {plan.name}")
+        say(f"reading {plan.name}{_counted(k, len(plans))}")
         source = plan.path if frames is None else frames[k]
         record = read_record(source, layout, name=plan.name, closed=plan.closed, say=say)
         records.append(record)
@@ -68,9 +71,13 @@ def _screened(project: Project, say: Progress, frames: Sequence[Any] | None) -> 
     found = []
     for k, (plan, record) in enumerate(zip(plans, counted_once(records, excluded), strict=True)):
         limits = {name: lim for name, lim in zip(project.input_names, plan.limits, strict=True) if lim is not None}
-        say(f"screening {plan.name}")
+        say(f"screening {plan.name}{_counted(k, len(plans))}")
         found.append(screen(record, layout, experiment=k, exclude=excluded[k], limits=limits))
     return tuple(found)
+
+
+def _counted(k: int, count: int) -> str:
+    return f", record {k + 1} of {count}" if count > 1 else ""
 
 
 def _check_loop(records: Records, model: TransferMatrix) -> tuple[Reason, ...]:
@@ -107,6 +114,12 @@ def _outside(plan: ExperimentPlan, record: Record, project: Project) -> list[tup
         found.append((ends[0], float(np.nextafter(start, -np.inf))))
     if plan.end is not None and (end := _time(plan.end, record, project, True)) <= ends[1]:
         found.append((end, ends[1]))
+    if any(one[0] <= ends[0] and one[1] >= ends[1] for one in found):
+        spoken = " to ".join(record.calendar.text(moment) for moment in ends)
+        raise ProjectError(
+            f"{project.source}: experiment {plan.name}: its from and to leave nothing of the record, which lasts from "
+            f"{spoken}"
+        )
     return found
 
 

@@ -1,8 +1,9 @@
 """How much more data: the moves that would settle what an analysis had to leave open.
 
-Plans are tried out on the plant as estimated, in the loop as declared and within its limits. What each would tell is
-the Fisher information of its noise-free record under the noise model that was found, on top of what is known. What
-noise stirs up by itself is not counted.
+Plans are tried out by simulating today's loop on the plant as estimated and on plants that the record leaves possible,
+each under a disturbance of the record's size: on none of them may a PV or an OP leave its limits. What a plan would
+tell is the Fisher information of its noise-free record under the noise model that was found, on top of what is known.
+What noise stirs up by itself is not counted.
 """
 
 from __future__ import annotations
@@ -13,181 +14,211 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, BoolArray
+from trueplant.calendar import unit_seconds
 from trueplant.errors import LoopError
-from trueplant.identify import OutputEstimate, unanswered
+from trueplant.identify import OutputEstimate
 from trueplant.lti import TransferMatrix
-from trueplant.project.simulated import Simulate
-from trueplant.project.simulation import steps_per_sample
-from trueplant.result import MoreData, PlannedMove, Settled
-from trueplant.result.plan_words import plan_sentence
+from trueplant.result import MoreData, NotWorth, PlannedMove, Settled
+from trueplant.result.plan_words import not_worth_sentence, plan_sentence
 from trueplant.study import levels
-from trueplant.study.experiment.moves import Bench, Moves, Plan, combined, fit_at, information, pattern, simulated_noise
+from trueplant.study.experiment.known import Known, known_of
+from trueplant.study.experiment.moves import Moves, combined, information
+from trueplant.study.experiment.open_questions import (
+    Matter,
+    Open,
+    open_parameters,
+    possible_plants,
+    what_matters,
+    with_what_is_wanted,
+)
+from trueplant.study.experiment.stand import Stand, bench_of, stand_of
 from trueplant.study.study import Study
 
 
-@dataclass(frozen=True)
-class Open:
-    """A parameter that is not known well enough."""
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is open, and what a plan has to reach."""
 
-    output: int
-    column: int
-    index: int
-    name: str
-    unit: str
-    value: float
-    wanted: float
-    """Half-width of its interval."""
-    now: float
+    study: Study
+    known: Mapping[int, Known]
+    asked: tuple[Open, ...]
+    matters: tuple[Matter, ...]
+    """The elements of which what is open matters to the loops."""
+    longest: float
+    """Time that a test may take."""
+
+    @property
+    def first_of_two(self) -> bool:
+        """Is so little known that a small test has to come before the one that settles everything?"""
+        return bool(self.hardly_known)
+
+    @property
+    def hardly_known(self) -> tuple[Matter, ...]:
+        return tuple(one for one in self.matters if one.now > levels.HARDLY_KNOWN)
+
+    def reached(self, covariances: Mapping[int, Array]) -> BoolArray:
+        """(n,) Is what matters known well enough, with covariances (n, q, q) of the outputs' parameters?"""
+        return _all_within(self.matters, covariances, levels.MATTERS)
+
+    def goals_reached(self, covariances: Mapping[int, Array]) -> BoolArray:
+        """(n,) The same of what this test is to tell: the first of two is about what is hardly known."""
+        if not self.first_of_two:
+            return self.reached(covariances)
+        return _all_within(self.hardly_known, covariances, levels.FIRST_PRECISION)
+
+    def after(self, u: Array, h: float) -> tuple[dict[int, Array], Array]:
+        """Covariances (n, q, q) by output after each of n lengths of a record with OPs u (N, n_u), and these lengths.
+
+        The longer ones stand for more of the same: up to `levels.LONGEST_FORETOLD` times the record.
+        """
+        ends: Array = np.zeros(0)
+        rows: dict[int, Array] = {}
+        for i in {one.output for one in self.asked} | {one.place[0] for one in self.matters}:
+            own = self.known[i]
+            told, ends = information(own.fit, u, h, len(self.study.columns), not own.estimate.predicted_by)
+            times = np.geomspace(1.0, levels.LONGEST_FORETOLD, levels.PLAN_LENGTHS)[1:]
+            told = np.concatenate([told, told[-1] * times[:, None, None]])
+            ends = np.concatenate([ends, ends[-1] * times])
+            rows[i] = combined(own.covariance, told)
+        return rows, ends
+
+    def widths(self, covariances: Mapping[int, Array], at: int) -> tuple[float, ...]:
+        """Half-widths of the intervals of what is asked for, after the length of that number."""
+        z = float(norm.ppf(0.5 + self.study.project.analysis.confidence / 2))
+        return tuple(z * float(np.sqrt(covariances[one.output][at, one.index, one.index])) for one in self.asked)
+
+
+def _all_within(some: Sequence[Matter], covariances: Mapping[int, Array], most: float) -> BoolArray:
+    """(n,) Does what is open of all these elements change the loops by no more than that?"""
+    return np.asarray(np.all([one.after(covariances[one.place[0]]) <= most for one in some], axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Moves, how long they take, and what each open parameter would then be known to (half-width)."""
+
+    moves: Moves
+    length: float
+    """Infinite where no length would do."""
+    then: tuple[float, ...] = ()
+    told: bool = False
+    """Does it tell what it is to tell, within the limits and in the time that a test may take?"""
+    suffices: bool = False
+    """Would all that matters be known well enough?"""
 
 
 def more_data(study: Study, estimates: Mapping[int, OutputEstimate], plant: TransferMatrix) -> tuple[MoreData, ...]:
     """Plans that would settle what is open, the shortest first, as result.json has them; empty where nothing is open.
 
-    Where no plan suffices within the longest time looked at, the one that comes closest is given and says so.
+    `plant` (n_y, n_u + n_d) as estimated. Where no plan does within the longest time that a test may take, there is one
+    entry without moves that says why.
     """
-    confidence = study.project.analysis.confidence
-    asked = _open_parameters(study, estimates, confidence)
+    h, longest = study.segments[0].h, _longest(study)
+    known, slowest = known_of(estimates, h)
+    slowest = min(slowest, levels.PLAN_SAMPLES * h / (levels.LATELY[1] + 2 * levels.SETTLING))
+    asked = open_parameters(study, known, study.project.analysis.confidence)
     if not asked:
         return ()
+    loop, own = study.loop(plant), plant.columns(0, study.n_u)
+    w = np.geomspace(levels.LOWEST_OF_SLOWEST / slowest, np.pi / h, levels.MATTERS_POINTS)
+    samples = int(min(levels.LONGEST_PLAN * slowest, longest) / h) + int(levels.SETTLING * slowest / h)
     try:
-        bench = _bench(study, estimates, plant)
+        bench = bench_of(study, own, loop)
+        seen = _seen(study, loop is not None)
+        elements = what_matters(study, known, loop, w, seen)
+        matters = tuple(one for one in elements if one.now > levels.MATTERS)
+        places = {one.place for one in matters}
+        question = Question(study, known, with_what_is_wanted(asked, elements), matters, longest)
+        if not any(one.place in places for one in asked):
+            still = loop is None and any(seen[one.column] == 0 for one in asked)
+            return (_not_worth(question, NotWorth.NO_LIMITS if still else NotWorth.MATTERS_LITTLE),)
+        possible = possible_plants(study, known, plant, loop)
+        unsure = {one.place[0] for one in question.hardly_known}
+        stand = stand_of(study, estimates, bench, possible, (slowest, min(samples, levels.PLAN_SAMPLES)), unsure)
+        return _answer(question, stand)
     except LoopError as error:
         return (MoreData(f"no moves could be planned: {error}"),)
-    plans = _plans(study, estimates, bench, asked, confidence)
-    best: dict[tuple[int, ...], Plan] = {}
+
+
+def _longest(study: Study) -> float:
+    """Time that a test may take, of no more samples than can be tried out."""
+    said = study.project.analysis.longest_test
+    shift = levels.SHIFT * 3600.0 / unit_seconds(study.project.time_unit)
+    return min(shift if said is None else said, levels.PLAN_SAMPLES * study.segments[0].h)
+
+
+def _answer(question: Question, stand: Stand) -> tuple[MoreData, ...]:
+    """The plans that are good enough, the shortest of each set of channels; else why there is none."""
+    tried: dict[tuple[int, ...], list[Plan]] = {}
+    tight = ""
+    for moves, limited_by in _candidates(question, stand):
+        if moves is None:
+            tight = limited_by
+        else:
+            tried.setdefault(tuple(moves.size), []).append(_shortest(question, stand, moves))
+    if not tried:
+        why = NotWorth.LIMITS_TOO_NEAR if tight else NotWorth.NO_LIMITS
+        return (_not_worth(question, why, limited_by=tight),)
+    finished = [_best(question, stand, sorted(plans, key=lambda p: p.length)) for plans in tried.values()]
+    enough = sorted((p for p in finished if p.told), key=lambda p: (p.length, len(p.moves.size)))
+    if enough:
+        return tuple(_entry(question, stand, plan) for plan in enough)
+    nearest = min(finished, key=lambda p: p.length)
+    if not nearest.moves.size:
+        return (_not_worth(question, NotWorth.LIMITS_TOO_NEAR, limited_by=nearest.moves.limited_by),)
+    return (_not_worth(question, NotWorth.TOO_LONG, nearest.length, nearest.moves.limited_by),)
+
+
+def _best(question: Question, stand: Stand, plans: Sequence[Plan]) -> Plan:
+    """The first of some plans, in order of length, that keeps the limits and tells what it is to.
+
+    Else one that the limits leave no room for, or the shortest: those that are too long were not held against limits.
+    """
+    kept = []
     for plan in plans:
-        key = tuple(plan.moves.size)
-        if key not in best or _rank(plan, asked) < _rank(best[key], asked):
-            best[key] = plan
-    ranked = sorted(best.values(), key=lambda plan: _rank(plan, asked))
-    enough = [plan for plan in ranked if plan.suffices] or ranked[:1]
-    return tuple(_entry(study, bench, plan, asked) for plan in enough)
+        kept.append(_kept_within(question, stand, plan))
+        if kept[-1].told:
+            break
+    return min(kept, key=lambda p: (not p.told, bool(p.moves.size), p.length))
 
 
-def _rank(plan: Plan, asked: Sequence[Open]) -> tuple[bool, float, int]:
-    """Plans that suffice by their length, fewer loops first where equal; others by how far they fall short."""
-    short = max(then / one.wanted for then, one in zip(plan.then, asked, strict=True))
-    return (not plan.suffices, plan.length if plan.suffices else short, len(plan.moves.size))
+def _candidates(question: Question, stand: Stand) -> Iterator[tuple[Moves | None, str]]:
+    """Moves of each channel alone and of all at once, at several intervals, as large as the plant as estimated allows.
+
+    None where there is no room, and the limit that says so.
+    """
+    bench, seen = stand.bench, _seen(question.study, stand.bench.controller is not None)
+    larger = 1.0 if question.first_of_two else levels.LARGER_MOVES
+    channels = [c for c in _movable(stand) if seen[c] > 0]
+    for which in [(c,) for c in channels] + ([tuple(channels)] if len(channels) > 1 else []):
+        # once up and once down is the least; what would take longer tells how long a test would take
+        most = question.longest / 2 / levels.MOVE_RATIO ** (len(which) - 1)
+        units = [factor * stand.slowest for factor in levels.MOVE_INTERVALS]
+        for unit in sorted({*units, *(min(one, most) for one in units)}):
+            intervals = {c: _whole(unit * levels.MOVE_RATIO**n, bench.h) for n, c in enumerate(which)}
+            wished = Moves({c: larger * seen[c] for c in which}, intervals)
+            once = wished.course(2 * max(intervals.values()), bench.h, bench.channels)
+            share, why = stand.today.share(once, stand.room)
+            moves = _smaller(wished, share, why)
+            yield (moves, why) if share > levels.LEAST_ROOM else (None, why)
 
 
-def _open_parameters(study: Study, estimates: Mapping[int, OutputEstimate], confidence: float) -> list[Open]:
-    z = float(norm.ppf(0.5 + confidence / 2))
-    project, found = study.project, []
-    for i, estimate in estimates.items():
-        if not _data_can_help(estimate):
-            continue
-        reasons = unanswered(estimate)
-        theta = fit_at(estimate, reasons).theta
-        sigma = np.sqrt(np.diag(estimate.covariance))
-        for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
-            if spec.column >= len(project.inputs):
-                continue  # nobody moves a disturbance
-            structure, p = spec.structure, theta[part]
-            units = structure.units(project.outputs[i].unit, project.inputs[spec.column].unit, project.time_unit)
-            for k, name in enumerate(structure.names):
-                index = part.start + k
-                model = abs(spec.initial[k]) if spec.initial is not None else 0.0
-                size = max(abs(p[k]), model if structure.is_gain[k] else 0.0)
-                size += structure.lag(p) if structure.is_dead_time[k] else 0.0
-                low, high = estimate.intervals[index]
-                now = max(z * float(sigma[index]), (high - low) / 2 if np.isfinite(high - low) else np.inf)
-                hopeless = index in reasons and not reasons[index].why.more_data_helps
-                if size > 0 and not hopeless and (index in reasons or now > levels.WANTED_PRECISION * size):
-                    value, wanted = float(p[k]), float(levels.WANTED_PRECISION * size)
-                    found.append(Open(i, spec.column, index, name, units[k], value, wanted, float(now)))
-    return found
+def _movable(stand: Stand) -> list[int]:
+    """Outputs whose set-point a controller follows; in open loop all inputs."""
+    law = stand.bench.controller
+    return list(range(stand.bench.channels)) if law is None else sorted({j for _, j in law.entries})
 
 
-def _data_can_help(estimate: OutputEstimate) -> bool:
-    """Not where runs of the plant differ, or the structure is too simple: there more of the same narrows nothing."""
-    return not estimate.disputed and not estimate.undermodelled
+def _whole(time: float, h: float) -> float:
+    """Whole samples, rounded down."""
+    return max(1, int(time / h * (1 + 1e-9))) * h
 
 
-def _bench(study: Study, estimates: Mapping[int, OutputEstimate], plant: TransferMatrix) -> Bench:
-    """Raises LoopError where the loop cannot be simulated."""
-    project = study.project
-    own, loop = plant.columns(0, study.n_u), study.loop(plant)
-    h = study.segments[0].h
-    samples = int(min(50 * _slowest(study, estimates) / h, 20_000)) + 100
-    noise = simulated_noise(study, estimates, samples, project.analysis.seed)
-    if loop is None:
-        return Bench(own, None, h, 1, noise)
-    scans = [law.sample_time for law in project.controllers if law.sample_time is not None]
-    whole = [scan * max(1, round(h / scan)) for scan in scans]
-    if whole and abs(whole[0] / h - 1) < 0.01:
-        h = whole[0]  # stamps may be rounded, scans are not
-    every = steps_per_sample(project, Simulate(duration=10 * h, sample_time=h), own)
-    return Bench(own, loop.controller, h, every, noise)
-
-
-def _slowest(study: Study, estimates: Mapping[int, OutputEstimate]) -> float:
-    """Lag and dead time of the slowest element that is known."""
-    times = [10 * study.segments[0].h]
-    for estimate in estimates.values():
-        reasons = unanswered(estimate)
-        theta = fit_at(estimate, reasons).theta
-        for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
-            p = theta[part]
-            if spec.initial is not None or not all(k in reasons for k in range(part.start, part.stop)):
-                times.append(spec.structure.lag(p) + spec.structure.longest_dead_time(p))
-    return float(max(times))
-
-
-def _plans(
-    study: Study, estimates: Mapping[int, OutputEstimate], bench: Bench, asked: Sequence[Open], confidence: float
-) -> Iterator[Plan]:
-    """The best length of each pattern of moves."""
-    slowest = _slowest(study, estimates)
-    spread = bench.spread()
-    channels = range(bench.channels)
-    sets = [(c,) for c in channels] + ([tuple(channels)] if len(channels) > 1 else [])
-    for which in sets:
-        for factor in levels.MOVE_INTERVALS:
-            unit = max(bench.h, round(factor * slowest / bench.h) * bench.h)
-            intervals = {
-                c: max(bench.h, round(unit * levels.MOVE_RATIO**n / bench.h) * bench.h) for n, c in enumerate(which)
-            }
-            samples = min(int(levels.LONGEST_PLAN * slowest / bench.h), levels.PLAN_SAMPLES)
-            moves = pattern(samples, bench.h, intervals, bench.channels)
-            sizes, limited = _largest(study, bench, which, moves, spread)
-            if sizes is None:
-                continue
-            scaled = moves * np.array([sizes.get(c, 0.0) for c in channels])
-            _, u = bench.run(scaled)
-            told = _widths(study, estimates, asked, u, bench, confidence)
-            yield _shortest(asked, told, Moves(sizes, intervals, limited))
-
-
-def _largest(
-    study: Study, bench: Bench, which: Sequence[int], moves: Array, spread: tuple[Array, Array]
-) -> tuple[dict[int, float] | None, str]:
-    """How far each channel may go to each side, and which limit says so; None where there is no room at all."""
-    project = study.project
-    seen = _seen(study, bench.controller is not None)
-    wished = {c: levels.LARGER_MOVES * seen[c] for c in which if seen[c] > 0}
-    if len(wished) < len(which):
-        return None, ""
-    y, u = bench.run(moves * np.array([wished.get(c, 0.0) for c in range(bench.channels)]))
-    k = study.loop_experiment
-    limits = project.experiments[0 if k is None else k].limits
-    segment = study.segments[-1]
-    today_y, today_u = np.nanmedian(segment.y, axis=0), np.median(segment.u, axis=0)
-    signals = [
-        *((o.name, o.limits, today_y[i], y[:, i], spread[0][i], "PV") for i, o in enumerate(project.outputs)),
-        *((o.name, limits[j], today_u[j], u[:, j], spread[1][j], "OP") for j, o in enumerate(project.inputs)),
-    ]
-    share, why = 1.0, ""
-    for name, bounds, today, excursion, noise, what in signals:
-        if bounds is None:
-            continue
-        for room, reach in ((bounds[1] - today, excursion.max()), (today - bounds[0], -excursion.min())):
-            allowed = (room - levels.LIMIT_MARGIN * noise) / max(reach, 1e-300)
-            if reach > 0 and allowed < share:
-                share, why = allowed, f"{what} of {name}"
-    if share <= levels.LEAST_ROOM:
-        return None, why
-    return {c: _round(size * share) for c, size in wished.items()}, why
+def _smaller(moves: Moves, share: float, why: str) -> Moves:
+    """The moves cut to a share of their size, in two digits; as they are where the share is 1 or more."""
+    size = {c: _round(size * min(share, 1.0)) for c, size in moves.size.items() if size * share > 0}
+    return replace(moves, size=size, limited_by=why if share < 1 else moves.limited_by)
 
 
 def _seen(study: Study, closed: bool) -> Array:
@@ -213,42 +244,67 @@ def _round(value: float) -> float:
     return float(f"{np.floor(value / step * (1 + 1e-9)) * step:.10g}")
 
 
-def _widths(
-    study: Study,
-    estimates: Mapping[int, OutputEstimate],
-    asked: Sequence[Open],
-    u: Array,
-    bench: Bench,
-    confidence: float,
-) -> tuple[Array, Array]:
-    """Half-widths (asked, n) of the open parameters after each of n lengths of a record with inputs u, and these."""
-    z = float(norm.ppf(0.5 + confidence / 2))
-    ends: Array = np.zeros(0)
-    rows: dict[int, Array] = {}
-    for i in {one.output for one in asked}:
-        estimate = estimates[i]
-        fit = fit_at(estimate, unanswered(estimate))
-        told, ends = information(fit, u, bench.h, len(study.columns), not estimate.predicted_by)
-        rows[i] = z * combined(estimate.covariance, told)
-    return np.array([rows[one.output][:, one.index] for one in asked]), ends
+def _shortest(question: Question, stand: Stand, moves: Moves) -> Plan:
+    """The moves, for as long as they have to be made."""
+    bench = stand.bench
+    length = max(len(stand.today.still) * bench.h, 2 * max(moves.interval.values()))
+    tried = min(length, max(question.longest, 2 * max(moves.interval.values())))
+    _, u = bench.run(moves.course(tried, bench.h, bench.channels))
+    covariances, ends = question.after(u, bench.h)
+    enough = question.goals_reached(covariances)
+    if not enough.any():
+        return Plan(moves, np.inf)
+    up_and_down = 2 * max(moves.interval.values())
+    return Plan(moves, float(max(1.0, np.ceil(ends[np.argmax(enough)] / up_and_down - 1e-9)) * up_and_down))
 
 
-def _shortest(asked: Sequence[Open], widths: tuple[Array, Array], moves: Moves) -> Plan:
-    """The moves, as long as they have to be."""
-    after, ends = widths
-    whole = 2 * max(moves.interval.values())  # up and down once is the least
-    enough = np.all(after <= np.array([one.wanted for one in asked])[:, None], axis=0) & (ends >= whole)
-    at = int(np.argmax(enough)) if enough.any() else ends.size - 1
-    unit = min(moves.interval.values())
-    length = float(np.ceil(ends[at] / unit - 1e-9) * unit)
-    return Plan(moves, length, bool(enough.any()), tuple(float(w) for w in after[:, at]))
+def _kept_within(question: Question, stand: Stand, plan: Plan) -> Plan:
+    """The plan made so small, and therefore long, that it keeps the limits on all plants drawn, the way back included.
+
+    It suffices if it still reaches its goals in the time that a test may take.
+    """
+    bench = stand.bench
+    settling = int(levels.SETTLING * stand.slowest / bench.h)
+    for _ in range(levels.SIZED_TWICE):
+        if not plan.length <= question.longest * (1 + 1e-9):
+            return plan
+        share, why = stand.share(plan.moves.course(plan.length, bench.h, bench.channels, settling))
+        if share <= levels.LEAST_ROOM:
+            return replace(plan, moves=replace(plan.moves, size={}, limited_by=why), length=np.inf)
+        if share >= 1:
+            return _settled(question, stand, plan)
+        plan = _shortest(question, stand, _smaller(plan.moves, share, why))
+    return replace(plan, length=np.inf)
 
 
-def _entry(study: Study, bench: Bench, plan: Plan, asked: Sequence[Open]) -> MoreData:
+def _settled(question: Question, stand: Stand, plan: Plan) -> Plan:
+    """What the record of this very plan would tell."""
+    bench = stand.bench
+    _, u = bench.run(plan.moves.course(plan.length, bench.h, bench.channels))
+    covariances, ends = question.after(u, bench.h)
+    at = min(int(np.searchsorted(ends, plan.length * (1 - 1e-9))), len(ends) - 1)
+    then = question.widths(covariances, at)
+    return replace(plan, then=then, told=True, suffices=bool(question.reached(covariances)[at]))
+
+
+def _not_worth(question: Question, why: NotWorth, needs: float = np.inf, limited_by: str = "") -> MoreData:
+    """Why no test is worth it."""
+    found = MoreData(
+        sentence="",
+        not_worth=why,
+        needs=needs if np.isfinite(needs) else None,
+        limited_by=limited_by,
+        longest=question.longest,
+    )
+    return replace(found, sentence=not_worth_sentence(question.study.project.time_unit, found))
+
+
+def _entry(question: Question, stand: Stand, plan: Plan) -> MoreData:
     """A plan as the result has it."""
-    project = study.project
-    closed = bench.controller is not None
+    study, project = question.study, question.study.project
+    closed = stand.bench.controller is not None
     signal, channels = ("set-point", project.outputs) if closed else ("OP", project.inputs)
+    places = {one.place for one in question.matters}
     found = MoreData(
         sentence="",
         moves=tuple(
@@ -267,8 +323,12 @@ def _entry(study: Study, bench: Bench, plan: Plan, asked: Sequence[Open]) -> Mor
                 now=one.now if one.now < 1e6 * max(one.wanted, 1e-300) else None,
                 wanted=one.wanted,
                 then=then,
+                matters=one.place in places,
             )
-            for one, then in zip(asked, plan.then, strict=True)
+            for one, then in zip(question.asked, plan.then, strict=True)
         ),
+        first_of_two=question.first_of_two and not plan.suffices,
+        assumed_limits=stand.room.shown,
+        longest=question.longest,
     )
     return replace(found, sentence=plan_sentence(project.time_unit, found))

@@ -68,8 +68,12 @@ def recovered(study: Study, found: Identified, plant: TransferMatrix) -> Disturb
         value = pieces[0].y - simulate_row(plant, i, pieces[0])
         ok = np.isfinite(value) & pieces[0].valid
         left.append(np.interp(segment.t, segment.t[ok], value[ok]) if ok.any() else np.zeros(len(segment)))
-    v = np.column_stack(left)
-    return Disturbance(study.project.experiments[k].name, segment.h, segment.r - segment.r[0], v, segment.r - segment.y)
+    v, error = np.column_stack(left), segment.r - segment.y
+    for i, row in enumerate(plant.elements):
+        if any(np.any(element.poles == 0) for element in row):
+            # the level that an integrator begins with is no disturbance
+            v[:, i] -= v[0, i] + (error[0, i] if np.isfinite(error[0, i]) else 0.0)
+    return Disturbance(study.project.experiments[k].name, segment.h, segment.r - segment.r[0], v, error)
 
 
 @dataclass(frozen=True, eq=False)

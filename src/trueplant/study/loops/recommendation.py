@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from trueplant.result import DrawnShares, LoopMetrics, MetricsOfBoth
 from trueplant.result.recommendation_words import Outlook, Recommendation
+from trueplant.result.trade_off import trade_off
 from trueplant.study import levels
 from trueplant.study.study import Place
-from trueplant.tune import CERTAIN, Proposal
+from trueplant.tune import CERTAIN, PERFORMANCE, Proposal
 from trueplant.tune.state_space import DESIGNS
 
 
@@ -23,6 +24,8 @@ class Limits:
     """Of plants drawn anew."""
     mu: float | None
     """None where no weights are declared."""
+    sound: float | None = None
+    """Ms below which today's loop on an unchanged plant is left alone; None where the plant has changed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,57 +42,116 @@ class Judged:
         return next(iter(self.drawn.values()))
 
     @property
-    def share(self) -> float:
-        """Of drawn plants on which all loops keep Ms and Mt."""
-        return 0.0 if self.all_loops is None else self.all_loops.share_all
+    def mu(self) -> float:
+        """Of robust performance on the plant; infinite where it is unstable or nothing is known."""
+        found = next(iter(self.metrics.values())).plant.mu
+        return float("inf") if found is None else found.upper
 
     def on_plant(self, places: Sequence[Place]) -> list[LoopMetrics]:
         return [self.metrics[place].plant for place in places]
 
+    def share(self, limits: Limits) -> float:
+        """Of drawn plants on which all limits are held, at most."""
+        if (drawn := self.all_loops) is None:
+            return 0.0
+        return drawn.share_all if limits.mu is None else min(drawn.share_all, drawn.mu_share or 0.0)
+
     def keeps(self, limits: Limits) -> bool:
-        """Are the limits held for the share of plants asked for?"""
-        drawn = self.all_loops
-        if drawn is None or drawn.share_all < limits.share:
+        """Are the limits held for the share of plants asked for, and that of mu on the plant as estimated?"""
+        return self.share(limits) >= limits.share and (limits.mu is None or self.mu <= limits.mu)
+
+    def is_sound(self, limits: Limits) -> bool:
+        """On a plant that has not changed: is Ms of every loop low enough, and mu within its limit?"""
+        if limits.sound is None:
             return False
-        return limits.mu is None or (drawn.mu_share is not None and drawn.mu_share >= limits.share)
+        highest = [None if one is None else one.Ms.q95 for one in self.drawn.values()]
+        if any(Ms is None or Ms > limits.sound for Ms in highest):
+            return False
+        drawn = self.all_loops
+        enough = drawn is not None and (drawn.mu_share or 0.0) >= limits.share
+        return limits.mu is None or (enough and self.mu <= limits.mu)
 
 
 def recommend(
     proposals: Sequence[Proposal],
     judged: Mapping[str, Judged],
     today: Judged,
-    places: Sequence[Place],
+    loops: Mapping[Place, str],
     limits: Limits,
+    time_unit: str = "",
 ) -> Recommendation:
-    """The method to use for all loops, if any, and why (not).
+    """The method to use for all loops, if any, and why (not); loops: the name of each input by (input, output).
 
-    Ours where it holds the limits for the share of independently drawn plants, else the one of those that do which has
-    the least load error. Nothing where today's settings hold as well and no load error would fall by a tenth.
+    Only what holds the limits for the share of independently drawn plants, and where mu is limited has none larger than
+    today's. Where today's settings hold them too, or the plant has not changed and their margins are sound, it has to
+    lower the error of a load step by a tenth in one loop and raise it by as much in none; on the unchanged plant
+    overshoot and settling may not pay for it, and margin only where that error halves. Of several ours is taken, or
+    where today's mu is too large the one that was sought for mu, else that with the least load error. Where none holds
+    the limits, the one that lowers mu by a tenth.
     """
-    good = [p.method for p in proposals if p.method in judged and all(p.answered) and judged[p.method].keeps(limits)]
-    usual = [m for m in good if m not in DESIGNS] or good
+    places = list(loops)
+    said = Recommendation(Outlook.NO_ANSWER, limits.Ms, 0.0, limits.share, mu=limits.mu, time_unit=time_unit)
     if not judged:
-        notes = tuple(f"{p.method}: {p.notes[0]}" for p in proposals)
-        return Recommendation(Outlook.NO_ANSWER, limits.Ms, 0.0, limits.share, notes=notes)
-    if not usual:
-        best = max(found.share for found in judged.values())
-        notes = tuple(p.notes[0] for p in proposals if p.method == CERTAIN and p.controller is None)
-        return Recommendation(Outlook.NONE_HOLDS, limits.Ms, best, limits.share, notes=notes)
-    method = CERTAIN if CERTAIN in usual else min(usual, key=lambda m: _worst_load(judged[m], today, places))
-    change = _load_changes(judged[method], today, places)
-    if today.keeps(limits) and change and min(change) > levels.WORTH_A_CHANGE - 1:
-        return Recommendation(Outlook.KEEP, limits.Ms, today.share, limits.share)
-    louder = max(_noise_changes(judged[method], today, places), default=0.0)
-    return Recommendation(
-        Outlook.CHANGE,
-        limits.Ms,
-        judged[method].share,
-        limits.share,
-        method,
-        today=None if today.all_loops is None else today.share,
-        load_changes=tuple(change),
-        louder=louder if louder > levels.LOUDER_NOISE else None,
-    )
+        return replace(said, notes=tuple(f"{p.method}: {p.notes[0]}" for p in proposals))
+
+    def chosen(method: str, outlook: Outlook) -> Recommendation:
+        pairs = list(zip(loops.values(), today.on_plant(places), judged[method].on_plant(places), strict=True))
+        stable = all(old.stable and new.stable for _, old, new in pairs)
+        return replace(
+            said,
+            outlook=outlook,
+            share=judged[method].share(limits),
+            method=method,
+            today=None if today.all_loops is None else today.share(limits),
+            changes=tuple(trade_off(*pair) for pair in pairs) if stable else (),
+        )
+
+    whole = [p.method for p in proposals if p.method in judged and all(p.answered)]
+    good = [method for method in whole if judged[method].keeps(limits)]
+    usual = [m for m in good if m not in DESIGNS] or good
+    better = [m for m in usual if limits.mu is None or judged[m].mu <= today.mu]
+    sound = today.is_sound(limits)
+    if sound or today.keeps(limits):
+        better = [m for m in better if _pays(_load_changes(judged[m], today, places))]
+        if sound:
+            better = [m for m in better if not _costs(judged[m], today, places)]
+        if not better:
+            kept = Outlook.KEEP_UNCHANGED if sound else Outlook.KEEP
+            return replace(said, outlook=kept, share=today.share(limits))
+    if better:
+        first = CERTAIN if limits.mu is None or today.mu <= limits.mu else PERFORMANCE
+        least = min(better, key=lambda m: _worst_load(judged[m], today, places))
+        return chosen(first if first in better else least, Outlook.CHANGE)
+    if usual:
+        return replace(said, outlook=Outlook.NO_BETTER)
+    if limits.mu is not None:
+        lower = [m for m in whole if m not in DESIGNS and judged[m].mu <= levels.WORTH_A_CHANGE * today.mu]
+        held = [m for m in lower if (drawn := judged[m].all_loops) is not None and drawn.stable >= limits.share]
+        if held:
+            return chosen(min(held, key=lambda m: judged[m].mu), Outlook.LESS_MU)
+    best = max(found.share(limits) for found in judged.values())
+    notes = tuple(p.notes[0] for p in proposals if p.method == CERTAIN and p.controller is None)
+    return replace(said, outlook=Outlook.NONE_HOLDS, share=best, notes=notes)
+
+
+def _pays(changes: Sequence[float]) -> bool:
+    """Does a load step's error fall by a tenth in one loop, and rise by as much in none?"""
+    return bool(changes) and min(changes) <= levels.WORTH_A_CHANGE - 1 and max(changes) <= 1 - levels.WORTH_A_CHANGE
+
+
+def _costs(found: Judged, today: Judged, places: Sequence[Place]) -> bool:
+    """Does a set-point step overshoot more or settle later in some loop, or is margin given for a little speed?"""
+    for new, old in zip(found.on_plant(places), today.on_plant(places), strict=True):
+        less_margin = new.Ms is not None and old.Ms is not None and new.Ms > old.Ms + levels.MORE_PEAK
+        if less_margin and new.load and old.load and new.load.iae > levels.WORTH_MARGIN * old.load.iae:
+            return True
+        if new.setpoint is None or old.setpoint is None:
+            continue
+        if (new.setpoint.overshoot or 0.0) > (old.setpoint.overshoot or 0.0) + levels.MORE_OVERSHOOT:
+            return True
+        if levels.WORTH_A_CHANGE * new.setpoint.settling > old.setpoint.settling:
+            return True
+    return False
 
 
 def _load_changes(found: Judged, today: Judged, places: Sequence[Place]) -> list[float]:
@@ -99,13 +161,6 @@ def _load_changes(found: Judged, today: Judged, places: Sequence[Place]) -> list
         return []
     loads = [(new.load, old.load) for new, old in pairs]
     return [new.iae / old.iae - 1 for new, old in loads if new and old and old.iae > 0]
-
-
-def _noise_changes(found: Judged, today: Judged, places: Sequence[Place]) -> list[float]:
-    """How many times more noise moves OP on the plant, of each loop."""
-    pairs = zip(found.on_plant(places), today.on_plant(places), strict=True)
-    noise = [(new.noise, old.noise) for new, old in pairs]
-    return [new.op_variation / old.op_variation for new, old in noise if new and old and old.op_variation > 0]
 
 
 def _worst_load(found: Judged, today: Judged, places: Sequence[Place]) -> float:

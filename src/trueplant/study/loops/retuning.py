@@ -13,9 +13,12 @@ from trueplant.loop import PID, Controller, Linear, LinearLoop
 from trueplant.lti import DrawnPlants, TransferMatrix, UncertainPlant
 from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.result import (
+    KEEP,
     Code,
     ControllerCheck,
     CurrentSettings,
+    Element,
+    ElementVerdict,
     LoopMetrics,
     LoopRetuning,
     MetricsOfBoth,
@@ -24,7 +27,7 @@ from trueplant.result import (
     RetuningCurves,
     RetuningLimits,
 )
-from trueplant.result.recommendation_words import Recommendation, recommendation_sentence
+from trueplant.result.recommendation_words import Outlook, Recommendation, recommendation_sentence
 from trueplant.robust import margins
 from trueplant.study import levels
 from trueplant.study.loops.metrics import (
@@ -48,8 +51,10 @@ from trueplant.study.study import Study
 from trueplant.tune import (
     AS_DESIGNED,
     CERTAIN,
+    PERFORMANCE,
     LoopTask,
     Proposal,
+    Weighting,
     common_grid,
     propose,
 )
@@ -58,6 +63,7 @@ Place = tuple[int, int]
 
 DEFAULT_METHODS = (CERTAIN, AS_DESIGNED, "max-ki", "simc", "lambda", "amigo", "tyreus-luyben")
 FOR_SEVERAL = ("blt", "sequential")
+WITH_WEIGHTS = (PERFORMANCE,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +81,7 @@ def retuning_of(
     plant: UncertainPlant,
     response: FrequencyResponse | None,
     checks: Sequence[ControllerCheck],
+    elements: Sequence[Element],
 ) -> Retuning:
     """Proposals for every loop of today's controller; empty without a [tuning] table in the project.
 
@@ -93,14 +100,14 @@ def retuning_of(
         why = "retuning is for one controller a loop, and these share inputs or outputs"
         return Retuning(notes=(Reason(Code.TUNING, why),))
     known = plant.keeping_signs([(j, i) for i, j in declared.entries]).first(study.n_u)
-    bands = None if response is None else speaking_band(response)
+    bands = None if response is None else speaking_band(response, known.nominal)
     targets = [target_of(study, found, today, declared.entries[place], place, bands) for place in declared.entries]
     if all(loop.task is None for loop in targets):
         return Retuning(
             notes=tuple(Reason(Code.TUNING, loop.why, study.project.input_names[loop.place[0]]) for loop in targets)
         )
     try:
-        return _workshop(study, found, known, today, targets).retuning()
+        return _workshop(study, found, known, today, targets, elements).retuning()
     except LoopError as error:
         return Retuning(notes=(Reason(Code.TUNING, f"no settings can be proposed: {error}"),))
 
@@ -123,7 +130,12 @@ def _not_as_declared(study: Study, checks: Sequence[ControllerCheck]) -> tuple[R
 
 
 def _workshop(
-    study: Study, found: Identified, known: UncertainPlant, today: LinearLoop, targets: Sequence[Target]
+    study: Study,
+    found: Identified,
+    known: UncertainPlant,
+    today: LinearLoop,
+    targets: Sequence[Target],
+    elements: Sequence[Element],
 ) -> _Workshop:
     """Proposals by every method asked for, and the plants to judge them on."""
     project = study.project
@@ -135,16 +147,22 @@ def _workshop(
     weights = None
     if declared is not None and declared.wI is not None and declared.wP is not None:
         weights = weights_of(declared.wI), weights_of(declared.wP)
+    changed = any(e.verdict in (ElementVerdict.CHANGED, ElementVerdict.FOUND) for e in elements)
     limits = Limits(
-        asked.Ms or levels.LIMIT_MS, asked.share or levels.LIMIT_SHARE, None if weights is None else asked.mu
+        asked.Ms or levels.LIMIT_MS,
+        asked.share or levels.LIMIT_SHARE,
+        None if weights is None else asked.mu or levels.LIMIT_MU,
+        None if changed else asked.Ms or levels.HIGHEST_MS,
     )
-    methods = list(project.tuning.methods) or [*DEFAULT_METHODS, *(FOR_SEVERAL if len(tasks) > 1 else ())]
+    usual = (*DEFAULT_METHODS, *(FOR_SEVERAL if len(tasks) > 1 else ()), *(WITH_WEIGHTS if weights else ()))
+    methods = list(project.tuning.methods) or usual
     proposals = propose(
         known,
         tasks,
         today.controller,
         methods,
         model=study.inputs_model,
+        weighting=None if weights is None else Weighting(*weights),
         limit=limits.Ms,
         share=limits.share,
         seed=seed + 1,
@@ -171,6 +189,14 @@ def _workshop(
         response=drawn.response(w),
         seed=seed + 2,
     )
+
+
+def _recommended(found: Recommendation, leaves: str | None) -> tuple[str | None, str]:
+    """The method whose settings to enter into a loop, and why; leaves: why the recommended one does not touch it."""
+    if leaves is not None:
+        return KEEP, leaves
+    method = KEEP if found.outlook in (Outlook.KEEP, Outlook.KEEP_UNCHANGED) else found.method
+    return method, recommendation_sentence(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,8 +230,9 @@ class _Workshop:
         """The table, the curves and the notes."""
         today = self._judged(self.today.controller)
         judged = {p.method: self._judged(p.controller) for p in self.proposals if p.controller is not None}
-        places = [loop.place for loop in self.targets]
-        found = recommend(self.proposals, judged, today, places, self.limits)
+        names = self.study.project.input_names
+        loops = {loop.place: names[loop.place[0]] for loop in self.targets}
+        found = recommend(self.proposals, judged, today, loops, self.limits, self.study.project.time_unit)
         table = tuple(self._loop(loop, today, judged, found) for loop in self.targets)
         drawn = found.method or next((p.method for p in self.proposals if p.controller is not None), None)
         chosen = next((p for p in self.proposals if p.method == drawn), None)
@@ -235,11 +262,11 @@ class _Workshop:
         project, k = self.study.project, self.study.loop_experiment
         assert k is not None  # nothing is retuned without today's loop,
         assert project.tuning is not None  # or unasked
-        declared = project.tuning.limits
         i, j = loop.place
         rows = [self._proposal(loop, p, judged) for p in self.proposals]
         prices = [price for _, price in rows if price is not None]
         crossover = None if loop.task is None else loop.task.crossover
+        recommended, reason = (None, loop.why) if loop.task is None else _recommended(found, self._leaves(loop, found))
         return LoopRetuning(
             input=project.input_names[i],
             output=project.output_names[j],
@@ -248,7 +275,7 @@ class _Workshop:
             gain_unit=loop.shown.gain_unit,
             time_unit=project.time_unit,
             notation=loop.shown.notation,
-            limits=RetuningLimits(self.limits.Ms, declared.mu, self.limits.share, crossover, loop.why),
+            limits=RetuningLimits(self.limits.Ms, self.limits.mu, self.limits.share, crossover, loop.why),
             assumptions=loop.assumptions,
             current=CurrentSettings(
                 law_settings(loop.entry, loop.shown, 1.0),
@@ -257,10 +284,19 @@ class _Workshop:
                 today.drawn[loop.place],
             ),
             proposals=tuple(row for row, _ in rows) if loop.task is not None else (),
-            recommended=found.method if loop.task is not None else None,
-            reason=recommendation_sentence(found) if loop.task is not None else loop.why,
+            recommended=recommended,
+            reason=reason,
             price=prices[-1] if prices else None,
+            trade_off=next((one for one in found.changes if one.input == project.input_names[i]), None),
         )
+
+    def _leaves(self, loop: Target, found: Recommendation) -> str | None:
+        """What the recommended proposal says of a loop whose law it leaves as it is; None where it gives another."""
+        chosen = next((p for p in self.proposals if p.method == found.method), None)
+        if chosen is None or chosen.controller is None or loop.task is None:
+            return None
+        same = chosen.controller.entries[loop.place] == self.today.controller.entries[loop.place]
+        return chosen.notes[self.tasks.index(loop.task)] if same else None
 
     def _proposal(
         self, loop: Target, p: Proposal, judged: Mapping[str, Judged]

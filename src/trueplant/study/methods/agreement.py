@@ -30,7 +30,7 @@ class Estimated:
 
 
 @dataclass(frozen=True)
-class _Difference:
+class Difference:
     """One parameter by the fit and by another method, and the p-value that both estimate the same."""
 
     output: int
@@ -41,8 +41,11 @@ class _Difference:
     p: float
 
 
-def rows_of(study: Study, specs: Mapping[Place, Spec], answer: Estimated) -> tuple[MethodElement, ...]:
-    """The elements that a method answered, as the result has them."""
+def rows_of(
+    study: Study, specs: Mapping[Place, Spec], answer: Estimated, apart: Sequence[Difference]
+) -> tuple[MethodElement, ...]:
+    """The elements that a method answered, as the result has them; `apart` are its `clear_differences`."""
+    differs = {(one.output, one.column, one.label) for one in apart}
     z = norm.ppf(0.5 + study.project.analysis.confidence / 2)
     rows = []
     for (i, j), p in sorted(answer.parameters.items()):
@@ -52,37 +55,41 @@ def rows_of(study: Study, specs: Mapping[Place, Spec], answer: Estimated) -> tup
         order = structure.sorted(p)
         errors = np.sqrt(np.diag(answer.covariance[i, j]))
         parameters = (
-            _parameter(name, float(p[k]), float(errors[k]), z) for name, k in zip(structure.names, order, strict=True)
+            _parameter(name, float(p[k]), float(errors[k]), z, (i, j, name) in differs)
+            for name, k in zip(structure.names, order, strict=True)
         )
         rows.append(MethodElement(study.project.output_names[i], study.columns[j], tuple(parameters)))
     return tuple(rows)
 
 
-def _parameter(name: str, value: float, error: float, z: float) -> MethodParameter:
+def _parameter(name: str, value: float, error: float, z: float, differs: bool) -> MethodParameter:
     """As the result has it; without an error where the method gives none."""
     if not np.isfinite(error):
         return MethodParameter(name, value, None, None)
-    return MethodParameter(name, value, error, (value - z * error, value + z * error))
+    return MethodParameter(name, value, error, (value - z * error, value + z * error), differs)
+
+
+def clear_differences(
+    study: Study, estimates: Mapping[int, OutputEstimate], answer: Estimated
+) -> tuple[Difference, ...] | None:
+    """Where a method and the fit differ beyond both their uncertainties; None where nothing can be compared."""
+    compared = _differences(estimates, answer)
+    level = 1 - study.project.analysis.confidence
+    return tuple(one for one in compared if one.p * len(compared) < level) if compared else None
 
 
 def disagreements(
-    study: Study,
-    estimates: Mapping[int, OutputEstimate],
-    found: Mapping[str, Estimated],
-    biases: Mapping[str, Sequence[str]],
+    study: Study, apart: Mapping[str, Sequence[Difference] | None], biases: Mapping[str, Sequence[str]]
 ) -> dict[str, str]:
-    """For each method that can be compared: where it and the fit differ beyond both their uncertainties, if they do.
+    """For each method that can be compared: where it and the fit differ, if they do, in words.
 
     The text is empty where they agree. To one that is known to be biased, and need not agree, that is added.
     """
-    level = 1 - study.project.analysis.confidence
-    said = {}
-    for name, answer in found.items():
-        compared = _differences(estimates, answer)
-        clear = [one for one in compared if one.p * len(compared) < level]
-        if compared:
-            said[name] = _disagreement(study, name, clear, biases.get(name, ())) if clear else ""
-    return said
+    return {
+        name: _disagreement(study, name, clear, biases.get(name, ())) if clear else ""
+        for name, clear in apart.items()
+        if clear is not None
+    }
 
 
 def in_sentences(said: Mapping[str, str]) -> tuple[str, ...]:
@@ -96,7 +103,7 @@ def in_sentences(said: Mapping[str, str]) -> tuple[str, ...]:
     return (f"{who} with the fit within their uncertainties", *apart)
 
 
-def _differences(estimates: Mapping[int, OutputEstimate], answer: Estimated) -> list[_Difference]:
+def _differences(estimates: Mapping[int, OutputEstimate], answer: Estimated) -> list[Difference]:
     """Every parameter that both the fit and the method answer."""
     found = []
     for i, estimate in estimates.items():
@@ -111,11 +118,11 @@ def _differences(estimates: Mapping[int, OutputEstimate], answer: Estimated) -> 
                 if part.start + k in open_ones or not np.isfinite(other_variance[k]):
                     continue
                 z = abs(theta[k] - other[k]) / np.sqrt(variance[k] + other_variance[k])
-                found.append(_Difference(*place, label, float(theta[k]), float(other[k]), float(2 * norm.sf(z))))
+                found.append(Difference(*place, label, float(theta[k]), float(other[k]), float(2 * norm.sf(z))))
     return found
 
 
-def _disagreement(study: Study, name: str, clear: Sequence[_Difference], biases: Sequence[str]) -> str:
+def _disagreement(study: Study, name: str, clear: Sequence[Difference], biases: Sequence[str]) -> str:
     named = "; ".join(
         f"{one.label.replace('_', ' ')} of {study.columns[one.column]} -> {study.project.output_names[one.output]}: "
         f"{number(one.fit)} by the fit, {number(one.other)} by {name}"

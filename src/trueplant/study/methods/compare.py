@@ -13,7 +13,7 @@ from trueplant.mismatch import FrequencyResponse
 from trueplant.result import BandTest, BlackBox, DisturbanceFit, MethodElement, Reason
 from trueplant.study.data.band import band_test
 from trueplant.study.data.nonparametric import best_known
-from trueplant.study.methods.agreement import Estimated, disagreements, in_sentences, rows_of
+from trueplant.study.methods.agreement import Estimated, clear_differences, disagreements, in_sentences, rows_of
 from trueplant.study.methods.disturbance_forms import answers_with_disturbance
 from trueplant.study.methods.paper_forms import (
     FORMS,
@@ -69,11 +69,12 @@ def compare_methods(study: Study, identified: Identified, plant: TransferMatrix)
         parameters = {place: p for place, (p, _) in answer.found.items()}
         found[name] = Estimated(parameters, {place: covariance for place, (_, covariance) in answer.found.items()})
     response = best_known(answer.response for answer in found.values())
-    elements = {name: rows_of(study, identified.specs, answer) for name, answer in found.items()}
+    apart = {name: clear_differences(study, estimates, answer) for name, answer in found.items()}
+    elements = {name: rows_of(study, identified.specs, answer, apart[name] or ()) for name, answer in found.items()}
     formed = found["closed-form"].response if "closed-form" in found else None
     if formed is not None and not formed.periods:  # it reads frequencies between the lines too, where nothing moves
         elements["paper-route"] = paper_route_rows(study, identified, plant)
-    said = {**disagreements(study, estimates, found, requested.biases), **requested.disagreements}
+    said = {**disagreements(study, apart, requested.biases), **requested.disagreements}
     inside, outside = band_test(study, identified.specs, plant, response)
     return Compared(
         elements,

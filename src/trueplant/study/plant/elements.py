@@ -123,9 +123,7 @@ def _none_found(study: Study, identified: Identified, i: int, j: int) -> Element
 def _held_element(study: Study, identified: Identified, i: int, j: int) -> Element:
     formula = None if (i, j) in study.wanted else to_formula(study.model[i, j])
     if (i, j) in identified.specs:
-        why = (
-            f"the PV of {study.project.output_names[i]} cannot be used in these data, or nothing moves it from outside"
-        )
+        why = f"the PV of {study.project.output_names[i]} cannot be used in these data"
         return Element(
             study.project.output_names[i],
             study.columns[j],

@@ -14,6 +14,8 @@ from trueplant.identify import (
     OutputEstimate,
     RowFit,
     Spec,
+    Unanswered,
+    WhyUnanswered,
     behind_valves,
     found_loads,
     identify_plant,
@@ -26,7 +28,7 @@ from trueplant.identify import (
 )
 from trueplant.record import Segment
 from trueplant.result import Code, Reason
-from trueplant.study.data.excitation import unmoved_outputs
+from trueplant.study.data.reached import unreached_elements
 from trueplant.study.data.scan import without_hidden_dynamics
 from trueplant.study.data.timing import timing_error, update_interval
 from trueplant.study.plant.disturbance import disturbed_fits, resting_on, with_jumps
@@ -85,6 +87,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         estimates = _resting_on_disturbances(study, estimates, fits)
     confidence = study.project.analysis.confidence
     estimates = widened_for_valves(widened_for_holds(estimates, holds, confidence), tried, confidence)
+    estimates = _without_unreached(study, estimates)
     taken = {(i, spec.column): spec for i, one in estimates.items() for spec in one.row.specs}
     asked = {place: spec for place, spec in study.specs.items() if place not in found.absence_p}
     notes = (*_missing(study, taken), *_loads(study, estimates))
@@ -107,12 +110,28 @@ def _identified(
         ),
         study.project.analysis.confidence,
         (update_interval(study), timing_error(study)),
-        tell=lambda i: say(f"estimating {study.project.output_names[i]}"),
+        tell=lambda i: say(f"estimating {_counted(study.project.output_names, i)}"),
     )
-    unmoved = unmoved_outputs(study)
-    told = found.estimates.items()
-    estimates = {i: without_hidden_dynamics(study.hidden, i, one) for i, one in told if i not in unmoved}
+    estimates = {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.estimates.items()}
     return replace(found, estimates=estimates)
+
+
+def _without_unreached(study: Study, found: Mapping[int, OutputEstimate]) -> dict[int, OutputEstimate]:
+    """The estimates, with nothing given of the elements that nothing moves from outside."""
+    unreached, estimates = unreached_elements(study), dict(found)
+    for i, one in found.items():
+        hidden = [
+            range(part.start, part.stop)
+            for spec, part in zip(one.row.specs, one.row.slices, strict=True)
+            if (i, spec.column) in unreached
+        ]
+        more = {k: Unanswered.because(WhyUnanswered.NOTHING_FROM_OUTSIDE) for part in hidden for k in part}
+        estimates[i] = replace(one, withheld={**one.withheld, **more})
+    return estimates
+
+
+def _counted(names: Sequence[str], i: int) -> str:
+    return names[i] if len(names) == 1 else f"{names[i]}, output {i + 1} of {len(names)}"
 
 
 def _resting_on_disturbances(

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from trueplant.identify import OutputEstimate
 from trueplant.identify.levels import SHARED_FACTOR, UNDERMODELLED
 from trueplant.result import Code, ControllerCheck, Reason
-from trueplant.study.data.excitation import compression_notes, setpoint_rank_note
+from trueplant.study.data.excitation import compression_notes, manual_notes, setpoint_rank_note
 from trueplant.study.data.scan import faster_scan
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
@@ -23,7 +25,8 @@ def controller_notes(consistency: Sequence[ControllerCheck]) -> list[Reason]:
 
 def notes_of(study: Study, found: Identified, consistency: Sequence[ControllerCheck]) -> list[Reason]:
     """What the reader should know although an answer was possible."""
-    notes = [*setpoint_rank_note(study), *compression_notes(study), *controller_notes(consistency), *_scan_note(study)]
+    notes = [*setpoint_rank_note(study), *manual_notes(study), *compression_notes(study)]
+    notes += [*controller_notes(consistency), *_scan_note(study)]
     notes += _hold_notes(study, found)
     for i, estimate in found.estimates.items():
         name = study.project.output_names[i]
@@ -108,6 +111,16 @@ def _noise_notes(estimate: OutputEstimate, name: str) -> list[Reason]:
                 "the experiments disagree by more than their residuals justify: from one to the other gains differ by "
                 f"some {100 * runs.spread[0]:.0f} %, lags and dead times by some {100 * runs.spread[1]:.0f} %. The "
                 "intervals speak of their mean, and count that",
+                name,
+            )
+        )
+    elif runs is not None and np.any(np.diag(runs.added) > 0.5 * np.diag(estimate.covariance)):
+        notes.append(
+            Reason(
+                Code.ONE_EXPERIMENT,
+                f"{len(runs.experiments)} experiments tell little of how far runs of one plant differ: that they "
+                "may is most of the width of some intervals. More experiments make them narrower; parts of one run are "
+                "better given as one experiment",
                 name,
             )
         )

@@ -1,0 +1,45 @@
+"""Tables on the terminal: no word is broken, at any width that holds the longest."""
+
+from __future__ import annotations
+
+from io import StringIO
+
+import pytest
+from rich.console import Console
+from rich.text import Text
+
+from trueplant.cli.layout import blocks
+
+HEADINGS = ("parameter", "model", "plant (95 % interval)", "change")
+GROUPS = [
+    (
+        Text("a_rather_long_name_of_an_input -> an_even_longer_name_of_an_output_of_the_plant: changed, grade A"),
+        [tuple(map(Text, ("gain", "-0.464", "-0.5804 ± 0.0060 degC/%", "+25.1 % *")))],
+    ),
+    (Text("u -> y: not identifiable"), [tuple(map(Text, ("tau1", "12.0", "its input never moves by itself", "")))]),
+    (Text("u2 -> y: absent"), []),
+]
+
+
+def drawn(width: int) -> list[str]:
+    console = Console(file=StringIO(), width=width, highlight=False)
+    for line in blocks(HEADINGS, GROUPS, ("model", "change"), width):
+        console.print(line)
+    file = console.file
+    assert isinstance(file, StringIO)
+    return file.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("width", [56, 60, 80, 140])
+def test_no_word_is_broken_and_no_line_too_long(width: int) -> None:
+    lines = drawn(width)
+    assert all(len(line) <= width for line in lines)
+    words = {word for _, rows in GROUPS for row in rows for cell in row for word in cell.plain.split()}
+    assert words <= {word for line in lines for word in line.split()}
+
+
+def test_columns_are_shared_and_numbers_stand_right() -> None:
+    lines = [line for line in drawn(80) if line.startswith("  ")]
+    head, gain, tau = lines[0], lines[1], lines[2]
+    assert head.index("plant") == gain.index("-0.5804") == tau.index("its input")
+    assert head.index("model") + 5 == gain.index("-0.464") + 6 == tau.index("12.0") + 4
