@@ -13,17 +13,22 @@ endif
 # One thread a process: the tests run on all cores already.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-all check bench docs lowest oracle lock clean
+.PHONY: demo demo-site test test-all check bench docs lowest oracle lock clean
 .DELETE_ON_ERROR:
 
 demo: .venv/ready
 	$(BIN)/trueplant demo splitter
 
+# Sixty simulated loops and their audit with two workers, beside what is wrong with them.
+demo-site: .venv/ready-dev
+	$(BIN)/trueplant demo site --workers 2
+
 # Below five minutes on two idle cores: all but what pytest's marker `slow` names.
 test: .venv/ready-dev
 	$(BIN)/python -m pytest -q -n 2 --dist loadscope -m "not slow"
 
-# Quick and slow tests, each once.
+# Quick and slow tests, each once. With TRUEPLANT_TEST_SERVERS=1 a historian that cannot be started fails its tests
+# instead of skipping them; TRUEPLANT_NODE_OPCUA names a folder in which `npm install node-opcua` was run.
 test-all: .venv/ready-dev
 	$(BIN)/python -m pytest -q -n 2 --dist worksteal
 
@@ -43,7 +48,7 @@ docs: .venv/ready-docs
 lowest: .venv/ready-dev
 	$(PIP) install uv
 	$(BIN)/uv venv --quiet --clear --python $(BIN)/python .venv-lowest
-	$(BIN)/uv pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct -e '.[test]'
+	$(BIN)/uv pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct -e '.[test,opcua,sql]'
 	.venv-lowest/bin/python -m pytest -q -n 2
 
 # What slycot, which is GPL and so in no other venv here, says of mu and of H-infinity design.
@@ -51,7 +56,8 @@ oracle: .venv/ready-dev
 	$(PIP) install uv
 	$(BIN)/uv venv --quiet --clear --python $(BIN)/python .venv-oracle
 	$(BIN)/uv pip install --quiet --python .venv-oracle/bin/python -e '.[test,hinf]'
-	.venv-oracle/bin/python -m pytest -q tests/robust/test_mu.py tests/tune/test_state_space.py
+	.venv-oracle/bin/python -m pytest -q tests/robust/test_mu.py tests/robust/test_mixed_mu.py \
+		tests/tune/test_state_space.py tests/tune/test_mu_synthesis.py
 
 # Pinned versions with hashes; no address of a package index gets into them.
 COMPILE := $(BIN)/python -m piptools compile --quiet --strip-extras --allow-unsafe --generate-hashes \
@@ -59,7 +65,7 @@ COMPILE := $(BIN)/python -m piptools compile --quiet --strip-extras --allow-unsa
 lock: .venv/ready-dev
 	$(PIP) install pip-tools
 	$(COMPILE) --extra build -o requirements.txt
-	$(COMPILE) --extra build --extra test --extra dev -c requirements.txt -o requirements-dev.txt
+	$(COMPILE) --extra build --extra test --extra dev --extra fleet --extra opcua --extra sql -c requirements.txt -o requirements-dev.txt
 	$(COMPILE) --extra build --extra docs -c requirements-dev.txt -o requirements-docs.txt
 
 INSTALL = $(PIP) install --require-hashes -r $(1) && $(PIP) install --no-deps --no-build-isolation -e . && touch $@
