@@ -178,11 +178,14 @@ def _settings() -> Iterator[Any]:
         raise UsageError(
             "several workers need dask, which is not installed: pip install 'trueplant[fleet]', or --workers 0"
         ) from None
-    log = logging.getLogger("distributed")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
+    # some of its loggers have levels of their own
+    names = ("distributed", *(name for name in logging.root.manager.loggerDict if name.startswith("distributed.")))
+    before = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         with dask.config.set(_SETTINGS):
             yield distributed
     finally:
-        log.setLevel(level)
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
