@@ -200,8 +200,12 @@ def parametric_performance(loop: ParametricLoop) -> Robustness:
     rates = rates_of(loop.plant, loop.controller, weights)
     n_y = loop.plant.shape[0]
 
+    rest = levels.REST * rates.slowest
+
     def system(w: Array) -> tuple[Array, ComplexArray]:
-        return w, loop.system(w)
+        N = loop.system(w)
+        # the limit towards 0 is real, and real parameters tell it from what is next to it
+        return w, np.where((w == rest)[:, None, None], N.real, N)
 
     def nominal(at: tuple[Array, ComplexArray]) -> tuple[Array, Array]:
         size = np.linalg.norm(at[1][:, -n_y:, -n_y:], ord=2, axis=(1, 2))

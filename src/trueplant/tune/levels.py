@@ -126,9 +126,9 @@ USUAL_PEAK = 2.0
 """Sensitivity peak below which a detuned set of loops is left as it is (Astrom and Hagglund 2006, section 4.6)."""
 SAME_SPEED = 0.995
 """A slowing down by less than this is not worth a word."""
-WORTH_TUNING = 2.0
-"""Beside a loop that gains more, one whose integral gain would rise by less than this factor is left as it is, if it
-holds the limits: margin is not given for a little speed, as WORTH_MARGIN of the study has it."""
+WORTH_TUNING = 1.1
+"""A loop whose integral gain would rise by less than this factor is left as it is, if it holds the limits. Judgement:
+less is not seen in operation."""
 COMMON_SLOWDOWNS = np.geomspace(1.0, 0.02, 40)
 """Factors by which loops that disturb each other are slowed down together."""
 SLOWEST_CROSSOVER = 1e-6
