@@ -267,6 +267,16 @@ MISTAKES = {
         "[robustness]\nwI = {gain = 10}\n[[controller]]",
         'did you mean "gain_percent"',
     ),
+    "no error of any element": (
+        "[[controller]]",
+        "[robustness]\nelements = {gain_percent = 0}\n[[controller]]",
+        "robustness.elements: has no error",
+    ),
+    "error of an element that is not there": (
+        "[[controller]]",
+        '[robustness]\nelements = [{output = "top", input = "gass", gain_percent = 5}]\n[[controller]]',
+        'did you mean "gas"',
+    ),
     "simulated without end": (
         "[[controller]]",
         "[simulate]\nduration = 1e12\nsample_time = 1\n[[controller]]",

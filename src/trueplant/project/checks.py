@@ -84,6 +84,31 @@ def _check_references(project: Declaration) -> None:
         _check_element(project, element, ("model", k))
     for k, entry in enumerate(project.unmeasured):
         _known(entry.output, outputs, "[[output]]", "unmeasured", k, "output")
+    _check_errors(project)
+
+
+def _check_errors(project: Declaration) -> None:
+    """Real errors in [robustness] are of elements of the model, and there are some."""
+    declared = None if project.robustness is None else project.robustness.elements
+    if declared is None:
+        return
+    errors = declared if isinstance(declared, list) else [declared]
+    if not any(error.gain_percent or error.dead_time for error in errors):
+        text = "has no error: add gain_percent or dead_time above 0, or leave it out"
+        raise problem(text, "robustness", "elements")
+    there = {(element.output, element.input) for element in project.model}
+    seen: set[tuple[str, str]] = set()
+    for k, error in enumerate(declared if isinstance(declared, list) else ()):
+        _known(error.output, project.output_names, "[[output]]", "robustness", "elements", k, "output")
+        _known(error.input, project.input_names, "[[input]]", "robustness", "elements", k, "input")
+        pair = (error.output, error.input)
+        if pair in seen:
+            text = f"{error.input} -> {error.output} is declared twice: keep one of them"
+            raise problem(text, "robustness", "elements", k)
+        if there and pair not in there:
+            text = f"the model has no element {error.input} -> {error.output}: leave it out, or declare the element"
+            raise problem(text, "robustness", "elements", k)
+        seen.add(pair)
 
 
 def _check_element(project: Declaration, element: ModelElement, where: tuple[str | int, ...]) -> None:

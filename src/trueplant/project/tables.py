@@ -233,9 +233,20 @@ class PerformanceNumbers(Table):
     A: NotNegative = 0.0
 
 
-class Robustness(Table):
-    """Weights of uncertainty (wI) and performance (wP): one for all channels, or one a channel."""
+class ElementNumbers(UncertaintyNumbers):
+    """The same of one element."""
 
+    output: Name
+    input: Name
+
+
+class Robustness(Table):
+    """Weights of uncertainty (wI) and performance (wP): one for all channels, or one a channel.
+
+    `elements`: real errors of the gain and the dead time of all elements, or of those that are named.
+    """
+
+    elements: UncertaintyNumbers | list[ElementNumbers] | None = None
     wI: Formula | UncertaintyNumbers | list[Formula | UncertaintyNumbers] | None = None
     wP: Formula | PerformanceNumbers | list[Formula | PerformanceNumbers] | None = None
 

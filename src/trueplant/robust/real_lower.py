@@ -96,9 +96,10 @@ def _on_edge(M: ComplexArray, free: int, signs: Array) -> tuple[Array, Array]:
     # of a real M any r would do, and the roots are those of rounding
     genuine = np.max(np.abs(crossed), axis=1) > levels.ROOT * np.max(np.abs(a), axis=1) * np.max(np.abs(b), axis=1)
     good = genuine[:, None] & (np.abs(roots.imag) < levels.ROOT * r) & (np.abs(delta) <= r) & (r > levels.ROOT)
+    r, delta = np.where(good, r, 1.0), np.where(good, delta, 0.0)
     size = np.where(good, 1 / r, 0.0)
     chosen = np.argmax(size, axis=1)[:, None]
-    q = np.where(np.take_along_axis(good, chosen, 1), np.take_along_axis(delta / r, chosen, 1), 0.0) * unit
+    q = np.take_along_axis(delta / r, chosen, 1) * unit
     return np.max(size, axis=1), q + signs
 
 

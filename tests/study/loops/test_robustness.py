@@ -15,6 +15,7 @@ from trueplant.plants import mill, splitter, wood_berry
 from trueplant.project.simulation import as_file, simulate_record
 from trueplant.robust import margins, robust_performance
 from trueplant.study.loops.robustness import pairing_of
+from trueplant.study.loops.weighted import weights_of
 from trueplant.study.pipeline import analyse
 from trueplant.study.plant.uncertainty import element_errors
 
@@ -182,6 +183,34 @@ def test_peaks_of_drawn_loops_lie_between_those_at_the_ends_of_the_intervals(res
         )
     )
     assert low < fuel["Ms_q50"] < fuel["Ms_q95"] < high
+
+
+@pytest.mark.parametrize("declared", ["{%s}", '[{output = "top_temperature", input = "reflux", %s}]'])
+def test_real_errors_of_elements(tmp_path, declared):
+    """All plants of the set are looked at, and the worst of them is where the peak says."""
+    errors = "gain_percent = 15, dead_time = 0.4"
+    text = LOOP.split("[tuning]")[0].replace(f"wI = {{{errors}}}", f"elements = {declared % errors}")
+    project = Project.from_toml(text + "[simulate]" + LOOP.split("[simulate]")[1], tmp_path)
+    (tmp_path / "record.csv").write_bytes(as_file(simulate_record(project), "record.csv"))
+    found = analyse(project)
+    said, law = found.to_dict()["robustness"]["peaks"]["plant"], project.controller(0)
+    wP = weights_of(project.robustness.wP)
+    w = np.geomspace(1e-4, 30, 400)
+
+    def reached(element: str, at: np.ndarray) -> np.ndarray:
+        plant = TransferMatrix.of([[element]], "min")
+        assert unstable_poles(plant, law) == 0
+        return np.abs(wP(1j * at) / (1 + (plant(1j * at) @ law(1j * at))[:, 0, 0]))
+
+    values = {p.name: p.plant for p in found.elements[0].parameters}
+    every = [
+        f"{values['gain'] * gain} exp(-{values['dead_time'] + later} s)/({values['tau1']} s + 1)"
+        for gain in np.linspace(0.85, 1.15, 5)
+        for later in np.linspace(-0.4, 0.4, 5)
+    ]
+    assert (max(reached(one, w).max() for one in every) < 1) == said["robust_performance_holds"]
+    worst = said["worst_plant"][0]["tf"]
+    assert reached(worst, np.array([said["RP"]["frequency"]]))[0] == pytest.approx(said["RP"]["lower"], rel=1e-3)
 
 
 def test_what_the_loop_cannot_meet_is_said(tmp_path):

@@ -43,9 +43,9 @@ from trueplant.study.loops.metrics import (
     share_below_mu,
 )
 from trueplant.study.loops.recommendation import Judged, Limits, recommend
-from trueplant.study.loops.robustness import weights_of
 from trueplant.study.loops.settings import law_settings, vendor_settings
 from trueplant.study.loops.targets import Target, target_of
+from trueplant.study.loops.weighted import weights_of
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
 from trueplant.tune import (

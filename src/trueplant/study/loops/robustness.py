@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.loop import Controller, Linear, LinearLoop
-from trueplant.lti import TransferMatrix, UncertainPlant, simplified, tf, to_formula
-from trueplant.project.tables import PerformanceNumbers, UncertaintyNumbers
+from trueplant.lti import TransferMatrix, UncertainPlant
 from trueplant.result import (
     Code,
     DrawnLoop,
@@ -23,25 +21,18 @@ from trueplant.result import (
     Margins,
     MuCurves,
     Pairing,
-    Peak,
     Reason,
     SystemPeaks,
-    WorstElement,
 )
 from trueplant.robust import (
-    Robustness,
-    gain_and_dead_time_weight,
     margins,
     niederlinski,
-    performance_weight,
-    perturbed_plant,
     rga,
-    robust_performance,
 )
 from trueplant.robust.generalised import channels
 from trueplant.robust.grid import on_axis, rates_of
 from trueplant.study import levels
-from trueplant.study.plant.uncertainty import element_errors
+from trueplant.study.loops.weighted import weighted, weights_of
 from trueplant.study.study import Study
 from trueplant.tune.drawn import Peaks, common_grid, peaks
 
@@ -67,7 +58,7 @@ def robustness_of(study: Study, known: UncertainPlant) -> LoopToday:
     model, today, controller, loops = study.inputs_model, loop.plant, loop.controller, loop.inputs
     names = study.project.input_names
     on_model, on_plant = (tuple(_margins(matrix, controller, i, names[i]) for i in loops) for matrix in (model, today))
-    peaks, mu = _weighted(study, loop.on(model), loop, known)
+    peaks, mu = weighted(study, loop.on(model), loop, known)
     table = LoopRobustness(
         controller_of=study.project.experiments[k].name,
         margins=Margins(on_model, on_plant),
@@ -130,104 +121,6 @@ def pairing_of(
         wrong = tuple(names[i] for i, j in places if relative[j, i] < 0)
         found[name] = Pairing(tuple(tuple(row) for row in relative.tolist()), float(index), wrong)
     return found
-
-
-# -- robust performance -----------------------------------------------------------------------------------------
-
-
-def _weighted(
-    study: Study, on_model: LinearLoop, on_plant: LinearLoop, known: UncertainPlant
-) -> tuple[dict[str, SystemPeaks], tuple[MuCurves, ...]]:
-    """NP, RS and RP with the declared weights (28)-(32); empty without any.
-
-    "model" and "plant" are judged under the declared wI, an uncertainty of each input's channel; "estimate" is the
-    plant under what the covariance of its parameters leaves open.
-    """
-    declared = study.project.robustness
-    if declared is None or (declared.wI is None and declared.wP is None):
-        return {}, ()
-    uncertainty, performance = (0.0 if given is None else weights_of(given) for given in (declared.wI, declared.wP))
-    cases = {
-        name: robust_performance(loop.plant, loop.controller, uncertainty, performance)
-        for name, loop in (("model", on_model), ("plant", on_plant))
-    }
-    tests = {name: _tests(declared.wI is not None, declared.wP is not None) for name in cases}
-    certain = _of_estimate(study, on_plant, known, performance)
-    if certain is not None:
-        # without uncertainty it is the plant, whose nominal performance is there already
-        cases["estimate"] = certain
-        tests["estimate"] = tuple(t for t in _tests(True, declared.wP is not None) if t != "NP")
-    table = {name: _peaks(found, tests[name]) for name, found in cases.items()}
-    if "RP" in tests["plant"] and math.isfinite(cases["plant"].RP.upper):
-        worst = _worst(study, on_plant.plant, uncertainty, cases["plant"])
-        table["plant"] = replace(table["plant"], worst_plant=worst)
-    curves = (_curves(name, found, tests[name]) for name, found in cases.items() if found.stable)
-    return table, tuple(curves)
-
-
-def _tests(uncertain: bool, demanding: bool) -> tuple[str, ...]:
-    """Which tests say something: nominal performance needs a wP, robust stability an uncertainty, the third both."""
-    return ("NP",) * demanding + ("RS",) * uncertain + ("RP",) * (demanding and uncertain)
-
-
-def _of_estimate(study: Study, loop: LinearLoop, known: UncertainPlant, performance: Any) -> Robustness | None:
-    """Robust performance over the plants within the confidence of the estimate, each element's error on its own."""
-    if not known.varying:
-        return None
-    plant, controller = loop.plant, loop.controller
-    grid = rates_of(plant, controller).grid(per_decade=30)
-    w = np.append(1e-9 * grid[0], grid)
-    size = element_errors(known, w, study.project.analysis.confidence)[:, :, : plant.shape[1]].reshape(w.size, -1)
-    weights = [_interpolated(w, element) for element in size.T]
-    return robust_performance(plant, controller, weights, performance, "elements")
-
-
-def _interpolated(w: Array, size: Array) -> Callable[[ComplexArray], Array]:
-    log_w, log_size = np.log(w), np.log(np.maximum(size, 1e-300))
-    return lambda s: np.asarray(np.exp(np.interp(np.log(np.maximum(np.abs(s), 1e-300)), log_w, log_size)))
-
-
-def _worst(study: Study, plant: TransferMatrix, uncertainty: Any, found: Robustness) -> tuple[WorstElement, ...]:
-    """Elements of the plant under the perturbation that makes the peak of robust performance."""
-    worst = perturbed_plant(plant, uncertainty, found.worst, found.worst_frequency)
-    outputs, inputs = study.project.output_names, study.project.input_names
-    return tuple(
-        WorstElement(outputs[i], inputs[j], to_formula(simplified(worst[i, j])))
-        for i in range(worst.shape[0])
-        for j in range(worst.shape[1])
-        if not worst[i, j].is_zero
-    )
-
-
-def _peaks(found: Robustness, tests: tuple[str, ...]) -> SystemPeaks:
-    NP, RS, RP = (
-        Peak(peak.lower, peak.upper, peak.frequency) if test in tests else None
-        for test, peak in (("NP", found.NP), ("RS", found.RS), ("RP", found.RP))
-    )
-    return SystemPeaks(found.stable, found.passes if "RP" in tests else None, NP, RS, RP)
-
-
-def _curves(name: str, found: Robustness, tests: tuple[str, ...]) -> MuCurves:
-    nominal = np.column_stack([found.nominal, found.nominal])
-    values = {"NP": nominal, "RS": found.stability, "RP": found.performance}
-    peaks = {"NP": found.NP, "RS": found.RS, "RP": found.RP}
-    return MuCurves(
-        system=name,
-        w=found.w,
-        bounds={test: values[test] for test in tests},
-        peaks={test: (peaks[test].frequency, peaks[test].upper) for test in tests},
-    )
-
-
-def weights_of(given: Any) -> Any:
-    """Weights as `robust` takes them: one, or one a channel."""
-    if isinstance(given, list):
-        return [weights_of(one) for one in given]
-    if isinstance(given, UncertaintyNumbers):
-        return gain_and_dead_time_weight(given.gain_percent / 100, given.dead_time)
-    if isinstance(given, PerformanceNumbers):
-        return performance_weight(given.bandwidth, given.M, given.A)
-    return tf(given)
 
 
 # -- the plants that the data leave open --------------------------------------------------------------------------
