@@ -282,7 +282,8 @@ def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
             index = part.start + k
             known = estimate.order_dependence.get(index) or estimate.withheld.get(index)
             model = abs(spec.initial[k]) if spec.initial is not None and gain else 0.0
-            size = max(abs(p[k]), model, lag if structure.is_dead_time[k] else 0.0)
+            # a level has no lag, and a dead time known to half a sample is known
+            size = max(abs(p[k]), model, *((lag, h) if structure.is_dead_time[k] else ()))
             if silent:
                 found[index] = Unanswered.because(WhyUnanswered.INPUT_STANDS_STILL)
             elif fast and not gain and not structure.is_lead[k]:

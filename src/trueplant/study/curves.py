@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.stats import norm
@@ -31,7 +31,8 @@ def curves_of(
     """All curves of the report: steps, Bode, trends, residuals, excitation; `known` (n_y, n_u + n_d)."""
     project, plant = study.project, known.nominal
     n_y, n_u = len(project.outputs), study.n_u
-    w, t = model_frequencies(study, plant), _step_times(study, plant)
+    band = ((None,) * n_u,) * n_y if response is None else speaking_band(response, plant.columns(0, n_u))
+    w, t = model_frequencies(study, plant), _step_times(study, plant, band)
     low, high = _step_bands(study, known, t)
     setpoints = any(s.closed and np.isfinite(s.r).any() for s in study.segments)
     excited = excitation(study.segments, "r" if setpoints else "u")
@@ -51,9 +52,7 @@ def curves_of(
         bode_model=model_response(study, w) * said,
         bode_plant=plant(1j * w)[:, :, :n_u],
         bode_std=_relative_std(known, w)[:, :, :n_u],
-        band=tuple((None,) * n_u for _ in range(n_y))
-        if response is None
-        else speaking_band(response, plant.columns(0, n_u)),
+        band=band,
         np_w=np.zeros(0) if response is None else response.w,
         np_value=np.zeros((0, n_y, n_u), complex) if response is None else _reliable(response),
         np_std=np.zeros((0, n_y, n_u)) if response is None else response.std,
@@ -84,13 +83,18 @@ def _relative_std(plant: UncertainPlant, w: Array) -> Array:
     return out
 
 
-def _step_times(study: Study, plant: TransferMatrix) -> Array:
-    """(n_t,) until model and plant have settled, twice the longest record at most."""
+def _step_times(study: Study, plant: TransferMatrix, band: Sequence[Sequence[Interval | None]]) -> Array:
+    """(n_t,) until model and plant have settled, twice the longest record at most.
+
+    What never settles is shown for as long as a lag would take that is as slow as the data tell.
+    """
     both = [e for m in (plant, study.model) for row in m.elements for e in row]
     slow = [-1 / p.real for e in both for p in e.poles if p.real < 0]
     dead = [term.dead_time for e in both for term in e.terms]
     span = max(segment.t[-1] - segment.t[0] for segment in study.segments)
-    end = min(5 * max(slow, default=span / 10) + max(dead, default=0.0), 2 * span)
+    lowest = [part[0] for row in band for part in row if part is not None]
+    settled = 5 * max(slow) if slow else 1 / min(lowest) if lowest else span / 2
+    end = min(settled + max(dead, default=0.0), 2 * span)
     return np.linspace(0, end, levels.STEP_POINTS + 1)
 
 
