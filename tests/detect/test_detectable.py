@@ -15,14 +15,14 @@ THETA = np.array([-2.0, 10.0, 5.0])
 
 @pytest.mark.parametrize(("errors", "share"), [((0.1, 0.1, 0.1), 0.05), ((0.02, 1.5, 0.1), 0.15), ((0, 0, 1.5), 0.1)])
 def test_the_largest_share_of_gain_lag_and_dead_time_plus_lag(errors, share):
-    found = detectable_change(FOPDT, THETA, np.diag(np.square(errors)), 1, 0.05)
+    found = detectable_change(FOPDT, THETA, np.diag(np.square(errors)), 1, 0.05, 10.0)
     assert found == pytest.approx(share * (norm.isf(0.025) + norm.ppf(0.8)))
 
 
 def test_a_change_of_that_size_is_found_in_four_of_five_records():
     """10,000 estimates of a gain among 4 elements, tested at 5 % over all: 0.80 within 4 standard deviations."""
     covariance = np.diag([0.2, 0.1, 0.1]) ** 2
-    change = detectable_change(FOPDT, THETA, covariance, 4, 0.05) * 2.0
+    change = detectable_change(FOPDT, THETA, covariance, 4, 0.05, 10.0) * 2.0
     z = change / 0.2 + np.random.default_rng(1).standard_normal(10_000)
     assert np.mean(2 * norm.sf(np.abs(z)) < 0.05 / 4) == pytest.approx(0.8, abs=0.016)
 
@@ -39,17 +39,17 @@ def test_what_is_known_together_counts_together():
 
     covariance = np.zeros((5, 5))
     covariance[:2, :2], covariance[3:, 3:] = pair(2.0, 0.05 * 2.0), pair(4.0, 2 * 0.05 * 15.0)
-    assert detectable_change(structure, theta, covariance, 1, 0.05) == pytest.approx(share)
+    assert detectable_change(structure, theta, covariance, 1, 0.05, 10.0) == pytest.approx(share)
 
 
 def test_nothing_known_is_infinite():
-    assert detectable_change(FOPDT, THETA, np.full((3, 3), np.inf), 1, 0.05) == np.inf
-    assert detectable_change(FOPDT, np.array([0.0, 10.0, 5.0]), np.eye(3), 1, 0.05) == np.inf
+    assert detectable_change(FOPDT, THETA, np.full((3, 3), np.inf), 1, 0.05, 10.0) == np.inf
+    assert detectable_change(FOPDT, np.array([0.0, 10.0, 5.0]), np.eye(3), 1, 0.05, 10.0) == np.inf
 
 
 def test_an_element_that_the_model_lacks_is_measured_by_what_pv_does():
     told = norm.isf(0.025) + norm.ppf(0.8)
     covariance = np.diag([0.1, 30.0, 30.0]) ** 2
-    assert detectable_change(FOPDT, np.array([0.01, 10.0, 5.0]), covariance, 1, 0.05, 4.0) == pytest.approx(
+    assert detectable_change(FOPDT, np.array([0.01, 10.0, 5.0]), covariance, 1, 0.05, 10.0, 4.0) == pytest.approx(
         told * 0.025
     )

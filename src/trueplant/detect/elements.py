@@ -42,6 +42,8 @@ class Found:
     covariance_by_data: Array
     """What the record alone says, without the prior: very large where it says nothing."""
     intervals: Array
+    lag: float
+    """How long it takes to answer, of an integrator too (`Row.lag`)."""
     reasons: Mapping[int, Unanswered]
     """Parameters that are not answered, by their place in theta."""
     model: tuple[float | None, ...]
@@ -72,7 +74,7 @@ def elements_found(
     found = {}
     for i, estimate in estimates.items():
         reasons = unanswered(estimate)
-        for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
+        for m, (spec, part) in enumerate(zip(estimate.row.specs, estimate.row.slices, strict=True)):
             order = spec.structure.sorted(estimate.theta[part])
             index = part.start + order
             found[i, spec.column] = Found(
@@ -82,6 +84,7 @@ def elements_found(
                 (estimate.covariance if estimate.unprofiled is None else estimate.unprofiled)[np.ix_(index, index)],
                 estimate.fit.covariance_by_data[np.ix_(index, index)],
                 estimate.intervals[index],
+                estimate.row.lag(m, estimate.theta[part]),
                 {k: reasons[int(place)] for k, place in enumerate(index) if int(place) in reasons},
                 _model_values(model, i, spec, spec.column in estimate.rejected),
                 estimate.budget.at(index),
@@ -184,7 +187,7 @@ def _worth_knowing(found: Found, share: float) -> Array | None:
     """
     if _lacking(found):
         return None
-    worth = worth_knowing_of(found.spec.structure, found.theta, found.model, share)
+    worth = worth_knowing_of(found.spec.structure, found.theta, found.model, share, found.lag)
     in_covariance = (WhyUnanswered.INPUT_STANDS_STILL, WhyUnanswered.TOO_UNCERTAIN)
     worth[[k for k, reason in found.reasons.items() if reason.why not in in_covariance]] = 0.0
     return worth
@@ -202,7 +205,7 @@ def _detectable(estimate: OutputEstimate, found: Found, elements: int, level: fl
         piece = max(estimate.row.pieces, key=lambda piece: piece.y.size)
         moves = float(piece.input_spread[found.spec.column])
         scale = piece.spread / moves if moves > 0 else 0.0
-    return detectable_change(found.spec.structure, found.theta, found.joint, elements, level, scale)
+    return detectable_change(found.spec.structure, found.theta, found.joint, elements, level, found.lag, scale)
 
 
 def _other_p(estimate: OutputEstimate, found: Found) -> float | None:

@@ -101,8 +101,10 @@ def compare_runs(pooled: RowFit, factor: Array) -> Runs | None:
 
 def sizes_of(pooled: RowFit) -> Array:
     """(n,) what a relative spread of each parameter is relative to: itself, with the lag for dead times and leads."""
-    parts = zip(pooled.row.specs, pooled.row.slices, strict=True)
-    sizes = np.concatenate([spec.structure.sizes(pooled.theta[part]) for spec, part in parts])
+    parts = enumerate(zip(pooled.row.specs, pooled.row.slices, strict=True))
+    sizes = np.concatenate(
+        [spec.structure.sizes(pooled.theta[part], pooled.row.lag(m, pooled.theta[part])) for m, (spec, part) in parts]
+    )
     return np.where(sizes > 0, sizes, 1.0)
 
 

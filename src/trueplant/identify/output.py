@@ -270,9 +270,9 @@ def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
     sigma = np.maximum(np.sqrt(np.diag(estimate.covariance)), fit.standard_errors_by_data)
     h = fit.row.pieces[0].h
     found: dict[int, Unanswered] = {}
-    for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
+    for m, (spec, part) in enumerate(zip(fit.row.specs, fit.row.slices, strict=True)):
         structure, p, s = spec.structure, theta[part], sigma[part]
-        lag, dead = structure.lag(p), structure.longest_dead_time(p)
+        lag, dead = fit.row.lag(m, p), structure.longest_dead_time(p)
         gains = np.flatnonzero(structure.is_gain)
         silent = all(not np.any(piece.inputs[spec.column]) for piece in fit.row.pieces)
         within = estimate.covariance[part, part][np.ix_(gains, gains)]
@@ -282,8 +282,7 @@ def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
             index = part.start + k
             known = estimate.order_dependence.get(index) or estimate.withheld.get(index)
             model = abs(spec.initial[k]) if spec.initial is not None and gain else 0.0
-            # a level has no lag, and a dead time known to half a sample is known
-            size = max(abs(p[k]), model, *((lag, h) if structure.is_dead_time[k] else ()))
+            size = max(abs(p[k]), model, lag if structure.is_dead_time[k] else 0.0)
             if silent:
                 found[index] = Unanswered.because(WhyUnanswered.INPUT_STANDS_STILL)
             elif fast and not gain and not structure.is_lead[k]:

@@ -101,9 +101,23 @@ class Row:
     def lag_of_dead_times(self, theta: Array) -> Array:
         """(size,) for each dead time the lag of its element, against which an error in it shows; 0 for the rest."""
         lags = np.zeros(self.size)
-        for spec, part in zip(self.specs, self.slices, strict=True):
-            lags[part] = np.where(spec.structure.is_dead_time, spec.structure.lag(theta[part]), 0.0)
+        for m, (spec, part) in enumerate(zip(self.specs, self.slices, strict=True)):
+            lags[part] = np.where(spec.structure.is_dead_time, self.lag(m, theta[part]), 0.0)
         return lags
+
+    def lag(self, m: int, p: Array) -> float:
+        """How long element m with the parameters p takes to answer, in time units.
+
+        Of an integrator without a lag of its own it is the time in which the whole of its input's range in the
+        record takes PV through the whole of its own.
+        """
+        spec = self.specs[m]
+        if not spec.structure.integrators or spec.structure.lag(p) > 0:
+            return spec.structure.lag(p)
+        piece = max(self.pieces, key=lambda piece: piece.y.size)
+        drive = abs(float(p[spec.structure.is_gain].sum())) * float(np.ptp(piece.inputs[spec.column]))
+        travel = float(np.ptp(piece.y[piece.valid])) if piece.valid.any() else 0.0
+        return max(travel / drive, piece.h) if drive > 0 else piece.h
 
     def bounds(self) -> tuple[Array, Array]:
         """Bounds of theta; lags far shorter than a sample are not identifiable and end at a twentieth of one."""

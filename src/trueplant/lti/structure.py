@@ -162,9 +162,9 @@ class Structure:
             p[kind] = value
         return p
 
-    def sizes(self, p: Array) -> Array:
-        """(n,) what a share of each parameter is a share of: itself, with the lag for dead times and leads."""
-        return np.asarray(np.abs(p) + np.where(self.is_dead_time | self.is_lead, self.lag(p), 0.0))
+    def sizes(self, p: Array, lag: float) -> Array:
+        """(n,) what a share of each parameter is a share of: itself, with the `lag` for dead times and leads."""
+        return np.asarray(np.abs(p) + np.where(self.is_dead_time | self.is_lead, lag, 0.0))
 
     def lag(self, p: Array) -> float:
         """Sum of the lags: how long the element takes to answer, without its dead time."""

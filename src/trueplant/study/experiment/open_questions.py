@@ -64,12 +64,12 @@ def open_parameters(study: Study, known: Mapping[int, Known], confidence: float)
     project, found = study.project, []
     for i, spec, part in _elements(study, known):
         own, structure, p = known[i], spec.structure, known[i].fit.theta[part]
+        lags = own.fit.row.lag_of_dead_times(own.fit.theta)[part]
         units = structure.units(project.outputs[i].unit, project.inputs[spec.column].unit, project.time_unit)
         for k, name in enumerate(structure.names):
             index = part.start + k
             model = abs(spec.initial[k]) if spec.initial is not None else 0.0
-            size = max(abs(p[k]), model if structure.is_gain[k] else 0.0)
-            size += structure.lag(p) if structure.is_dead_time[k] else 0.0
+            size = max(abs(p[k]), model if structure.is_gain[k] else 0.0) + lags[k]
             low, high = own.estimate.intervals[index]
             if own.without_dynamics(spec, part):
                 low = high = 0.0  # these are intervals beside other dynamics
@@ -109,10 +109,12 @@ def _largest_spread(own: Known) -> Array:
     several gains that is their sum.
     """
     most = np.full(own.fit.theta.size, np.inf)
-    for spec, part in own.elements:
-        sizes = spec.structure.sizes(own.fit.theta[part])
+    for m, (spec, part) in enumerate(own.elements):
+        lag = own.fit.row.lag(m, own.fit.theta[part])
+        sizes = spec.structure.sizes(own.fit.theta[part], lag)
         if spec.initial is not None:
-            sizes = np.maximum(sizes, spec.structure.sizes(np.asarray(spec.initial, dtype=float)))
+            initial = np.asarray(spec.initial, dtype=float)
+            sizes = np.maximum(sizes, spec.structure.sizes(initial, own.fit.row.lag(m, initial)))
         elif own.without_dynamics(spec, part):
             gains = np.arange(part.start, part.stop)[spec.structure.is_gain]
             net = float(np.sqrt(max(own.covariance[np.ix_(gains, gains)].sum(), 0.0)))

@@ -40,14 +40,6 @@ class _Quantity:
     least: float = -np.inf
 
 
-@dataclass(frozen=True)
-class _Time:
-    """The record's unit of time, and its interval in it: what a delay is known to half of is known."""
-
-    unit: str
-    h: float
-
-
 def with_derived(study: Study, plant: TransferMatrix, judged: Judged) -> Judged:
     """The elements with what follows from their parameters; `plant` (n_y, n_u + n_d) as estimated."""
     places = {(study.project.output_names[i], study.columns[j]): (i, j) for i, j in judged.found}
@@ -69,15 +61,15 @@ def with_derived(study: Study, plant: TransferMatrix, judged: Judged) -> Judged:
 def _derived(
     study: Study, plant: TransferMatrix, found: Found, place: tuple[int, int], units: dict[str, str]
 ) -> Iterator[Derived]:
-    confidence, time = study.project.analysis.confidence, _Time(study.project.time_unit, study.segments[0].h)
+    confidence, time_unit = study.project.analysis.confidence, study.project.time_unit
     model = study.model[place]
-    for quantity in _at_rest(found, model, units[found.spec.structure.names[0]], time):
+    for quantity in _at_rest(found, model, units[found.spec.structure.names[0]], time_unit):
         yield _told(found, quantity, "rest", 0.0, confidence)
     at, w = _frequency(study, plant, found, place[1])
     if not np.isfinite(w):
         return
     unit = gain_unit(study.project.outputs[place[0]].unit, study.input_unit(place[1]))
-    for quantity in _response(found, model, w, unit, time):
+    for quantity in _response(found, model, w, unit, time_unit):
         yield _told(found, quantity, at, w, confidence)
 
 
@@ -94,7 +86,7 @@ def _frequency(study: Study, plant: TransferMatrix, found: Found, column: int) -
     return "corner", 1 / slow if slow > 0 else np.inf
 
 
-def _at_rest(found: Found, model: TransferFunction, unit: str, time: _Time) -> Iterator[_Quantity]:
+def _at_rest(found: Found, model: TransferFunction, unit: str, time_unit: str) -> Iterator[_Quantity]:
     structure, theta = found.spec.structure, found.theta
     value, old = float(theta[structure.is_gain].sum()), 0.0 if model.is_zero else None
     if not model.is_zero:
@@ -104,21 +96,20 @@ def _at_rest(found: Found, model: TransferFunction, unit: str, time: _Time) -> I
     size = max(abs(value), abs(old or 0.0)) if old != 0 else np.inf
     name = "net_slope" if structure.integrators else "net_gain"
     yield _Quantity(name, unit, old, value, structure.is_gain.astype(float), size)
-    yield _delay(found, model, 0.0, time)
+    yield _delay(found, model, 0.0, time_unit)
 
 
-def _delay(found: Found, model: TransferFunction, w: float, time: _Time) -> _Quantity:
+def _delay(found: Found, model: TransferFunction, w: float, time_unit: str) -> _Quantity:
     structure, theta = found.spec.structure, found.theta
     value, gradient = total_delay(structure, theta, w)
     old = None if model.is_zero else total_delay(*structure_of(model), w)[0]
-    slow = structure.lag(theta) + structure.longest_dead_time(theta)
-    size = max(abs(value), abs(old or 0.0), slow, time.h)
-    return _Quantity("total_delay", time.unit, old, value, gradient, size)
+    slow = found.lag + structure.longest_dead_time(theta)
+    return _Quantity("total_delay", time_unit, old, value, gradient, max(abs(value), abs(old or 0.0), slow))
 
 
-def _response(found: Found, model: TransferFunction, w: float, unit: str, time: _Time) -> Iterator[_Quantity]:
+def _response(found: Found, model: TransferFunction, w: float, unit: str, time_unit: str) -> Iterator[_Quantity]:
     structure, theta = found.spec.structure, found.theta
-    yield _delay(found, model, w, time)
+    yield _delay(found, model, w, time_unit)
     s = np.array([1j * w])
     value, old = structure.transfer(theta)(s)[0], model(s)[0]
     relative = structure.gradient(theta, s)[0] / value

@@ -211,8 +211,7 @@ def _reason(found: Found, answered: Sequence[bool]) -> str:
 def _half_widths(found: Found) -> list[float]:
     """Half of each interval relative to the parameter, of a dead time to dead time plus lag."""
     structure = found.spec.structure
-    lag = np.sum(found.theta[structure.is_lag])
-    sizes = np.abs(found.theta) + np.where(structure.is_dead_time, lag, 0.0)
+    sizes = np.abs(found.theta) + np.where(structure.is_dead_time, found.lag, 0.0)
     half = (found.intervals[:, 1] - found.intervals[:, 0]) / 2
     return [float(h / s) if s > 0 else np.inf for h, s in zip(half, sizes, strict=True)]
 
