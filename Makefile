@@ -30,7 +30,7 @@ test: .venv/ready-dev
 # Quick and slow tests, each once. With TRUEPLANT_TEST_SERVERS=1 a historian that cannot be started fails its tests
 # instead of skipping them; TRUEPLANT_NODE_OPCUA names a folder in which `npm install node-opcua` was run.
 test-all: .venv/ready-dev
-	$(BIN)/python -m pytest -q -n 2 --dist worksteal
+	$(BIN)/python -m pytest -q -n 2 --dist worksteal --durations=60
 
 check: .venv/ready-dev
 	$(BIN)/ruff check .

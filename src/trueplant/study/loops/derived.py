@@ -104,7 +104,8 @@ def _delay(found: Found, model: TransferFunction, w: float, time_unit: str) -> _
     value, gradient = total_delay(structure, theta, w)
     old = None if model.is_zero else total_delay(*structure_of(model), w)[0]
     slow = found.lag + structure.longest_dead_time(theta)
-    return _Quantity("total_delay", time_unit, old, value, gradient, max(abs(value), abs(old or 0.0), slow))
+    least = -np.inf if structure.is_lead.any() else 0.0
+    return _Quantity("total_delay", time_unit, old, value, gradient, max(abs(value), abs(old or 0.0), slow), least)
 
 
 def _response(found: Found, model: TransferFunction, w: float, unit: str, time_unit: str) -> Iterator[_Quantity]:
