@@ -199,7 +199,12 @@ def _lacking(found: Found) -> bool:
 
 
 def _detectable(estimate: OutputEstimate, found: Found, elements: int, level: float) -> float:
-    """What would have been seen; of an element that the model lacks as a share of all that PV does."""
+    """What would have been seen; of an element that the model lacks as a share of all that PV does.
+
+    Infinite where another noise model would say something else: that is in no covariance.
+    """
+    if any(reason.why is WhyUnanswered.DEPENDS_ON_NOISE_MODEL for reason in found.reasons.values()):
+        return np.inf
     scale = None
     if _lacking(found):
         piece = max(estimate.row.pieces, key=lambda piece: piece.y.size)
