@@ -183,8 +183,9 @@ NOISE_SHIFT_ERRORS, NOISE_SHIFT_SHARE = 3.0, 3.0
 """A parameter depends on the noise model if another order moves it by more than three standard errors and by more than
 a third of its size."""
 
-LARGEST_ORDER = 30
-"""Of the autoregressive noise model."""
+USUAL_ORDER, LARGEST_ORDER = 30, 240
+"""Of the autoregressive noise model, at most; the larger where the Bayesian criterion asks for all of the usual ones. A
+random walk that flows into a vessel takes them: PV integrates it, and below the measurement's noise that shows late."""
 
 # Tests
 RESIDUAL_LAGS = 25

@@ -9,6 +9,7 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.compiled import compiled
+from trueplant.identify import levels
 
 BLOCK = 1024
 """Samples that are filtered at a time."""
@@ -104,8 +105,18 @@ def choose_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: 
     """Order with the least Bayesian criterion on common data.
 
     Akaike's larger orders fit what the structure leaves out as if it were noise, at the price of the low
-    frequencies; on simulated data of the right structure the two agree in the estimates.
+    frequencies; on simulated data of the right structure the two agree in the estimates. More than the usual orders
+    are looked at as long as nearly all of those looked at are asked for.
     """
+    most = min(levels.USUAL_ORDER, largest)
+    order = _best_order(signals, valid, most)
+    while order + levels.SPARE_ORDERS >= most < largest:
+        most = min(2 * most, largest)
+        order = _best_order(signals, valid, most)
+    return order
+
+
+def _best_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: int) -> int:
     sums = _moments(signals, valid, largest)
     best, order = np.inf, 0
     for p in range(largest + 1):
