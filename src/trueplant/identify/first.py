@@ -79,7 +79,7 @@ def shown(
     left_out: dict[int, float] = {}
     kept: OutputEstimate | None = estimate
     while kept is not None:
-        p = _absence(kept, wanted, level, confidence)
+        p = absence(kept, wanted, level, confidence)
         worst = max(p, key=lambda column: p[column], default=None)
         if worst is None or p[worst] < level:
             return FirstModel(kept, left_out | {column: min(one * tested, 1.0) for column, one in p.items()})
@@ -89,7 +89,7 @@ def shown(
     return FirstModel(None, left_out)
 
 
-def _absence(estimate: OutputEstimate, wanted: Collection[int], level: float, confidence: float) -> dict[int, float]:
+def absence(estimate: OutputEstimate, wanted: Collection[int], level: float, confidence: float) -> dict[int, float]:
     """By column, that each of the wanted elements is absent; beside the largest noise model where all look clear."""
     places = {spec.column: m for m, spec in enumerate(estimate.row.specs) if spec.column in wanted}
     p = {column: estimate.absence_p(m) for column, m in places.items()}

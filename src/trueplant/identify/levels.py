@@ -202,6 +202,13 @@ WORSE = 0.01
 the model."""
 MISSING_ELEMENT = 1e-3
 """Chance, over a whole matrix that is complete, that an element is added to it."""
+MISSING_TRIED = 0.05
+"""The same chance that one is tried: where the others have taken on what it does, it gains less to first order than in
+the end."""
+MISSING_LAGS_APART = 4.0
+"""From one lag to the next at which an element that the model lacks is looked for, from one sample on."""
+MISSING_DEAD_TIMES = (0.0, 0.5, 2.0)
+"""Dead times over the lag at which it is looked for. A grid of first orders this coarse correlates with any other."""
 SLOW_SPANS = 3.0
 """Spans of a slow lag that the record has to hold, or it says nothing of it."""
 SAMPLES_PER_PARAMETER = 4

@@ -54,6 +54,9 @@ class Identification:
     absence_p: dict[tuple[int, int], float]
     """That the elements of which nobody said so are absent, over all of them. Those that the record does not show are
     not among the estimates."""
+    doubtful: tuple[tuple[int, int], ...] = ()
+    """Elements that the model lacks and the fit shows, but not beside the largest noise model. They are not among the
+    estimates, which are no surer than they would be beside them."""
 
 
 def specs_of(model: TransferMatrix) -> dict[tuple[int, int], Spec]:
@@ -120,6 +123,7 @@ def identify_plant(
     absent = [place for place in np.ndindex(*model.shape) if place not in specs and model[place].is_zero]
     estimates, again = {}, {}
     absence_p: dict[tuple[int, int], float] = {}
+    doubtful: dict[int, tuple[int, ...]] = {}
     for i, row in own.items():
         if tell is not None:
             tell(i)
@@ -138,7 +142,9 @@ def identify_plant(
             absence_p |= {(i, j): p for j, p in first.absence_p.items()}
             found = first.estimate
         if found is not None:
-            estimates[i] = with_missing(found, [j for k, j in absent if k == i], estimate, len(absent))
+            places = [j for k, j in absent if k == i]
+            completed = with_missing(found, places, estimate, len(absent), confidence)
+            estimates[i], doubtful[i] = completed.estimate, completed.doubtful
     loaded = find_loads({i: estimate.fit for i, estimate in estimates.items()}) if asked.loads else {}
     segments = with_loads(segments, loaded) if loaded else segments
     for i, fit in loaded.items():
@@ -147,13 +153,15 @@ def identify_plant(
     segments = with_holds(segments, holds)
     for i, fit in held_fits(holds).items():
         estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
-    # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
-    for i, found in estimates.items() if timing == 0 else ():
+    for i, found in estimates.items():
         estimate = partial(_estimated, again[i], segments)
-        estimates[i] = _structured(found, i, asked, estimate, len(everywhere), confidence)
+        # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
+        if timing == 0:
+            found = _structured(found, i, asked, estimate, len(everywhere), confidence)
+        estimates[i] = with_left_out(found, doubtful[i], estimate, confidence)
     if any(segment.closed for segment in segments):
         estimates = _with_shared_disturbances(estimates, confidence)
-    return Identification(estimates, holds, absence_p)
+    return Identification(estimates, holds, absence_p, tuple((i, j) for i, some in doubtful.items() for j in some))
 
 
 def _held(model: TransferMatrix, specs: Mapping[tuple[int, int], Spec], i: int) -> list[Held]:

@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from support.one_loop import one_loop, single
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, wood_berry
 from support.two_loops import CONTROLLERS, scaled
 from support.two_loops import project as full_project
@@ -251,3 +252,25 @@ def test_what_several_actuators_did_is_one_sentence():
     assert "in 25, 3 and 40 % of the samples" in cause.message
     saturated[0][:], saturated[1][:] = False, False
     assert _saturated(study) == []
+
+
+def test_another_structure_is_not_called_a_gain_that_changed(tmp_path):
+    """The gain is the model's, and a second lag is there: neither a sensor's span nor a valve's gain does that."""
+    plant = TransferMatrix.of([["2 exp(-13.4 s)/((60 s + 1) (25 s + 1))"]])
+    result = single(tmp_path, one_loop(3, plant, samples=4000, std=0.02))
+    assert result.elements[0].rejected_structure == "fopdt"
+    (note,) = [note for note in result.notes if note.code in ("cause-plant", "cause-unknown")]
+    assert note.code == "cause-plant" and "would move the gain alone" in note.message
+
+
+def test_a_gain_beside_dynamics_that_nobody_knows_has_no_cause(tmp_path):
+    """The loop answers within a sample: of gain 20 % higher the sensor or the valve may be the cause as well."""
+    plant = TransferMatrix.of([["2.4 exp(-0.3 s)/(0.4 s + 1)"]])
+    law = Controller.diagonal([PID(Kc=0.05, Ti=3.0, sample_time=1.0)])
+    rng = np.random.default_rng(5)
+    r, v = random_switching(rng, SAMPLES, 1, 40.0), coloured(rng, SAMPLES, 1, [1, -0.5], [1], 0.1)
+    result = single(tmp_path, simulate(plant, law, r, 1.0, v=v), "2 exp(-0.3 s)/(0.4 s + 1)")
+    gain, tau = result.elements[0].parameters[:2]
+    assert gain.changed and tau.plant is None
+    (note,) = [note for note in result.notes if note.code in ("cause-plant", "cause-unknown")]
+    assert note.code == "cause-unknown" and "do not tell the dynamics" in note.message

@@ -31,12 +31,11 @@ def causes_of(
 
     A controller that is not the declared one is said by the check of the controllers (code "controller").
     """
-    changed = [e for e in elements if e.verdict == ElementVerdict.CHANGED]
     estimates = {i: estimate for i, estimate in identified.estimates.items() if estimate.refuted is None}
     level = levels.CAUSES * (1 - study.project.analysis.confidence) / len(TESTED)
     causes = [*_saturated(study), *_valves(study, identified.valves), *changed_meanwhile(study, estimates, level)]
     causes += _levels(study, estimates, found, level)
-    return causes + _plant(study, estimates, found, changed)
+    return causes + _plant(study, estimates, found, elements)
 
 
 def _saturated(study: Study) -> list[Reason]:
@@ -147,9 +146,10 @@ def _plant(
     study: Study,
     estimates: Mapping[int, OutputEstimate],
     found: Mapping[tuple[int, int], Found],
-    changed: Sequence[Element],
+    judged: Sequence[Element],
 ) -> list[Reason]:
     """Sensor span and actuator gain where whole rows or columns scale alike, else the plant itself."""
+    changed = [e for e in judged if e.verdict == ElementVerdict.CHANGED]
     if not changed:
         return []
     dynamics = {(e.output, e.input) for e in changed if _dynamics_changed(study, found, e)}
@@ -166,25 +166,39 @@ def _plant(
         explained |= {(e.output, e.input) for e in changed if name == (e.output, e.input)[factor.kind == "column"]}
         causes.append(_factor_cause(factor, name, study))
     rest = [e for e in changed if (e.output, e.input) not in explained]
-    compared = all(p.plant is not None for e in rest for p in e.parameters)
-    if len(outputs) == len(inputs) == 1 and rest and not dynamics and compared:
-        message = (
-            "only the gain has changed: with one output and one input that can be the sensor's span, the valve or "
-            "the plant, and these data cannot say which. Check the instrument first"
-        )
-        return [*causes, Reason(Code.CAUSE_UNKNOWN, message, f"{inputs[0]} -> {outputs[0]}")]
+    beside = {(e.output, e.input) for e in judged if e.verdict == ElementVerdict.UNCHANGED}
     for e in rest:
         message = "the plant itself has changed"
+        other_dynamics = bool(dynamics) or e.rejected_structure is not None
         if e.tf_model == "0":
             message = "the plant has an element here that the model lacks"
+        elif len(outputs) == len(inputs) == 1 and not other_dynamics:
+            causes.append(_one_loop(e))
+            continue
         elif any(other is not e and (other.output == e.output or other.input == e.input) for other in rest):
             message += ": several elements of a row or column have, and not by one factor as with a sensor or a valve"
-        elif len(outputs) * len(inputs) > 1:
-            message += ": no other element of its row and column moves with it"
-        elif dynamics:
+        elif any(i == e.output or j == e.input for i, j in beside):
+            message += ": no other element of its row and column that these data can judge moves with it"
+        elif other_dynamics:
             message += ": a sensor's span or a valve's gain would move the gain alone"
         causes.append(Reason(Code.CAUSE_PLANT, message, f"{e.input} -> {e.output}"))
     return causes
+
+
+def _one_loop(element: Element) -> Reason:
+    """One input, one output, and no change of the dynamics: what that may be."""
+    if not any(p.changed for p in element.parameters):
+        message = (
+            "the element has changed as a whole, and these data cannot say what of it: the plant, or an instrument"
+        )
+    else:
+        known = all(p.plant is not None for p in element.parameters)
+        message = (
+            ("only the gain has changed" if known else "the gain has changed, and these data do not tell the dynamics")
+            + ": with one output and one input that can be the sensor's span, the valve or the plant, and these data "
+            "cannot say which. Check the instrument first"
+        )
+    return Reason(Code.CAUSE_UNKNOWN, message, f"{element.input} -> {element.output}")
 
 
 def _dynamics_changed(study: Study, found: Mapping[tuple[int, int], Found], element: Element) -> bool:

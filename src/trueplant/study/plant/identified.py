@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from trueplant.disturbance import DisturbedFit
@@ -90,7 +90,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     estimates = _without_unreached(study, estimates)
     taken = {(i, spec.column): spec for i, one in estimates.items() for spec in one.row.specs}
     asked = {place: spec for place, spec in study.specs.items() if place not in found.absence_p}
-    notes = (*_missing(study, taken), *_loads(study, estimates))
+    notes = (*_missing(study, taken), *_doubtful(study, found.doubtful), *_loads(study, estimates))
     return Identified(estimates, {**asked, **taken}, segments, fits, notes, valves, holds, found.absence_p)
 
 
@@ -152,6 +152,19 @@ def _missing(study: Study, taken: Mapping[Place, Spec]) -> tuple[Reason, ...]:
         )
         for i, j in sorted(taken.keys() - study.specs.keys())
     )
+
+
+def _doubtful(study: Study, places: Sequence[Place]) -> Iterator[Reason]:
+    """What is said of the elements that the model lacks, and that a disturbance as slow could be just as well."""
+    for i, j in places:
+        output, name = study.project.output_names[i], study.columns[j]
+        yield Reason(
+            Code.UNDERMODELLED,
+            f"{name} seems to move {output}, which the model does not have, but a disturbance as slow could look the "
+            "same: the other elements of this output are given no surer than they would be beside it. To have it "
+            'estimated, declare it with tf = "0" and a structure',
+            f"{name} -> {output}",
+        )
 
 
 def _loads(study: Study, estimates: Mapping[int, OutputEstimate]) -> tuple[Reason, ...]:
