@@ -61,6 +61,33 @@ def test_step_and_drift_are_told_apart() -> None:
     assert drifts.count("step") <= 10 and drifts.count("drift") >= 70
 
 
+def exact(theta: Array) -> Series:
+    """Equal windows of one parameter with a standard error of 1, without noise."""
+    at = np.arange(theta.size, dtype=float)
+    return Series(at, at + 1, theta[:, None], np.ones((theta.size, 1, 1)))
+
+
+@pytest.mark.parametrize(("windows", "kind"), [(4, "undecided"), (6, "drift")])
+def test_a_drift_needs_five_windows(windows, kind) -> None:
+    assert history(exact(20.0 * np.arange(windows)), draws=50).kind == kind
+
+
+@pytest.mark.parametrize(("windows", "seen"), [(5, False), (8, True)])
+def test_scatter_is_estimated_from_six_windows_on(windows, seen) -> None:
+    found = history(exact(np.where(np.arange(windows) % 2, 20.0, -20.0)), draws=50)
+    assert (found.scatter > 2) is seen
+
+
+@pytest.mark.parametrize(("difference", "kind"), [(1.5, "undecided"), (3.0, "step")])
+def test_step_and_drift_are_told_apart_by_two_in_the_bayesian_criterion(difference, kind) -> None:
+    """A step without noise that is better than a drift by just so much, its instant paid for."""
+    shape = 1.0 * (np.arange(10) >= 5)
+    unit = history(exact(shape), draws=50)
+    found = history(exact(shape * np.sqrt((difference + np.log(10)) / (unit.step - unit.drift))), draws=50)
+    assert found.step - found.drift - np.log(10) == pytest.approx(difference)
+    assert found.kind == kind
+
+
 def test_two_windows_cannot_tell_a_step_from_a_drift() -> None:
     rng = np.random.default_rng(4)
     found = history(series(rng, 2, np.array([0.0, 5.0])))

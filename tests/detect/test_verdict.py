@@ -106,6 +106,7 @@ def test_grades():
     assert grade([0.05, 0.08], [True, True], True) == "A"
     assert grade([0.05, 0.2], [True, True], True) == "B"
     assert grade([0.05, 0.2], [True, True], False) == "C"
+    assert grade([0.05, 0.3], [True, True], True) == "C"
     assert grade([0.05], [False], True) == "D"
 
 

@@ -251,8 +251,6 @@ GAIN_STEPS = 10
 
 # -- experiment/open_questions ---------------------------------------------------------------------------------------
 
-WANTED_PRECISION = 0.10
-"""Half-width of an interval relative to its parameter (of a dead time to dead time and lag): that of grade A."""
 MATTERS = 0.10
 """Change of the loops' answers to their set-points, as a share of what PV moves, below which it does not matter that an
 element is open: what the precision that is wanted of a gain amounts to in a loop that follows its set-point."""

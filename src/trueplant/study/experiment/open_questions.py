@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import norm
 
 from trueplant.arrays import Array, ComplexArray
+from trueplant.detect.levels import GRADE_A
 from trueplant.identify import Spec
 from trueplant.loop import LinearLoop
 from trueplant.lti import KnownRow, TransferMatrix, UncertainPlant
@@ -77,7 +78,7 @@ def open_parameters(study: Study, known: Mapping[int, Known], confidence: float)
                     continue  # first it has to be seen whether there is anything
             half = (high - low) / 2 if np.isfinite(high - low) else 0.0
             now = max(z * float(np.sqrt(own.covariance[index, index])), half)
-            wanted = float(levels.WANTED_PRECISION * size)
+            wanted = float(GRADE_A * size)
             if size > 0 and not own.hopeless(part)[k] and (index in own.reasons or now > wanted):
                 seen = spec.initial is not None or not own.without_dynamics(spec, part)
                 found.append(Open(i, spec.column, index, name, units[k], wanted, float(now), seen))

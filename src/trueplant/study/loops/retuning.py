@@ -12,6 +12,7 @@ from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, Linear, LinearLoop
 from trueplant.lti import DrawnPlants, TransferMatrix, UncertainPlant
 from trueplant.mismatch import FrequencyResponse, speaking_band
+from trueplant.project.tables import TuningLimits
 from trueplant.result import (
     KEEP,
     Code,
@@ -148,12 +149,7 @@ def _workshop(
     if declared is not None and declared.wI is not None and declared.wP is not None:
         weights = weights_of(declared.wI), weights_of(declared.wP)
     changed = any(e.verdict in (ElementVerdict.CHANGED, ElementVerdict.FOUND) for e in elements)
-    limits = Limits(
-        asked.Ms or levels.LIMIT_MS,
-        asked.share or levels.LIMIT_SHARE,
-        None if weights is None else asked.mu or levels.LIMIT_MU,
-        None if changed else asked.Ms or levels.HIGHEST_MS,
-    )
+    limits = _limits(asked, weights is not None, changed)
     usual = (*DEFAULT_METHODS, *(FOR_SEVERAL if len(tasks) > 1 else ()), *(WITH_WEIGHTS if weights else ()))
     methods = list(project.tuning.methods) or usual
     proposals = propose(
@@ -188,6 +184,16 @@ def _workshop(
         drawn=drawn,
         response=drawn.response(w),
         seed=seed + 2,
+    )
+
+
+def _limits(asked: TuningLimits, weighted: bool, changed: bool) -> Limits:
+    """What the loops have to keep: as asked, else the usual; mu where weights are declared."""
+    return Limits(
+        asked.Ms or levels.LIMIT_MS,
+        asked.share or levels.LIMIT_SHARE,
+        (asked.mu or levels.LIMIT_MU) if weighted else None,
+        None if changed else asked.Ms or levels.HIGHEST_MS,
     )
 
 
