@@ -46,7 +46,8 @@ STRETCH = 2.0 ** np.linspace(-3, 3, 13)
 RIDGE = 1e-10
 """Added to normal equations scaled to a unit diagonal, of responses that may be one and the same."""
 RIVAL_NEAR = 10.0
-"""Difference in -2 log likelihood within which another dead time is worth a fit."""
+"""Difference in -2 log likelihood within which another dead time is worth a fit, and in the Bayesian criterion within
+which another noise model may be the right one: beyond, the evidence is very strong (Kass and Raftery 1995)."""
 DEAD_TIME_UNSEEN = 0.05
 """Significance from which a dead time that the model does not have is estimated."""
 DEAD_TIME_REACH = 25
@@ -59,8 +60,6 @@ autoregression describes exactly, and in closed loop what it leaves out is enoug
 from 5 to 10 % (Wood-Berry, 1,000 samples, ARMA(2, 1))."""
 UNDERMODELLED = 1e-3
 """Significance from which prediction errors that follow an input are held against the structure."""
-RIVAL_NOISE = 2.0
-"""A noise model whose prediction errors have more than this times the variance is no rival: nobody would choose it."""
 BETTER = 1e-9
 """Relative gain of the cost from which another minimum replaces the present one: less is rounding."""
 SAMPLES_PER_ORDER = 40

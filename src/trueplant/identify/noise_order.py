@@ -25,9 +25,9 @@ def order_dependence(
     weighs experiments anew, and what they differ by would pass for what it does. `cross_p` (n_columns,) says whether
     the prediction errors still follow the inputs.
 
-    Returns the parameters that move by more than chance and by more than a third, with the reason,
-    and (n,) the furthest that they move, together, where the prediction errors still follow the inputs: then the
-    structure is too simple, every noise model weighs its error differently, and no one of them is right.
+    Returns the parameters that a noise model which may be right as well moves by more than chance and by more than a
+    third, with the reason, and (n,) the furthest that they move, together, where the prediction errors still follow the
+    inputs: then the structure is too simple, every noise model weighs its error differently, and none is right.
     """
     runs = [of_a_part(run) for run in runs]
     used = fit.ar.size
@@ -49,7 +49,7 @@ def order_dependence(
         beyond = (np.abs(shift) > levels.NOISE_SHIFT_ERRORS * np.minimum(sigma, other_sigma)) & (
             np.abs(shift) > scale / levels.NOISE_SHIFT_SHARE
         )
-        beyond &= all(o.variance < levels.RIVAL_NOISE * run.variance for o, run in zip(others, runs, strict=True))
+        beyond &= all(_is_rival(other, run) for other, run in zip(others, runs, strict=True))
         for index in np.flatnonzero(beyond):
             there = fit.theta[index] + shift[index]
             text = f"{why.value}: {fit.theta[index]:.3g} with order {used}, {there:.3g} with order {order}"
@@ -58,3 +58,9 @@ def order_dependence(
         if undermodelled and distance > furthest:
             shifts, furthest = shift, distance
     return moved, shifts
+
+
+def _is_rival(other: RowFit, fit: RowFit) -> bool:
+    """Might the other noise model be the right one, by the Bayesian criterion?"""
+    worse = fit.count * np.log(other.variance / fit.variance) + np.log(fit.count) * (other.ar.size - fit.ar.size)
+    return bool(worse < levels.RIVAL_NEAR)
