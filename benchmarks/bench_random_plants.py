@@ -59,7 +59,9 @@ def answer(job: tuple[int, int, bool]) -> dict:
                     "at": [i, j],
                     "structure": str(structure),
                     "changed": bool(np.any(truth != case.model[i][j])),
-                    "detectable": detectable_change(structure, truth, least[i][j], case.size**2, LEVEL),
+                    "detectable": detectable_change(
+                        structure, truth, least[i][j], case.size**2, LEVEL, structure.lag(truth)
+                    ),
                     "alone": _detectable(structure, truth, errors),
                     "apart": _apart(structure, truth, case.model[i][j], errors),
                     "verdict": str(said.verdict) if said else "refused",
