@@ -56,9 +56,10 @@ def test_tclab_parameters(tclab, key):
         assert 10 < parameter(result, i, i, "dead_time").plant < 20
         assert parameter(result, i, i, "dead_time").changed
     for i, j in ((1, 2), (2, 1)):
-        # Heat does pass from one to the other. One run of 25 min is too short to be sure of the weaker way.
+        # Heat does pass from one to the other. Two runs of 25 min are too short to be sure of the weaker way beside the
+        # largest noise model that they bear.
         assert parameter(result, i, j, "gain").ci[0] > 0
-        sure = key not in ("first", "second") or (i, j) == (2, 1)
+        sure = (i, j) == (2, 1)
         assert element(result, f"temperature_{i}", f"heater_{j}").verdict in (
             "changed",
             "" if sure else "not identifiable",

@@ -59,3 +59,19 @@ def test_its_step_axis_is_no_longer_than_what_the_data_tell(tmp_path):
     curves = result(tmp_path, "-0.05/s", "-0.07/s").curves
     lowest = curves.band[0][0][0]
     assert curves.step_t[-1] == pytest.approx(1 / lowest) and curves.step_t[-1] < 200
+
+
+WALK = 'loads = [{{at = "outflow", kind = "random walk", std = 0.15, seed = {seed}}}]\n'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6))
+def test_an_inflow_that_walks_is_not_taken_for_the_vessel(tmp_path, seed):
+    """PV integrates it: a disturbance that grows as t^1.5 and shows late below the noise of the measurement."""
+    text = LEVEL.replace("setpoints", WALK.replace("{seed}", str(seed)) + "setpoints", 1)
+    project = Project.from_toml(text.format(model="-0.05/s", plant="-0.05/s", scan=0.2), tmp_path)
+    (tmp_path / "record.csv").write_bytes(as_file(simulate_record(project), "record.csv"))
+    found = analyse(project).elements[0]
+    slope = found.parameters[0]
+    assert found.verdict in ("unchanged", "not identifiable")
+    assert slope.plant is None or abs(slope.plant + 0.05) < 3.5 * slope.std_error
