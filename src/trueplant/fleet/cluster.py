@@ -78,6 +78,7 @@ def _key(future: Any) -> str | None:
 
     try:
         error = future.exception()
+        key = None if error is not None else str(future.result())  # the scheduler may go between the two
     except (CancelledError, OSError):
         error = CancelledError()
     if isinstance(error, KilledWorker):
@@ -88,7 +89,7 @@ def _key(future: Any) -> str | None:
         ) from None
     if error is not None:
         raise error
-    return str(future.result())
+    return key
 
 
 @contextmanager
