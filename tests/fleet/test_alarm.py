@@ -88,10 +88,14 @@ def certificate(folder: Path) -> tuple[Path, Path]:
     return folder / "hook.pem", folder / "hook.key"
 
 
-def loop(name: str, changed: bool = True, outcome: Outcome = Outcome.ANALYSED) -> Ranked:
+def loop(
+    name: str, changed: bool = True, outcome: Outcome = Outcome.ANALYSED, elements: tuple[ElementRow, ...] | None = None
+) -> Ranked:
     verdict = ElementVerdict.CHANGED if changed else ElementVerdict.UNCHANGED
     element = ElementRow("y", "u", verdict, "A", 0.5, "loop", "gain +50 %", 0.0, 0.1)
-    row = LoopRow("k", outcome, "0", 1.0, 1.0, 60.0, "what is known", elements=(element,))
+    row = LoopRow(
+        "k", outcome, "0", 1.0, 1.0, 60.0, "what is known", elements=(element,) if elements is None else elements
+    )
     return Ranked(name, f"{name}.toml", row)
 
 
@@ -143,6 +147,13 @@ def test_loops_that_were_not_looked_at_are_not_new_again(audited: Callable[..., 
     assert len(receiver.got) == 1
 
 
+def test_a_night_without_an_answer_does_not_make_it_new(audited: Callable[..., list[str]], receiver: Receiver) -> None:
+    audited(loop("A"))
+    audited(loop("A", outcome=Outcome.REFUSED, elements=()))
+    audited(loop("A"))
+    assert told(receiver) == [[("newly changed", "A")]]
+
+
 def test_what_is_acknowledged_waits_for_its_date(audited: Callable[..., list[str]], receiver: Receiver) -> None:
     known = '[[acknowledged]]\nloop = "A*"\nuntil = 2026-10-06\n'
     audited(loop("A1"), loop("B"), more=known)
@@ -171,10 +182,18 @@ def test_no_trouble_says_the_secret(
     (unset,) = audited(loop("A"), hook="NOT_SET")
     assert "NOT_SET is not set" in unset
     notes = [unset]
-    for address in (f"https://127.0.0.1:1/{SECRET}", f"ftp://x/{SECRET}", f"https://[broken/{SECRET}"):
+    unusable = (
+        f"https://127.0.0.1:1/{SECRET}",
+        f"ftp://x/{SECRET}",
+        f"https://[broken/{SECRET}",
+        f"https://user:{SECRET}@127.0.0.1/",  # urllib takes the password for a port, and quotes it
+        f"https://127.0.0.1:1/a {SECRET}",  # http.client quotes a path with a space
+        f"http://10.0.0.1/{SECRET}",  # in clear over a network
+    )
+    for address in unusable:
         monkeypatch.setenv("HOOK", address)
         notes += audited(loop("A"))
-    assert len(notes) == 4 and not any(SECRET in note for note in notes)
+    assert len(notes) == 7 and not any(SECRET in note for note in notes), notes
     monkeypatch.setenv("HOOK", receiver.url)
     audited(loop("A"))
     written = [file.read_text() for file in (tmp_path / "out").rglob("*") if file.is_file()]

@@ -131,6 +131,37 @@ def test_a_limit_that_is_not_reached_raises_nothing_later() -> None:
         endless()
 
 
+def test_a_limit_that_is_not_heard_is_told_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("trueplant.fleet.levels.AGAIN", 0.1)
+    heard = 0
+
+    def deaf() -> None:
+        nonlocal heard
+        with limited(0.05):
+            while True:
+                try:
+                    time.sleep(0.001)
+                except PastDeadline:
+                    heard += 1
+                    if heard == 3:
+                        raise
+
+    with pytest.raises(PastDeadline):
+        deaf()
+    assert heard == 3
+
+
+def test_only_some_loops_leave_the_others_as_they_were(site: Path) -> None:
+    run(site)
+    some = run(site, TOMORROW, only="*/same")
+    assert not some.news.gone and len(some.loops) == 1
+    again = run(site, TOMORROW)
+    assert again.run != some.run, "of two audits in one second both are kept"
+    assert not again.news.added and not again.news.changed
+    other = {one.name: one for one in again.loops}["units/other"]
+    assert dict(other.since) == {("y", "u"): "2026-10-05T01-00-00Z"}
+
+
 def test_a_row_that_is_not_whole_is_none(site: Path) -> None:
     audited = run(site)
     store, key = Store(site.parent / "out"), audited.loops[0].row.key

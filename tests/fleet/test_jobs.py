@@ -95,6 +95,15 @@ def test_a_pattern_without_files(tmp_path: Path) -> None:
         jobs_of(Site.load(tmp_path / "site.toml"), tmp_path / "out")
 
 
+def test_what_an_audit_wrote_is_no_loop(tmp_path: Path, site: Path) -> None:
+    out = site.parent / "site-audit"
+    for name in ("projects/made.toml", "results/0/plant.toml"):
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_text((site.parent / "units" / "same.toml").read_text())
+    site.write_text(site.read_text().replace("units/*.toml", "**/*.toml"))
+    assert [job.name for job in jobs_of(Site.load(site), out)] == ["units/other", "units/same"]
+
+
 def test_only_some(tmp_path: Path, site: Path) -> None:
     assert [job.name for job in jobs_of(Site.load(site), tmp_path / "out", only="*/s*")] == ["units/same"]
     with pytest.raises(UsageError, match="correct --only"):

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 from trueplant.fleet.page import BADGES, Shown, draw_reports, fresh, headline, render
-from trueplant.fleet.rank import News, Ranked, history, news, ranked, table
+from trueplant.fleet.rank import News, Ranked, history, known_after, news, ranked, table
 from trueplant.fleet.row import ElementRow, Finding, LoopRow, Outcome
 from trueplant.fleet.store import Store
 from trueplant.result import ElementVerdict
@@ -74,6 +74,23 @@ def test_since_is_kept_while_it_stays_changed() -> None:
     later = history(LOOPS, last, "2026-10-06T01-00-00Z")
     assert later["much"] == {("y", "u"): NOW}
     assert history({"much": row()}, last, "2026-10-06T01-00-00Z")["much"] == {}
+
+
+def test_what_was_not_answered_stays_as_it_was() -> None:
+    first = table("Site", placed({"much": row(ElementVerdict.CHANGED), "well": row(), "other": row()}))
+    only = table("Site", placed({"well": row()}))
+    after = known_after(only, first, whole=False)
+    assert sorted(after["loop"]) == ["much", "other", "well"]
+    assert sorted(known_after(only, first, whole=True)["loop"]) == ["well"]
+    refused = {"much": row(None, outcome=Outcome.FAILED), "well": row(), "other": row()}
+    later = "2026-10-07T01-00-00Z"
+    kept = known_after(table("Site", placed(refused)), after, whole=True)
+    again = refused | {"much": row(ElementVerdict.CHANGED)}
+    assert history(again, kept, later)["much"] == {("y", "u"): NOW}
+    found = news(again, kept)
+    assert not found.changed and found.working == ("much",)
+    gone = known_after(table("Site", placed(refused | {"much": row()})), kept, whole=True)
+    assert history(again, gone, later)["much"] == {("y", "u"): later}
 
 
 def page(loops: dict[str, LoopRow], tmp_path: Path, known: dict[str, str] | None = None) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import ssl
 import urllib.error
 import urllib.request
@@ -18,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from trueplant.fleet.rank import Ranked
-from trueplant.fleet.row import FAILURES, Finding
+from trueplant.fleet.row import FAILURES, Finding, Outcome
 from trueplant.fleet.site import Acknowledged, Alarm, Site
 from trueplant.fleet.store import Store, write_whole
 from trueplant.output import as_json
@@ -26,6 +27,7 @@ from trueplant.result import ElementVerdict
 from trueplant.version import __version__
 
 STATE = "alarms.json"
+_LOCAL = re.compile(r"http://(127\.0\.0\.1|localhost|\[::1\])(:\d+)?(/|$)")
 _WHOLE = (Finding.VALVE, Finding.CONTROLLER)
 """Findings that are of no single element."""
 
@@ -65,7 +67,7 @@ def sound(site: Site, store: Store, loops: Sequence[Ranked], known: Mapping[str,
     if site.alarm is None:
         return []
     standing = {name: (one, where) for one in loops for name, where in _findings(one).items()}
-    told = {name for name in _told(store.folder / STATE) if name in standing or not _looked_at(name, loops)}
+    told = {name for name in _told(store.folder / STATE) if name in standing or not _answered(name, loops)}
     new = [
         name
         for name, (one, where) in standing.items()
@@ -90,10 +92,17 @@ def _covers(entry: Acknowledged, loop: Ranked, where: tuple[str, str], known: Ma
     return current and fnmatchcase(loop.name, entry.loop) and _fits(entry, *where)
 
 
-def _looked_at(name: str, loops: Sequence[Ranked]) -> bool:
-    """Was the loop of a finding audited this time? With --only most are not."""
-    rest = name.partition(": ")[2]
-    return any(rest == one.name or rest.startswith(f"{one.name}: ") for one in loops)
+def _answered(name: str, loops: Sequence[Ranked]) -> bool:
+    """Does this audit say that a finding is gone? With --only most loops are not looked at, and one that was refused or
+    failed this time says nothing of its plant."""
+    what, _, rest = name.partition(": ")
+    if what == "newly failed":
+        return any(rest == one.name for one in loops)
+    for one in loops:
+        if rest.startswith(f"{one.name}: ") and one.row.outcome == Outcome.ANALYSED:
+            elements = {f"{one.name}: {e.input} -> {e.output}": e.verdict for e in one.row.elements}
+            return elements.get(rest) != ElementVerdict.NOT_IDENTIFIABLE
+    return False
 
 
 def _told(place: Path) -> list[str]:
@@ -116,14 +125,17 @@ def _document(site: Site, new: Sequence[str], standing: Mapping[str, Any], time:
 
 def _send(site: Site, alarm: Alarm, document: Mapping[str, Any]) -> str:
     """Why it could not be sent, without the address, which is a secret; empty where it was."""
-    address = os.environ.get(alarm.webhook_env)
+    address = os.environ.get(alarm.webhook_env, "").strip()
     if not address:
         return f"the environment variable {alarm.webhook_env} is not set"
-    if not address.startswith(("https://", "http://")):
+    if not address.startswith("https://") and not _LOCAL.match(address):
         return f"{alarm.webhook_env} holds no address that begins with https://"
     try:
         ca = None if alarm.ca is None else str(site.folder / alarm.ca)
         context = ssl.create_default_context(cafile=ca) if address.startswith("https://") else None
+    except (OSError, ValueError) as error:
+        return f"alarm.ca, {alarm.ca}, cannot be read: {getattr(error, 'strerror', None) or type(error).__name__}"
+    try:
         body = as_json(document, indent=None).encode("utf-8")
         request = urllib.request.Request(address, body, {"Content-Type": "application/json"}, method="POST")
         handlers = [_NoRedirect(), *([urllib.request.HTTPSHandler(context=context)] if context else [])]
@@ -133,8 +145,17 @@ def _send(site: Site, alarm: Alarm, document: Mapping[str, Any]) -> str:
         error.close()
         return f"the webhook answered {error.code}"
     except Exception as error:  # whatever a network may do, the audit is done
-        reason = getattr(error, "reason", error)
-        return str(reason).replace(address, "the webhook") or type(error).__name__
+        return _why(getattr(error, "reason", error))
+
+
+def _why(reason: object) -> str:
+    """What an operating system says, and no more: other messages may quote any part of the address."""
+    if isinstance(reason, ssl.SSLCertVerificationError):
+        return f"its certificate is not trusted: {reason.verify_message}"
+    if isinstance(reason, TimeoutError):
+        return "it did not answer in time"
+    said = reason.strerror if isinstance(reason, OSError) else None
+    return said or f"its address or its answer cannot be used ({type(reason).__name__})"
 
 
 class _NoRedirect(urllib.request.HTTPRedirectHandler):

@@ -7,9 +7,11 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from trueplant.fleet.alarm import acknowledged, sound
 from trueplant.fleet.cluster import on_cluster, on_this_machine
@@ -17,12 +19,15 @@ from trueplant.fleet.execute import Executor, Inline
 from trueplant.fleet.jobs import Job, jobs_of
 from trueplant.fleet.key import key_without_data
 from trueplant.fleet.page import Shown, draw_reports, write_index
-from trueplant.fleet.rank import News, Ranked, history, news, ranked, table
+from trueplant.fleet.rank import News, Ranked, history, known_after, news, ranked, table
 from trueplant.fleet.row import Finding, LoopRow, Outcome
 from trueplant.fleet.site import Site, seconds_of
-from trueplant.fleet.store import TABLE, Store, write_whole
+from trueplant.fleet.store import LAST, TABLE, Store, write_whole
 from trueplant.fleet.worker import Task, standing
 from trueplant.version import __version__
+
+if TYPE_CHECKING:
+    import polars as pl
 
 Say = Callable[[str], None]
 
@@ -74,18 +79,35 @@ def audit(site: Site, out: Path, options: Options | None = None, say: Say = lamb
     jobs = jobs_of(site, out, began, options.only)
     rows = _rows(site, store, jobs, options, say)
     say("ranking the loops")
-    last, time = store.last(), began.strftime("%Y-%m-%dT%H-%M-%SZ")
+    before, time = store.last(), _free(out, began)
+    last = before
+    if before is not None and options.only is not None:
+        fits = [name for name in before["loop"].unique().to_list() if fnmatchcase(name, options.only)]
+        last = before.filter(before["loop"].is_in(fits))
     since = history(rows, last, time)
     loops = ranked([Ranked(job.name, str(job.project), rows[job.name], since[job.name]) for job in jobs])
     run, new, known = out / f"run={time}", news(rows, last), acknowledged(site, loops, began.date())
     if options.pages:
         draw_reports(loops, store, say)
-    buffer = io.BytesIO()
-    table(site.name, loops).write_parquet(buffer)
+    found = table(site.name, loops)
     pages = write_index(Shown(site.name, time, loops, new, known), store, run, write_whole)
-    write_whole(run / TABLE, buffer.getvalue())
+    write_whole(run / TABLE, _parquet(found))
+    write_whole(out / LAST, _parquet(known_after(found, before, whole=options.only is None)))
     notes = sound(site, store, loops, known, time)
     return Audited(run, loops, new, [run / TABLE, *pages], notes)
+
+
+def _free(out: Path, began: datetime) -> str:
+    """The time that a run is called by; of two that began in one second each has a name of its own."""
+    while (out / f"run={began:%Y-%m-%dT%H-%M-%SZ}" / TABLE).exists():
+        began += timedelta(seconds=1)
+    return f"{began:%Y-%m-%dT%H-%M-%SZ}"
+
+
+def _parquet(table: pl.DataFrame) -> bytes:
+    buffer = io.BytesIO()
+    table.write_parquet(buffer)
+    return buffer.getvalue()
 
 
 def _rows(site: Site, store: Store, jobs: Sequence[Job], options: Options, say: Say) -> dict[str, LoopRow]:

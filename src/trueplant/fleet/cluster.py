@@ -58,6 +58,7 @@ class OnDask:
             submit(task, workers=[address], allow_other_workers=True)
             for address, task in zip(hosts.values(), itertools.islice(left, len(hosts)), strict=False)
         ]
+        first = first or [submit(task) for task in itertools.islice(left, 1)]  # a worker may be on its way
         done: Any = as_completed(first)
         alone = len(first)
         for future in done:
@@ -73,14 +74,22 @@ class OnDask:
 
 
 def _key(future: Any) -> str | None:
-    from distributed import KilledWorker
+    from distributed import CancelledError, KilledWorker
 
-    error = future.exception()
+    try:
+        error = future.exception()
+        key = None if error is not None else str(future.result())  # the scheduler may go between the two
+    except (CancelledError, OSError):
+        error = CancelledError()
     if isinstance(error, KilledWorker):
         return None
+    if isinstance(error, CancelledError):
+        raise UsageError(
+            "the scheduler of the cluster is gone: start the audit again when it is back; loops that are done are kept"
+        ) from None
     if error is not None:
         raise error
-    return str(future.result())
+    return key
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -26,17 +27,28 @@ def limited(seconds: float, stuck: Callable[[], None] | None = None) -> Iterator
     def watch() -> None:
         if done.wait(seconds):
             return
+        end = time.monotonic() + levels.GRACE
+        while not done.is_set():
+            with guard:
+                if not done.is_set():
+                    raise_there(PastDeadline)
+            if done.wait(levels.AGAIN):  # what is raised in a callback or a finalizer is lost
+                return
+            if stuck is not None and time.monotonic() >= end:
+                stuck()
+                return
+
+    def finish() -> None:
         with guard:
-            if not done.is_set():
-                raise_there(PastDeadline)
-        if stuck is not None and not done.wait(levels.GRACE):
-            stuck()
+            done.set()
+            raise_there(None)  # one that was on its way would come later, to somebody else
 
     watcher = threading.Thread(target=watch, name="deadline", daemon=True)
     watcher.start()
     try:
         yield
     finally:
-        with guard:
-            done.set()
-            raise_there(None)  # one that was on its way would come later, to somebody else
+        try:
+            finish()
+        except PastDeadline:  # raised while the work was done: it comes no second time within AGAIN
+            finish()

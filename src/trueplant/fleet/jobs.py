@@ -68,7 +68,7 @@ def jobs_of(site: Site, out: Path, now: datetime | None = None, only: str | None
     window = window_of(site.audit, now)
     wanted = []
     for loops in site.loops:
-        found = _of_files(site, loops) if loops.projects is not None else _of_table(site, loops)
+        found = _of_files(site, loops, out) if loops.projects is not None else _of_table(site, loops)
         wanted += [one for one in found if only is None or fnmatchcase(one.name, only)]
     if not wanted:
         raise UsageError(f"{site.source}: no loop has a name that fits {only!r}: correct --only")
@@ -93,10 +93,17 @@ class _Declared:
     problem: str = ""
 
 
-def _of_files(site: Site, loops: Loops) -> Iterator[_Declared]:
+def _of_files(site: Site, loops: Loops, out: Path) -> Iterator[_Declared]:
+    """The files that fit a pattern, without the site file and what an audit wrote: `**/*.toml` fits those too."""
     assert loops.projects is not None
+    own, results = Path(site.source).resolve(), out.resolve()
+
+    def of_the_site(path: Path) -> bool:
+        whole = path.resolve()
+        return path.is_file() and whole != own and not whole.is_relative_to(results)
+
     try:
-        files = sorted(path for path in site.folder.glob(loops.projects) if path.is_file())
+        files = sorted(path for path in site.folder.glob(loops.projects) if of_the_site(path))
     except (ValueError, NotImplementedError) as error:
         text = f"{site.source}: loops.projects: {loops.projects!r} is no pattern of files below the site file ({error})"
         raise ProjectError(text) from None

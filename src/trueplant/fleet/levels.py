@@ -7,6 +7,8 @@ WHOLE_DAYS = 2 * 86_400
 GRACE = 20.0
 """Seconds that a loop past its deadline has to notice it, before its worker ends itself. The longest call without a
 look at Python is the compiling of one function, a few seconds. Judgement."""
+AGAIN = 5.0
+"""Seconds after which a loop that goes on is told once more that its time is up. Judgement."""
 DIED = 75
 """Exit status of a worker that ended itself at the deadline; nobody but a log sees it."""
 AHEAD = 4

@@ -199,5 +199,30 @@ def news(rows: Mapping[str, LoopRow], last: pl.DataFrame | None) -> News:
     )
 
 
+def known_after(now: pl.DataFrame, last: pl.DataFrame | None, whole: bool) -> pl.DataFrame:
+    """What the next audit is compared with: the table of this one, and what it left open of the last.
+
+    A loop that was not looked at (`whole` is False with --only) stays as it was; an element that was changed stays so
+    through audits that could not answer for it.
+    """
+    import polars as pl
+
+    if last is None or list(last.columns) != list(now.columns):
+        return now
+    there = pl.col("loop").is_in(now["loop"].unique().to_list())
+    said = now.filter(pl.col("verdict").is_not_null() & (pl.col("verdict") != str(ElementVerdict.NOT_IDENTIFIABLE)))
+    open_ = last.filter(there & (pl.col("verdict") == str(ElementVerdict.CHANGED)))
+    open_ = open_.join(said, on=["loop", "output", "input"], how="anti")
+    analysed = now.filter(pl.col("status") == str(Outcome.ANALYSED))["loop"].unique().to_list()
+    named = now.select("loop", "output", "input").unique()
+    open_ = pl.concat(
+        [
+            open_.filter(~pl.col("loop").is_in(analysed)),
+            open_.filter(pl.col("loop").is_in(analysed)).join(named, on=["loop", "output", "input"], how="semi"),
+        ]
+    )
+    return pl.concat([now, open_, *([] if whole else [last.filter(~there)])])
+
+
 def _changed(last: pl.DataFrame) -> list[dict[str, Any]]:
     return [row for row in last.to_dicts() if row["verdict"] == ElementVerdict.CHANGED]

@@ -18,7 +18,7 @@ from trueplant.result.codec import build, plain
 if TYPE_CHECKING:
     import polars as pl
 
-LOOPS, RESULTS, TABLE, PAGE = "loops", "results", "audit.parquet", "index.html"
+LOOPS, RESULTS, TABLE, PAGE, LAST = "loops", "results", "audit.parquet", "index.html", "last.parquet"
 _WAITING = re.compile(r"\..+\.(?P<process>\d+)-[0-9a-f]+\.part")
 
 
@@ -62,12 +62,13 @@ class Store:
         return sorted(path.parent for path in self.folder.glob(f"run=*/{TABLE}"))
 
     def last(self) -> pl.DataFrame | None:
-        """The table of the last audit; None without any that can be read."""
+        """What was known of every loop after the last audit (see `rank.known_after`), or else the table of that; None
+        without any that can be read."""
         import polars as pl
 
-        for run in reversed(self.runs()):
+        for file in (self.folder / LAST, *(run / TABLE for run in reversed(self.runs()))):
             try:
-                return pl.read_parquet(run / TABLE, hive_partitioning=False)
+                return pl.read_parquet(file, hive_partitioning=False)
             except (OSError, pl.exceptions.PolarsError):
                 continue
         return None

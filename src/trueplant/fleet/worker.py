@@ -110,7 +110,7 @@ def standing(task: Task) -> str | None:
         if not _at_hand(project):
             return None
         keys = (task.key, key_of(project, task.finds))
-    except TrueplantError:
+    except Exception:  # the worker finds it again, and makes a row of it
         return None
     return next((key for key in keys if (row := store.read(key)) is not None and row.stands(task.deadline)), None)
 
@@ -147,8 +147,7 @@ class _Row:
 
 def _ending(store: Store, own: _Row) -> Callable[[], None]:
     def end() -> None:
-        own.key = own.task.key  # where the next worker looks before it begins
-        store.write(own.late())
+        store.write(own.late())  # by the key that is known so far: the next worker looks there before it begins
         os._exit(levels.DIED)
 
     return end

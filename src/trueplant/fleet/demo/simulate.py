@@ -40,8 +40,15 @@ def simulate(loop: Loop, r: Array, automatic: NDArray[np.bool_], d: Array) -> tu
     """
     integrating = loop.lag == 0
     pole = np.where(integrating, 1.0, np.exp(-loop.h / np.where(integrating, 1.0, loop.lag)))
-    elements = np.stack([pole, np.where(integrating, loop.h, 1 - pole), np.round(loop.dead_time / loop.h)])
-    slave = 0.0 if loop.slave == 0 else np.exp(-loop.h / loop.slave)
+    slave = 0.0 if loop.slave == 0 else float(np.exp(-loop.h / loop.slave))
+    # what is left of the slave's own start when the master's lag has passed it on, over one sample
+    if loop.slave == 0:
+        passed = np.zeros_like(pole)
+    else:
+        rate = np.where(integrating, 0.0, 1 / np.where(integrating, 1.0, loop.lag))
+        passed = np.where(integrating, 1.0, rate) * (slave - pole) / (rate - 1 / loop.slave)
+    dead = np.round(loop.dead_time / loop.h)
+    elements = np.stack([pole, np.where(integrating, loop.h, 1 - pole), dead, passed])
     laws = np.stack([loop.Kc, loop.h / loop.Ti, loop.stick, np.full(loop.Kc.size, slave)])
     y, u, v = _run(r, automatic, d, loop.gain, elements, laws)
     return y, u, v
@@ -53,7 +60,7 @@ def _run(
 ) -> tuple[Array, Array, Array]:
     samples, n = r.shape
     y, u, v = np.zeros((samples, n)), np.zeros((samples, n)), np.zeros((samples, n))
-    x, position, error = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    x, position, error = np.zeros((n, n)), np.zeros((samples, n)), np.zeros(n)
     for k in range(samples):
         for i in range(n):
             y[k, i] = d[k, i]
@@ -66,14 +73,18 @@ def _run(
             if automatic[k, j]:
                 u[k, j] += laws[0, j] * (now - error[j] + laws[1, j] * now)
             error[j] = now
-            position[j] = stem(u[k, j], position[j], 0.0, laws[2, j])
-            held = v[k - 1, j] if k > 0 else 0.0
-            v[k, j] = laws[3, j] * held + (1 - laws[3, j]) * position[j]
+            position[k, j] = stem(u[k, j], position[k - 1, j] if k > 0 else 0.0, 0.0, laws[2, j])
+            if laws[3, j] == 0:
+                v[k, j] = position[k, j]
+            elif k > 0:
+                v[k, j] = laws[3, j] * v[k - 1, j] + (1 - laws[3, j]) * position[k - 1, j]
         for i in range(n):
             for j in range(n):
                 back = k - int(elements[2, i, j])
-                given = v[back, j] if back >= 0 else 0.0
-                x[i, j] = elements[0, i, j] * x[i, j] + elements[1, i, j] * gain[k, i, j] * given
+                given = position[back, j] if back >= 0 else 0.0
+                late = v[back, j] - given if back >= 0 else 0.0
+                x[i, j] *= elements[0, i, j]
+                x[i, j] += gain[k, i, j] * (elements[1, i, j] * given + elements[3, i, j] * late)
     return y, u, v
 
 
