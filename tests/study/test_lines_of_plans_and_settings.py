@@ -153,7 +153,7 @@ def test_a_parameter_is_open_whose_interval_is_wider_than_a_tenth_of_it(half, is
     theta = np.array([2.0, 10.0, 5.0])
     intervals = np.array([[2 - 2 * half, 2 + 2 * half], [9.9, 10.1], [4.9, 5.1]])
     own: Any = Stub(
-        fit=Stub(theta=theta),
+        fit=Stub(theta=theta, row=Stub(lag_of_dead_times=lambda theta: np.array([0.0, 0.0, 10.0]))),
         estimate=Stub(intervals=intervals),
         covariance=1e-6 * np.eye(3),
         reasons={},

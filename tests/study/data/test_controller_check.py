@@ -12,6 +12,7 @@ import polars as pl
 import pytest
 
 import trueplant as tp
+from support.historian import swinging_door
 from support.laws import STARTS, SUMS, WINDUPS, Law, Loop, drawn
 from support.retuned import DECLARED, PI_LAW, small
 from trueplant import Project
@@ -271,3 +272,13 @@ def test_parts_of_a_file_are_in_order():
             output=[{"name": "y", "pv": "pv"}],
             input=[{"name": "u", "op": "op"}],
         )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_controller_is_not_blamed_for_what_a_historian_left_out(seed):
+    """It acted on the whole PV: what is left neither confirms nor refutes it."""
+    loop = Loop(PI, seed=seed)
+    frame = loop.record()
+    frame = frame.with_columns(pl.Series("pv", swinging_door(frame["pv"].to_numpy(), 0.3)))
+    right = checked(loop, frame)
+    assert right.confirmed is None and "what a historian left out of y" in right.message

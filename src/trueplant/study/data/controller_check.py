@@ -14,6 +14,7 @@ from trueplant.record import Segment
 from trueplant.record.sensor import update_every
 from trueplant.result import ControllerCheck, LawRatio
 from trueplant.study import levels
+from trueplant.study.data.excitation import mostly_filled_in
 from trueplant.study.data.law_judged import Judged, Ratio, judged, parted
 from trueplant.study.data.law_windows import Stretch
 from trueplant.study.data.op_law import written_from_samples
@@ -59,6 +60,9 @@ def _entry(study: Study, k: int, name: str, controller: Controller, i: int) -> C
         to = "rounding" if exact else f"{found.missed:.3g} {signal.unit}".rstrip() + " rms"
         text = f"the declared controller reproduces OP to {to} ({_words(ratios)}{_summed(found)})"
         return replace(said, confirmed=True, message=text)
+    if thinned := _thinned(study, k, controller, i):
+        text = f"it acted on what a historian left out of {', '.join(thinned)}"
+        return replace(said, message=f"{unchecked.message}{text}. From the samples that there are: {_words(ratios)}")
     if written.between(study, k, controller, i):
         text = "OP is written more often than it was recorded, or acts on what was not recorded"
         said = replace(said, message=f"{unchecked.message}{text}. From the samples that there are: {_words(ratios)}")
@@ -70,6 +74,12 @@ def _entry(study: Study, k: int, name: str, controller: Controller, i: int) -> C
         text = "OP and PV move too little, or were rounded too coarsely, to tell its gain or its integral time"
         return replace(said, message=f"{unchecked.message}{text}: {_words(ratios)}")
     return _denied(study, k, said, found, written, controller, i)
+
+
+def _thinned(study: Study, k: int, controller: Controller, i: int) -> list[str]:
+    """OP and the PVs that the law reads of which a historian left little: it had all of them."""
+    own = {study.project.input_names[i], *(study.project.output_names[j] for row, j in controller.entries if row == i)}
+    return [name for name in mostly_filled_in(study, k) if name in own]
 
 
 def _denied(

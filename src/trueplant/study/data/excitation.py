@@ -294,15 +294,17 @@ def manual_notes(study: Study) -> list[Reason]:
     return notes
 
 
+def mostly_filled_in(study: Study, k: int) -> dict[str, float]:
+    """Signals of experiment k of which a historian left little, with the share that it filled in on straight lines."""
+    compressed = [f for f in study.screened[k].findings if f.kind == "compressed" and f.value is not None]
+    return {f.signal: 1 - f.value for f in compressed if f.value is not None and 1 - f.value > levels.FILLED_IN}
+
+
 def compression_notes(study: Study) -> list[Reason]:
     """Said where a historian left little of a signal that is used all the same."""
     notes = []
-    for s in study.screened:
-        if s.refusal is not None:
-            continue
-        share = {f.signal: 1 - f.value for f in s.findings if f.kind == "compressed" and f.value is not None}
-        told = {name: part for name, part in share.items() if part > levels.FILLED_IN}
-        if told:
+    for k, s in enumerate(study.screened):
+        if s.refusal is None and (told := mostly_filled_in(study, k)):
             named = ", ".join(f"{name} ({100 * part:.2g} %)" for name, part in told.items())
             notes.append(
                 Reason(
