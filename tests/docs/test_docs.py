@@ -125,7 +125,8 @@ def tables(model: type[Table], path: str = "") -> dict[str, type[Table]]:
     found = {path: model}
     for name, field in model.model_fields.items():
         key = f"{path}.{field.alias or name}".strip(".")
-        for table in inner_tables(field.annotation):
+        # of two tables at one place, one an entry and one for all, that with more keys is described
+        for table in sorted(inner_tables(field.annotation), key=lambda table: len(table.model_fields)):
             found |= tables(table, key)
     return found
 

@@ -25,6 +25,7 @@ def unanswered_of(lag: float, dead_time: float, errors: tuple[float, float, floa
     """What is left unanswered of gain 2, lag and dead time, estimated with these standard errors from samples of 1."""
     piece = Stub(h=1.0, inputs=np.ones((1, 5)))
     row = Stub(pieces=[piece], specs=[Spec(0, FOPDT, (2.0, lag, dead_time))], slices=[slice(0, 3)])
+    row.lag = lambda m, p: FOPDT.lag(p)
     fit = Stub(row=row, standard_errors_by_data=np.zeros(3))
     estimate: Any = Stub(
         fit=fit,
@@ -65,15 +66,15 @@ def test_an_interval_is_profiled_where_a_lag_is_known_poorly_but_not_hopelessly(
         (0.4, 0.01, 1.0, True),
         (1.0, 0.4, 1.0, False),  # by 2.5 standard errors
         (1.0, 0.25, 1.0, True),
-        (1.0, 0.01, 1.8, True),
-        (1.0, 0.01, 2.5, False),  # by a noise model that nobody would choose
+        (1.0, 0.01, 1.008, True),  # by one that is 8 worse in the Bayesian criterion
+        (1.0, 0.01, 1.012, False),  # by one that is 12 worse, and nobody would choose
     ],
 )
 def test_a_parameter_depends_on_the_noise_model_that_moves_it_by_a_third(shift, error, variance, depends, monkeypatch):
     covariance = np.array([[error**2]])
     row = Stub(lag_of_dead_times=lambda theta: np.zeros(1), pieces=[0], measured=lambda k: (np.zeros(1000), None))
-    fit: Any = Stub(ar=np.zeros(2), theta=np.ones(1), row=row, variance=1.0, covariance=covariance)
-    moved = Stub(theta=np.ones(1) + shift, covariance=covariance, variance=variance)
+    fit: Any = Stub(ar=np.zeros(2), theta=np.ones(1), row=row, variance=1.0, covariance=covariance, count=1000)
+    moved = Stub(theta=np.ones(1) + shift, covariance=covariance, variance=variance, ar=np.zeros(2))
     monkeypatch.setattr(noise_order, "of_a_part", lambda run: run)
     monkeypatch.setattr(noise_order, "refit_noise", lambda run, order: moved)
     found, _ = noise_order.order_dependence(fit, covariance, np.array([0.5]), [fit])

@@ -10,7 +10,7 @@ import numpy as np
 from trueplant import detect
 from trueplant.arrays import Array
 from trueplant.detect import Found
-from trueplant.identify import OutputEstimate
+from trueplant.identify import OutputEstimate, WhyUnanswered
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.result import Code, Element, ElementVerdict, Importance, Reason
 from trueplant.study import levels
@@ -103,7 +103,13 @@ def _first(found: Found, absence_p: float) -> detect.Verdict:
 
 
 def _none_found(study: Study, identified: Identified, i: int, j: int) -> Element:
+    """An element that was looked for and is not there, or of which these data could show nothing."""
     still = all(np.ptp(np.hstack([segment.u, segment.d])[:, j]) == 0 for segment in study.segments)
+    verdict, reason = ElementVerdict.NONE_FOUND, NOT_SHOWN
+    if still:
+        reason = f"{study.columns[j]} never moves in these data"
+    elif (i, j) in identified.unreached:
+        verdict, reason = ElementVerdict.NOT_IDENTIFIABLE, WhyUnanswered.NOTHING_FROM_OUTSIDE.value
     return Element(
         output=study.project.output_names[i],
         input=study.columns[j],
@@ -112,8 +118,8 @@ def _none_found(study: Study, identified: Identified, i: int, j: int) -> Element
         tf_plant=None,
         tf_mismatch=None,
         parameters=(),
-        verdict=ElementVerdict.NONE_FOUND,
-        reason=f"{study.columns[j]} never moves in these data" if still else NOT_SHOWN,
+        verdict=verdict,
+        reason=reason,
         p_adjusted=identified.absence_p[i, j],
         importance=Importance(None, "open loop"),
         grade="",

@@ -55,6 +55,8 @@ class Identified:
     """By column: measured disturbances of which the project does not say how they run between samples."""
     absence_p: Mapping[Place, float] = field(default_factory=dict)
     """Of the elements of which the project does not say whether they are there: that they are not."""
+    unreached: frozenset[Place] = frozenset()
+    """Elements that nothing moves from outside: of them these data cannot tell."""
 
     def of_experiment(self, k: int) -> tuple[Segment, ...]:
         """The segments of one experiment."""
@@ -87,11 +89,12 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         estimates = _resting_on_disturbances(study, estimates, fits)
     confidence = study.project.analysis.confidence
     estimates = widened_for_valves(widened_for_holds(estimates, holds, confidence), tried, confidence)
-    estimates = _without_unreached(study, estimates)
+    unreached = unreached_elements(study)
+    estimates = _without(unreached, estimates)
     taken = {(i, spec.column): spec for i, one in estimates.items() for spec in one.row.specs}
     asked = {place: spec for place, spec in study.specs.items() if place not in found.absence_p}
     notes = (*_missing(study, taken), *_doubtful(study, found.doubtful), *_loads(study, estimates))
-    return Identified(estimates, {**asked, **taken}, segments, fits, notes, valves, holds, found.absence_p)
+    return Identified(estimates, {**asked, **taken}, segments, fits, notes, valves, holds, found.absence_p, unreached)
 
 
 def _identified(
@@ -116,9 +119,9 @@ def _identified(
     return replace(found, estimates=estimates)
 
 
-def _without_unreached(study: Study, found: Mapping[int, OutputEstimate]) -> dict[int, OutputEstimate]:
+def _without(unreached: frozenset[Place], found: Mapping[int, OutputEstimate]) -> dict[int, OutputEstimate]:
     """The estimates, with nothing given of the elements that nothing moves from outside."""
-    unreached, estimates = unreached_elements(study), dict(found)
+    estimates = dict(found)
     for i, one in found.items():
         hidden = [
             range(part.start, part.stop)
