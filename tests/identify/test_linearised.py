@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import lstsq, orth
 
-from trueplant.identify import Row, Spec
+from trueplant.identify import Row, Spec, levels
 from trueplant.identify.fit import evaluate, linearised
 from trueplant.identify.linear_algebra import eliminated, remove
 from trueplant.identify.pieces import Piece
@@ -101,6 +101,22 @@ def test_cost_information_and_slope_against_a_plain_reference(names, stride, gap
         ends = [_cost(row, x + times * step, theta.size, weights) for times in (-2, -1, 1, 2)]
         expected = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step[m]) / 2
         assert abs(slope[m] - expected) < 1e-8 * np.linalg.norm(stacked[m]) * np.sqrt(power)
+
+
+@pytest.mark.parametrize(("stride", "gaps"), [(1, False), (1, True), (2, True)])
+@pytest.mark.parametrize("names", [STRUCTURES[:2], ()])
+def test_normal_equations_are_the_same_whether_or_not_derivatives_are_written_out(names, stride, gaps, monkeypatch):
+    row = row_of(names, stride, gaps)
+    theta = np.concatenate([np.zeros(0), *(parameters(name) for name in names)])
+    ar = np.concatenate([AR, 0.02 * np.random.default_rng(3).standard_normal(20)])
+    weights = np.array([1.0, 0.7])
+    plain = evaluate(row, theta, ar, weights)
+    monkeypatch.setattr(levels, "WRITTEN_OUT", 5)
+    by_correlations = evaluate(row, theta, ar, weights)
+    size = np.sqrt(np.diag(plain.information))
+    assert plain.cost == by_correlations.cost
+    assert np.all(np.abs(by_correlations.information - plain.information) < 1e-12 * np.outer(size, size))
+    assert np.all(np.abs(by_correlations.slope - plain.slope) < 1e-12 * size * np.sqrt(plain.power[:, 0].sum()))
 
 
 def _cost(row: Row, x: np.ndarray, size: int, weights: np.ndarray) -> float:

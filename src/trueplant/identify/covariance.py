@@ -9,6 +9,7 @@ from scipy.stats import norm, t
 from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, restriction_of
+from trueplant.identify.lagged import at_samples, with_past
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.restricted import Restriction
 from trueplant.identify.row import Row
@@ -93,13 +94,11 @@ def told_at(restriction: Restriction, ar: Array) -> Array:
     whitened; relative to the sum of squares of the first.
     """
     order, size, told = ar.size, restriction.size, restriction.told(ar)
-    moments = np.zeros((order, size, size))
+    whole, moving = told.covariance, np.zeros((size, order))
     for piece in restriction.whitened(ar):
-        for lag in range(1, order + 1):
-            before = piece.moved.before(lag, order)
-            moments[lag - 1] += piece.rows[:size] @ (before[:size] - piece.shares @ before[size:]).T
-    whole = told.covariance
-    moving = np.einsum("ia,kab,ib->ik", whole, moments, whole)
+        raw, use = piece.moved.rows, piece.moved.use
+        now = at_samples(whole @ piece.rows[:size], use, order, raw.shape[1])
+        moving += with_past(now, whole @ (raw[:size] - piece.shares @ raw[size:]), order)
     own = np.einsum("ia,ab,ib->i", whole, told.information, whole)
     told_at_all = (own > levels.LOST * np.diag(whole))[:, None]
     return np.asarray(np.divide(moving, own[:, None], out=np.zeros_like(moving), where=told_at_all))

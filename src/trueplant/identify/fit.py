@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.descent import Problem, descend
 from trueplant.identify.initial_state import Unknown
+from trueplant.identify.lagged import at_samples, gram_of_past, with_past
 from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse, remove
 from trueplant.identify.noise import filter_rows, whiten, whitened_valid
 from trueplant.identify.restricted import Moved, Restriction
@@ -113,8 +115,9 @@ def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
     power = np.zeros((len(row.pieces), 2))
     for piece in linearised(row, theta, ar, weights):
         power[piece.number] = piece.errors @ piece.errors, piece.errors.size
-        information += piece.jacobian @ piece.jacobian.T
-        slope += piece.jacobian @ piece.errors
+        told, down = piece.normal_equations()
+        information += told
+        slope += down
     squares, count = float(power[:, 0].sum()), int(power[:, 1].sum())
     unit = squares / max(count, 1)
     diagonal, pull = row.prior.normal_equations(theta)
@@ -139,8 +142,11 @@ class Linearised:
     """The prediction errors that there are."""
     errors: Array
     """(n_used,)"""
-    jacobian: Array
-    """(size + order, n_used) by theta and ar."""
+    ar: Array
+    """(order,)"""
+    weight: float
+    output_errors: Array
+    """(n,) weighted."""
     basis: Array
     """(n_used, rank) what operating points and initial states span."""
     moved: Array
@@ -149,6 +155,30 @@ class Linearised:
     """(n_z, n) responses to operating points and initial states, as far as they can be told."""
     largest: Array
     """(n_z,) amplitude that each of them may have."""
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """(size + order, n_used) by theta and ar."""
+        return self._derivatives(self.ar.size)
+
+    def normal_equations(self) -> tuple[Array, Array]:
+        """Information (size + order, size + order) and half the gradient (size + order,)."""
+        order, size = self.ar.size, len(self.moved)
+        if order <= levels.WRITTEN_OUT:
+            return self.jacobian @ self.jacobian.T, self.jacobian @ self.errors
+        by_theta, basis, past = self._derivatives(0), self.basis.T, self.output_errors
+        rows = np.vstack([by_theta, self.errors, basis])
+        products = with_past(at_samples(rows, self.use, order, past.size), past, order)
+        across, slope, spanned = products[:size], products[size], products[size + 1 :]
+        noise = gram_of_past(past, self.use, order) - spanned.T @ spanned
+        information = np.block([[by_theta @ by_theta.T, across], [across.T, noise]])
+        return information, np.concatenate([by_theta @ self.errors, slope])
+
+    def _derivatives(self, lags: int) -> Array:
+        """(size + lags, n_used) by theta and so many coefficients, without what `basis` spans."""
+        out = _derivatives(self.moved, self.output_errors, self.weight, self.ar, self.use, lags)
+        remove(self.basis.T, out)
+        return out
 
 
 def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[Linearised]:
@@ -169,20 +199,23 @@ def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[Li
         errors = weights[k] * whiten(ar, v)[use]
         moved = np.ascontiguousarray(gradient.T)
         unknown.add_gradient(coefficients, moved)
-        jacobian = _jacobian(moved, v, weights[k], ar, use)
-        remove(basis.T, jacobian)
-        told = coefficients != 0
-        yield Linearised(k, use, errors, jacobian, basis, moved, unknown.rows[told], unknown.largest[told])
+        told, weight = coefficients != 0, float(weights[k])
+        yield Linearised(
+            k, use, errors, ar, weight, weight * v, basis, moved, unknown.rows[told], unknown.largest[told]
+        )
 
 
-def _jacobian(moved: Array, v: Array, weight: float, ar: Array, use: slice | BoolArray) -> Array:
-    """(size + order, n_used) of the weighted prediction errors; `moved` (size, n) is what theta does to the output."""
+def _derivatives(moved: Array, v: Array, weight: float, ar: Array, use: slice | BoolArray, lags: int) -> Array:
+    """(size + lags, n_used) of the weighted prediction errors, by theta and the first coefficients of the noise model.
+
+    `moved` (size, n) is what theta does to the output, v (n,) the weighted output errors.
+    """
     order, size = ar.size, len(moved)
     first = use.start if isinstance(use, slice) else 0
-    out = np.empty((size + order, v.size - order - first))
+    out = np.empty((size + lags, v.size - order - first))
     filter_rows(-weight * np.concatenate([[1.0], ar]), moved, first, out[:size])
-    for lag in range(1, order + 1):
-        out[size + lag - 1] = weight * v[order + first - lag : v.size - lag]
+    for lag in range(1, lags + 1):
+        out[size + lag - 1] = v[order + first - lag : v.size - lag]
     return out if isinstance(use, slice) else np.compress(use, out, axis=1)
 
 
@@ -217,8 +250,7 @@ class Whitening:
         """One a piece; None for a piece that has no prediction errors."""
         found: list[Whitening | None] = [None] * len(fit.row.pieces)
         for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
-            weight = float(fit.weights[piece.number])
-            found[piece.number] = cls(fit.ar, weight, piece.use, piece.basis, piece.jacobian, piece.errors)
+            found[piece.number] = cls(fit.ar, piece.weight, piece.use, piece.basis, piece.jacobian, piece.errors)
         return tuple(found)
 
     def __call__(self, responses: Array) -> Array:

@@ -186,6 +186,10 @@ USUAL_ORDER, LARGEST_ORDER = 30, 240
 """Of the autoregressive noise model, at most; the larger where the Bayesian criterion asks for all of the usual ones. A
 random walk that flows into a vessel takes them: PV integrates it, and below the measurement's noise that shows late."""
 
+WRITTEN_OUT = 40
+"""Coefficients of the noise model up to which derivatives are written out. Beyond, normal equations come from
+correlations: the same numbers, from where on they are the cheaper ones."""
+
 # Tests
 RESIDUAL_LAGS = 25
 """Lags of the tests on prediction errors, at the stride of the estimate."""

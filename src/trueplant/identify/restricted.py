@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.identify.lagged import at_samples, with_past
 from trueplant.identify.linear_algebra import inverse, log_determinant
 from trueplant.identify.noise import whiten
 
@@ -31,9 +32,9 @@ class Moved(NamedTuple):
     """(n_z,) what is known of operating points and initial states besides, in units of 1/variance: what a noise model
     takes away nearly whole is told by nothing else."""
 
-    def before(self, lag: int, order: int) -> Array:
-        """(size + n_z, n_used) the rows so many samples before each prediction error."""
-        return self.rows[:, order - lag : self.rows.shape[1] - lag][:, self.use]
+    def with_past(self, by: Array, order: int) -> Array:
+        """(order,) sums of products of `by` (size + n_z, n_used) and the rows so many samples before each error."""
+        return np.asarray(with_past(at_samples(by, self.use, order, self.rows.shape[1]), self.rows, order).sum(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,7 @@ class Restriction:
         for piece in self.whitened(ar):
             by = np.vstack([told.covariance @ piece.rows[:size], inverse(piece.unknown) @ piece.rows[size:]])
             by[size:] -= piece.shares.T @ by[:size]
-            slope += [np.sum(by * piece.moved.before(lag, ar.size)) for lag in range(1, ar.size + 1)]
+            slope += piece.moved.with_past(by, ar.size)
         return 2 * (told.half_log_determinant - self._begun), slope
 
     def whitened(self, ar: Array) -> Iterator[Whitened]:
