@@ -5,8 +5,10 @@ Delta maps the outputs z of M (its rows) back to the inputs w of M (its columns)
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
@@ -36,8 +38,8 @@ class Full:
 
 
 @dataclass(frozen=True)
-class Repeated:
-    """One complex number times the identity of the given size."""
+class _TimesIdentity(ABC):
+    """One number times the identity of the given size."""
 
     size: int
 
@@ -54,6 +56,20 @@ class Repeated:
         return self.size
 
     @property
+    @abstractmethod
+    def is_full(self) -> bool: ...
+
+    @property
+    @abstractmethod
+    def is_real(self) -> bool: ...
+
+
+@final
+@dataclass(frozen=True)
+class Repeated(_TimesIdentity):
+    """One complex number times the identity of the given size."""
+
+    @property
     def is_full(self) -> bool:
         return self.size == 1
 
@@ -62,23 +78,12 @@ class Repeated:
         return False
 
 
+@final
 @dataclass(frozen=True)
-class Real:
+class Real(_TimesIdentity):
     """One real number times the identity of the given size: a parameter."""
 
     size: int = 1
-
-    def __post_init__(self) -> None:
-        if self.size < 1:
-            raise UsageError(f"a block needs a size of at least 1, not {self.size}")
-
-    @property
-    def rows(self) -> int:
-        return self.size
-
-    @property
-    def columns(self) -> int:
-        return self.size
 
     @property
     def is_full(self) -> bool:
