@@ -33,7 +33,6 @@ class Finding(StrEnum):
 
 
 FAILURES = frozenset({Outcome.FAILED, Outcome.LATE, Outcome.KILLED})
-_OF_NOTES = {Code.CAUSE_VALVE_STICKING: Finding.VALVE, Code.CONTROLLER: Finding.CONTROLLER}
 
 
 @dataclass(frozen=True)
@@ -106,5 +105,9 @@ def elements_of(result: Result) -> tuple[ElementRow, ...]:
 def findings_of(result: Result) -> tuple[Finding, ...]:
     """What is wrong with the loops of a result."""
     found = [Finding.PLANT] if result.mismatch else []
-    found += [_OF_NOTES[note.code] for note in result.notes if note.code in _OF_NOTES]
-    return tuple(dict.fromkeys(found))
+    if any(note.code == Code.CAUSE_VALVE_STICKING for note in result.notes):
+        found.append(Finding.VALVE)
+    # a controller that could not be checked has a note too, and nothing is wrong with it
+    if any(check.confirmed is False for check in result.methods.controller_consistency):
+        found.append(Finding.CONTROLLER)
+    return tuple(found)

@@ -41,6 +41,8 @@ class Open:
     """Steps that nobody recorded; not where a disturbance is declared that would do what they do."""
     wanted: Collection[tuple[int, int]] = ()
     """Elements of which nobody said whether they are there."""
+    drawn: Collection[int] = ()
+    """Outputs that a historian filled in between few samples: its lines would pass for a structure."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +158,7 @@ def identify_plant(
     for i, found in estimates.items():
         estimate = partial(_estimated, again[i], segments)
         # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
-        if timing == 0:
+        if timing == 0 and i not in asked.drawn:
             found = _structured(found, i, asked, estimate, len(everywhere), confidence)
         estimates[i] = with_left_out(found, doubtful[i], estimate, confidence)
     if any(segment.closed for segment in segments):

@@ -39,6 +39,16 @@ def filled_in(t: Array, y: Array, step: float = 0.0, steered: BoolArray | None =
     return float(np.sum(found) / np.sum(rising)) if np.sum(found) > levels.ABOVE_CHANCE * expected else 0.0
 
 
+def drawn(t: Array, y: Array) -> BoolArray:
+    """(N,) samples of y at t that rise or fall on a straight line between their neighbours; not where y is missing."""
+    on_line = np.zeros(y.size, dtype=bool)
+    known = y[np.isfinite(y)]
+    if known.size >= levels.SLOPES:
+        rising, bent, *_ = _shape(t, y, resolution(known))
+        on_line[1:-1] = rising & ~bent
+    return on_line
+
+
 @np.errstate(over="ignore", invalid="ignore")  # stamps may be as near as numbers can be
 def _shape(t: Array, y: Array, unit: float) -> tuple[BoolArray, BoolArray, BoolArray, float]:
     """At the inner samples (N - 2,) of y: does it rise or fall there, is it bent, and so much that it is a corner?

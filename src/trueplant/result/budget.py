@@ -23,6 +23,7 @@ class Source(Enum):
     SHARED_DISTURBANCE = "disturbance of several outputs"
     DISTURBANCE = "declared disturbance"
     HOLD = "disturbance between samples"
+    HISTORIAN = "PV between stored samples"
     VALVE = "valve"
 
 

@@ -10,10 +10,18 @@ import numpy as np
 
 from trueplant.fleet.demo.truth import FINDABLE, WITHOUT, Fault, Truth
 from trueplant.fleet.rank import Ranked
-from trueplant.fleet.row import FAILURES, Outcome
+from trueplant.fleet.row import FAILURES, Finding, Outcome
 from trueplant.result import ElementVerdict
 
-SAID = ("found", "nothing found", "not identifiable", "refused", "failed", "no row")
+FOUND, OTHER = "found", "something else"
+SAID = (FOUND, OTHER, "nothing found", "not identifiable", "refused", "failed", "no row")
+_SHOWS_AS = {
+    Fault.STEP: Finding.PLANT,
+    Fault.DRIFT: Finding.PLANT,
+    Fault.STICKING: Finding.VALVE,
+    Fault.RETUNED: Finding.CONTROLLER,
+}
+"""What an audit should call a fault; any finding on a loop without one is something else."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +33,9 @@ class Judged:
     """Chance that a loop with a fault that can be found stands above one without (area under the ROC curve)."""
     false_alarms: tuple[str, ...]
     missed: tuple[str, ...]
+    """Loops with a fault that can be found of which nothing is said."""
+    mistaken: tuple[str, ...]
+    """... of which something else is said."""
 
     @property
     def false_share(self) -> float:
@@ -36,7 +47,7 @@ class Judged:
 def judge(truths: Sequence[Truth], loops: Sequence[Ranked]) -> Judged:
     """`loops` in the order of the ranking."""
     rows = {one.name: one for one in loops}
-    said = {truth.name: _said(rows.get(truth.name)) for truth in truths}
+    said = {truth.name: _said(truth.fault, rows.get(truth.name)) for truth in truths}
     counts: dict[Fault, Counter[str]] = {}
     for truth in truths:
         counts.setdefault(truth.fault, Counter())[said[truth.name]] += 1
@@ -48,18 +59,19 @@ def judge(truths: Sequence[Truth], loops: Sequence[Ranked]) -> Judged:
     return Judged(
         counts,
         float(above.mean()) if above.size else float("nan"),
-        tuple(one.name for one in truths if one.fault in WITHOUT and said[one.name] == "found"),
-        tuple(one.name for one in truths if one.fault in FINDABLE and said[one.name] != "found"),
+        tuple(one.name for one in truths if one.fault in WITHOUT and said[one.name] == OTHER),
+        tuple(one.name for one in truths if one.fault in FINDABLE and said[one.name] not in (FOUND, OTHER)),
+        tuple(one.name for one in truths if one.fault in FINDABLE and said[one.name] == OTHER),
     )
 
 
-def _said(one: Ranked | None) -> str:
+def _said(fault: Fault, one: Ranked | None) -> str:
     if one is None:
         return "no row"
     if one.row.outcome in FAILURES:
         return "failed"
     if one.row.findings:
-        return "found"
+        return FOUND if _SHOWS_AS.get(fault) in one.row.findings else OTHER
     if one.row.outcome == Outcome.REFUSED:
         return "refused"
     # part of a loop that was not answered may hide a fault
@@ -80,6 +92,7 @@ def lines(judged: Judged) -> list[str]:
         *body,
         f"false alarms: {100 * judged.false_share:.1f} % of the loops without a fault: "
         f"{', '.join(judged.false_alarms) or 'none'}",
-        f"faults not found: {', '.join(judged.missed) or 'none'}",
+        f"faults not found: {', '.join(judged.missed) or 'none'}; taken for something else: "
+        f"{', '.join(judged.mistaken) or 'none'}",
         f"the ranking puts faults first with AUC = {judged.auc:.3f}",
     ]

@@ -310,8 +310,9 @@ def compression_notes(study: Study) -> list[Reason]:
                 Reason(
                     Code.COMPRESSED,
                     f"a historian stored only part of {named} and filled in the share in brackets on straight lines: "
-                    "gains, time constants and above all dead times may be off by more than their intervals say, and a "
-                    "change that is small against them may be the historian's. Export the record without compression",
+                    "what happened in between is not known. For a PV intervals count how far held values would move "
+                    "them; for an OP gains, time constants and above all dead times may be off by more than their "
+                    "intervals say. Export the record without compression",
                     s.record.name,
                 )
             )

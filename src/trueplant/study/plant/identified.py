@@ -32,6 +32,7 @@ from trueplant.study.data.reached import unreached_elements
 from trueplant.study.data.scan import without_hidden_dynamics
 from trueplant.study.data.timing import timing_error, update_interval
 from trueplant.study.plant.disturbance import disturbed_fits, resting_on, with_jumps
+from trueplant.study.plant.drawn import drawn_outputs, held_between, widened_for_drawn
 from trueplant.study.plant.updated import updated_plant
 from trueplant.study.study import Place, Progress, Study, quiet
 
@@ -89,6 +90,10 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         estimates = _resting_on_disturbances(study, estimates, fits)
     confidence = study.project.analysis.confidence
     estimates = widened_for_valves(widened_for_holds(estimates, holds, confidence), tried, confidence)
+    if drawn := drawn_outputs(study):
+        say("estimating what a historian left out")
+        held = _identified(study, held_between(segments, drawn), ())
+        estimates = widened_for_drawn(estimates, held.estimates, drawn, confidence)
     unreached = unreached_elements(study)
     estimates = _without(unreached, estimates)
     taken = {(i, spec.column): spec for i, one in estimates.items() for spec in one.row.specs}
@@ -110,6 +115,7 @@ def _identified(
             [place for place in study.specs if study.project.structure(*place) is not None],
             loads=not study.project.unmeasured,
             wanted=study.wanted,
+            drawn=drawn_outputs(study),
         ),
         study.project.analysis.confidence,
         (update_interval(study), timing_error(study)),
