@@ -11,7 +11,7 @@ import pytest
 from support.one_loop import LAG, declared, one_loop
 from trueplant import Loop, Result, run
 from trueplant.lti import TransferMatrix
-from trueplant.result import Code, LoopRobustness, Reason
+from trueplant.result import Code, LoopRobustness, Reason, SystemPeaks
 from trueplant.result.shift_words import Action
 
 MODEL = "2 exp(-13.4 s)/(60 s + 1)"
@@ -59,9 +59,34 @@ def test_a_loop_that_changed_and_its_tuning(tmp_path, plant, words, does):
     assert (document["shift"], document["action"]) == (result.shift, str(does))
 
 
-def test_without_a_controller_nothing_is_said_of_its_tuning(tmp_path):
+def test_without_a_controller_nobody_is_told_that_nothing_is_to_be_done(tmp_path):
     result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)", None)
-    assert result.shift.endswith("stronger than the model says; no action now.")
+    unknown = "; whether today's tuning suits that is not known, as no controller is declared."
+    assert result.shift.endswith(f"stronger than the model says{unknown}")
+    assert said(tmp_path, law=None).shift == "Y answers as the model says; no action now."
+
+
+def test_an_instrument_that_may_be_wrong_comes_before_new_settings(tmp_path):
+    result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)")
+    assert isinstance(result.robustness, LoopRobustness)
+    peaks = {name: SystemPeaks(True, holds, None, None, None) for name, holds in (("model", True), ("plant", False))}
+    result = replace(result, notes=(), robustness=replace(result.robustness, peaks=peaks))
+    assert result.shift.endswith("; the controllers need new settings.")
+    then = "first: if that is in order, the controllers need new settings."
+    for code, where, first in (
+        (Code.CAUSE_SENSOR_SPAN, "Y", "the transmitter of Y"),
+        (Code.CAUSE_ACTUATOR_GAIN, "u", "the valve of u"),
+        (Code.CAUSE_UNKNOWN, "u -> Y", "the transmitter of Y and the valve of u"),
+    ):
+        doubtful = replace(result, notes=(Reason(code, "why", where),))
+        assert doubtful.shift.endswith(f"; check {first} {then}")
+
+
+def test_a_refusal_that_another_structure_might_end_says_so(tmp_path):
+    nothing = replace(said(tmp_path, size=0.0), reasons=(Reason(Code.NOT_IDENTIFIABLE, "nothing can be told"),))
+    assert nothing.shift == "These data say nothing of the plant; get more data before anything is changed."
+    simple = replace(nothing, notes=(Reason(Code.UNDERMODELLED, "a richer structure predicts better", "u -> Y"),))
+    assert simple.shift.endswith("; get more data, or try a richer structure of the model, before anything is changed.")
 
 
 def test_a_refusal_asks_for_data(tmp_path):

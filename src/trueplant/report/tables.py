@@ -99,8 +99,8 @@ def _digits(p: Parameter) -> int:
     return min(max(2 + math.floor(math.log10(abs(p.model))) - math.floor(math.log10(p.std_error)), 3), 6)
 
 
-def parameter_row(p: Parameter, scale: float) -> ParameterRow:
-    """`scale` is the half width of the drawing in percent."""
+def parameter_row(p: Parameter, scale: float, said: str = "") -> ParameterRow:
+    """`scale` is the half width of the drawing in percent; `said`: of the element, above its parameters."""
     kind = "unknown" if p.plant is None else "changed" if p.changed else "unchanged"
     if kind == "unchanged" and p.changed is None:
         answer = "found"
@@ -110,7 +110,7 @@ def parameter_row(p: Parameter, scale: float) -> ParameterRow:
         answer = {"unknown": "not answered", "changed": "changed", "unchanged": "unchanged"}[kind]
     if answer == "unchanged" and kind_of(p.name) != "dead_time" and not is_useful(p):
         answer = "no change told"  # what could hide in the interval is no small change
-    if p.reason:
+    if p.reason and p.reason not in said:
         answer += f": {p.reason}"
     return ParameterRow(
         name=plain_name(p.name),
