@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from trueplant.cli import levels
+from trueplant.cli.folding import folded
 from trueplant.printable import printable
 
 
@@ -29,7 +31,7 @@ def text(content: str, **style: Any) -> Text:
 
 def say_lines(*lines: object) -> None:
     """Print plain lines."""
-    print(*(printable(str(line)) for line in lines), sep="\n")
+    print(*(folded(printable(str(line)), sys.stdout) for line in lines), sep="\n")
 
 
 Group = tuple[Text | None, Sequence[Sequence[Text]]]
