@@ -116,13 +116,13 @@ def test_joint_change_without_a_single_parameter():
 def test_unchanged_plant():
     kept = _element(verdict="unchanged")
     assert _result(kept).headline == "No change was found in heater 2 -> temperature 2."
-    assert "all 2 elements" in _result(kept, kept).headline
+    assert "any of the 2 elements" in _result(kept, kept).headline
 
 
 def test_no_change_found_says_what_would_have_been_seen():
     kept = _element(verdict="unchanged")
     said = _result(replace(kept, detectable_change=0.09), replace(kept, detectable_change=0.154)).headline
-    assert said == "No change was found in all 2 elements; a change of more than 15 % would have been seen."
+    assert said == "No change was found in any of the 2 elements; a change of more than 15 % would have been seen."
 
 
 def test_no_change_found_without_power_is_no_all_clear():

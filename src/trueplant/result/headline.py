@@ -31,7 +31,7 @@ def headline(result: Outcome) -> str:
         if kept:
             text += f" {counted(kept, 'element')} with no change found."
     elif kept:
-        whole = "" if open_ones else "all " if kept > 1 else ""
+        whole = "any of the " if kept > 1 and not open_ones else ""
         where = f"{whole}{counted(kept, 'element')}" if kept > 1 or open_ones else _arrow(result.elements[0])
         unchanged = [e for e in result.elements if e.verdict == ElementVerdict.UNCHANGED]
         text = f"No change was found in {where}{_would_be_seen(unchanged)}."
