@@ -16,6 +16,7 @@ from plotly.offline import get_plotlyjs
 from support.pages import Page, book, unpacked, without_plotly
 from support.report_sample import refused, sample
 from trueplant.report import render
+from trueplant.report.frame import HARMLESS
 from trueplant.report.numbers import number, to_precision
 from trueplant.report.style import DARK, LIGHT
 from trueplant.result import (
@@ -138,7 +139,17 @@ def test_nothing_is_loaded_from_elsewhere(page):
 
 def test_plotly_is_packed_as_it_is_installed(page):
     assert unpacked(page)["plotly"] == get_plotlyjs()
-    assert len(page) < 2_300_000
+    assert len(page) < 2_200_000
+
+
+def test_the_page_reads_the_letters_that_it_is_packed_in(page):
+    """The script's digits are those of base 85, and none of them means something in HTML."""
+    used = set("".join(re.findall(r'<script type="application/gzip"[^>]*>(.*?)</script>', page, re.DOTALL)))
+    digits = [base64.b85encode(k.to_bytes(4, "big")).decode()[-1].translate(HARMLESS) for k in range(85)]
+    script = re.search(r"<script>(.*?)</script>", page, re.DOTALL)[1]
+    assert re.search(r'letters = "([^"]*)"', script)[1] == "".join(digits)
+    assert used <= set(digits)
+    assert not used & set("<>&\"'`\\")
 
 
 def test_a_page_without_figures_has_no_script():
