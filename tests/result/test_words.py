@@ -202,6 +202,25 @@ def test_a_note_on_what_is_said_of_the_loops_is_not_given_again(monkeypatch):
     assert worth_knowing(result) == [cause]
 
 
+def test_a_cause_comes_before_a_limit_that_OP_stood_at():
+    limit, uneven, cause = (
+        Reason(code, "text") for code in (Code.CAUSE_VALVE_SATURATED, Code.UNEVEN_NOISE, Code.CAUSE_PLANT)
+    )
+    assert worth_knowing(_result(notes=(limit, uneven, cause))) == [cause, limit, uneven]
+
+
+def test_the_terminal_gives_a_reason_once(capsys):
+    why = "all that happens lies between two samples"
+    silent = replace(_parameter(plant=None, changed=False), reason=why)
+    common = Reason(Code.ONE_EXPERIMENT, "one run")
+    dead = replace(silent, name="dead_time")
+    gain = _parameter("gain", "", 1.0, 1.1, 0.1, changed=False)
+    show(_result(_element("y", "u", "not identifiable", (gain, silent, dead)), notes=(common,)), ())
+    said = capsys.readouterr().out
+    assert said.count(why) == 1 and "likewise" in said
+    assert common.message not in said and "1 note on what holds for most records: in report.html" in said
+
+
 def test_parameter_line_is_the_documented_one():
     gain = _parameter("gain", "", 0.932, 0.917, 0.012, changed=False)
     assert parameter_line(gain) == "K = 0.917 ± 0.012 (model 0.932, -1.6 %)"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import RenderableType
@@ -56,7 +57,11 @@ def elements_table(result: Result, width: int) -> Iterator[RenderableType]:
     headings = ("parameter", "model", plant, "change") if modelled else ("parameter", plant)
     groups: list[Group] = []
     for element in told_elements(result):
-        rows = [_parameter_cells(parameter) for parameter in element.parameters]
+        before = ["", *(parameter.reason for parameter in element.parameters)]
+        rows = [
+            _parameter_cells(replace(p, reason="likewise") if p.reason and p.reason == above else p)
+            for above, p in zip(before, element.parameters, strict=False)
+        ]
         groups.append((_title(element), rows if modelled else [(name, answer) for name, _, answer, _ in rows]))
     return blocks(headings, groups, ("model", "change"), width)
 
