@@ -404,3 +404,21 @@ def test_model_has_as_many_digits_as_the_plant_is_known_to():
     assert shown(12.8, 0.0001) == "12.8"
     assert shown(0.000123456789, 0.00001) == "0.000123"
     assert shown(0.0, 0.1) == "0" and shown(None, 0.1) == "–"
+
+
+def test_a_long_list_of_left_out_spans_stays_closed_on_paper(result):
+    """Printing opens what is folded; a list that would take pages is told by its summary."""
+    (first, *others) = result.curves.trends
+    spans = tuple((float(k), k + 0.5, "all", "spike") for k in range(9))
+    long, short = (
+        render(
+            dataclasses.replace(
+                result,
+                curves=dataclasses.replace(result.curves, trends=(dataclasses.replace(first, excluded=kept), *others)),
+            )
+        )
+        for kept in (spans, spans[:3])
+    )
+    assert '<details class="long">\n<summary>9 spans left out</summary>' in long
+    assert "<details open>\n<summary>3 spans left out</summary>" in short
+    assert '"details:not([open], .long)"' in long

@@ -109,7 +109,8 @@
   window.addEventListener("beforeprint", () => {
     printing = true;
     document.documentElement.classList.add("printing");
-    opened = Array.from(document.querySelectorAll("details:not([open])"));
+    // a long list stays closed on paper: it would be pages, and its summary says how long it is
+    opened = Array.from(document.querySelectorAll("details:not([open], .long)"));
     opened.forEach((one) => { one.open = true; });
     plots.forEach(draw);
   });
