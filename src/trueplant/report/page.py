@@ -44,7 +44,8 @@ def render(result: Result) -> str:
             worth_knowing=_not_above(result, worth_knowing(result)),
             told=told_reasons(result),
             common=[note for note in result.notes if is_common(note)],
-            headline=result.headline.replace("->", "→"),  # a line must not break inside the arrow
+            shift=_unbroken(result.shift),
+            headline=_unbroken(result.headline),
             confidence=_confidence(result),
             most_rows=levels.MOST_ROWS,
             provenance=result.provenance,
@@ -114,6 +115,11 @@ def environment(*packages: str) -> jinja2.Environment:
     made.tests |= {"missing": walk.is_missing, "record": walk.is_record}
     made.tests |= {"records": walk.is_records, "spans": walk.is_spans}
     return made
+
+
+def _unbroken(text: str) -> str:
+    """No line breaks inside an arrow, or between a number and its per cent."""
+    return text.replace("->", "→").replace(" %", "\u00a0%")
 
 
 def _confidence(result: Result) -> float:
