@@ -105,6 +105,16 @@ def test_a_first_model_is_named(tmp_path):
     assert result.shift == "A first model of T was found; no action now."
 
 
+def test_a_dead_time_that_the_model_does_not_have_is_worth_a_word(tmp_path):
+    """It is held against the lags: against a dead time of 0 every change would be endless, or nothing."""
+    simulation = one_loop(3, TransferMatrix.of([["2.6 exp(-20 s)/(60 s + 1)"]]))
+    result = run(declared(tmp_path, simulation, "2/(60 s + 1)", LAW)).result
+    said_now = r"Y answers (2|3)\d % stronger and (19|20) s later than the model says;"
+    assert re.match(said_now, result.shift), result.shift
+        result.shift
+    )
+
+
 def test_a_valve_comes_before_tuning(tmp_path):
     result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)")
     stuck = replace(result, notes=(*result.notes, Reason(Code.CAUSE_VALVE_STICKING, "the valve sticks", "u")))
@@ -115,7 +125,8 @@ def test_a_valve_comes_before_tuning(tmp_path):
 def test_another_controller_is_said_and_its_margins_are_not(tmp_path):
     result = said(tmp_path, law=LAW | {"Kc": 2.0})
     assert (
-        result.shift == "Y answers as the model says; the controller is not the one that was declared; no action now."
+        result.shift == "Y answers as the model says; the controller is not the one that was declared: look up which "
+        "settings are in it."
     )
 
 

@@ -74,12 +74,20 @@ def _answer(element: Element, several: bool) -> str:
     to = f" to {spoken(element.input)}" if several else ""
     if element.tf_model in ("0", "0.0", ""):
         return f"{output} answers to {spoken(element.input)}, which the model does not have"
-    words = [(abs(p.change_percent or 0.0), _changed(p)) for p in element.parameters if p.changed]
+    words = [(_size(p, element), _changed(p)) for p in element.parameters if p.changed]
     largest = max((size for size, word in words if word), default=0.0)
     said = [word for size, word in words if word and size >= levels.WORTH_SAYING * largest]
     if not said:
         return f"{output} does not answer{to} as the model says"
     return f"{output} answers {_and(said[:2])}{to} than the model says"
+
+
+def _size(p: Parameter, element: Element) -> float:
+    """Of a change, in percent; that of a dead time in percent of the model's dead time and lags, which may be 0."""
+    if p.name != "dead_time" or p.plant is None or p.model is None:
+        return abs(p.change_percent or 0.0)
+    whole = sum(abs(one.model or 0.0) for one in element.parameters if kind_of(one.name) in ("tau", "dead_time"))
+    return 100 * abs(p.plant - p.model) / whole if whole else 100.0
 
 
 def _changed(p: Parameter) -> str:
@@ -103,9 +111,8 @@ def _tuning(result: Outcome) -> str:
         return ""
     if found is None:
         return _unknown_tuning(result)
-    checks = result.methods.controller_consistency
-    if any(one.experiment == found.controller_of and one.confirmed is False for one in checks):
-        return "the controller is not the one that was declared"
+    if _is_another(result):
+        return "the controller is not the one that was declared: look up which settings are in it"
     unstable = [spoken(loop.input) for loop in found.margins.plant if not loop.stable]
     if unstable:
         return f"today's tuning of {_and(unstable)} is unstable on it"
@@ -139,7 +146,7 @@ def _to_do(result: Outcome) -> str:
         simple = any(note.code is Code.UNDERMODELLED for note in result.notes)
         also = ", or try a richer structure of the model," if simple and result.status == Status.REFUSED else ""
         return f"get more data{also} before anything is changed"
-    return "" if result.robustness is None and _has_changed(result) else "no action now"
+    return "" if _is_another(result) or (result.robustness is None and _has_changed(result)) else "no action now"
 
 
 def _suspects(result: Outcome) -> list[str]:
@@ -152,6 +159,12 @@ def _suspects(result: Outcome) -> list[str]:
             if note.code in (Code.CAUSE_ACTUATOR_GAIN, Code.CAUSE_UNKNOWN):
                 named.append(f"the valve of {where.split(' -> ')[0]}")
     return list(dict.fromkeys(named))
+
+
+def _is_another(result: Outcome) -> bool:
+    """Was OP of today's loop written by another controller than was declared?"""
+    today = result.robustness.controller_of if result.robustness else None
+    return any(one.experiment == today and one.confirmed is False for one in result.methods.controller_consistency)
 
 
 def _has_changed(result: Outcome) -> bool:
