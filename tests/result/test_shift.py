@@ -111,8 +111,6 @@ def test_a_dead_time_that_the_model_does_not_have_is_worth_a_word(tmp_path):
     result = run(declared(tmp_path, simulation, "2/(60 s + 1)", LAW)).result
     said_now = r"Y answers (2|3)\d % stronger and (19|20) s later than the model says;"
     assert re.match(said_now, result.shift), result.shift
-        result.shift
-    )
 
 
 def test_a_valve_comes_before_tuning(tmp_path):
