@@ -39,6 +39,21 @@ def test_no_word_is_broken_and_no_line_too_long(width: int) -> None:
     assert words <= {word for line in lines for word in line.split()}
 
 
+@pytest.mark.parametrize("width", [20, 30, 40])
+def test_where_columns_do_not_fit_each_cell_has_its_line(width: int) -> None:
+    long = "a_temperature_with_a_long_name"
+    rows = [(Text("1"), Text(f"{long}, {long}"), Text("gain ±2.1 %"))]
+    console = Console(file=StringIO(), width=width + len(long), highlight=False)
+    for line in blocks(("", "moved by name and unit", "known to"), [(Text("record.csv"), rows)], (), width):
+        console.print(line)
+    file = console.file
+    assert isinstance(file, StringIO)
+    said = file.getvalue()
+    assert "…" not in said
+    assert said.count(long) == 2
+    assert "known to: gain ±2.1 %" in said
+
+
 def test_columns_are_shared_and_numbers_stand_right() -> None:
     lines = [line for line in drawn(80) if line.startswith("  ")]
     head, gain, tau = lines[0], lines[1], lines[2]
