@@ -20,6 +20,7 @@ def test_every_stage_of_a_run_is_told_in_order(tmp_path):
         "reading record.csv",
         "screening record.csv",
         "estimating y",
+        "testing structures of y",
         "looking for valves that do not follow OP",
         "comparing methods",
         "margins and robustness of today's loops",

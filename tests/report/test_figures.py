@@ -14,7 +14,7 @@ from trueplant.report import captions, figures, levels, tables
 from trueplant.report.decimate import compact, merged, min_max
 from trueplant.report.numbers import number, percentage, probability, to_precision
 from trueplant.report.tables import comparison, parameter_row, percent_scale
-from trueplant.result import Curves, MethodElement, MethodParameter, Methods, Parameter
+from trueplant.result import CoherenceCurves, Curves, MethodElement, MethodParameter, Methods, Parameter
 from trueplant.result.codec import build, plain
 
 
@@ -110,10 +110,29 @@ def test_step_response_draws_the_curves(curves):
     assert figure.layout.xaxis.title.text == "Time (min)"
 
 
-def test_step_caption_tells_the_end_values(curves):
+def test_step_caption_tells_the_values_where_its_figure_ends_rounded_as_the_tables_are(curves):
     said = captions.step_response(curves, 0, 0)
-    end = number(float(curves.step_plant[-1, 0, 0]))
-    assert f"After 60 min: model {number(float(curves.step_model[-1, 0, 0]))}, plant {end} (" in said
+    end = trace(figures.step_response(curves, 0, 0), "plant").x.size - 1
+    assert end < curves.step_t.size - 1
+    low, high = (float(band[end, 0, 0]) for band in (curves.step_low, curves.step_high))
+    error = (high - low) / 4
+    model, plant = (to_precision(float(one[end, 0, 0]), error) for one in (curves.step_model, curves.step_plant))
+    band = f"{to_precision(low, error)} to {to_precision(high, error)}"
+    assert f"After {number(float(curves.step_t[end]), 3)} min: model {model}, plant {plant} ({band})" in said
+
+
+def test_coherence_says_below_which_frequency_it_cannot_tell(curves):
+    found = CoherenceCurves(np.array([0.5, 1.0, 2.0]), np.array([[0.2], [0.9], [0.1]]), 0.3, 0.05, True)
+    slow, fast = ((((low, 1.5), None),) for low in (0.1, 0.5))
+    said = captions.coherence(dataclasses.replace(curves, band=slow), found, 0)
+    assert "Largest, 0.9, at 1 rad/min" in said
+    assert said.endswith("slower than 0.5 rad/min, where the data speak too, its windows are too short to tell.")
+    assert "windows" not in captions.coherence(dataclasses.replace(curves, band=fast), found, 0)
+
+
+def test_a_magnitude_that_is_the_model_s_is_not_one_times_it(curves):
+    same = dataclasses.replace(curves, bode_plant=curves.bode_model)
+    assert "the plant has the model's magnitude and its phase differs by 0°" in captions.bode(same, 0, 0)
 
 
 def test_phase_is_that_of_the_closed_form():

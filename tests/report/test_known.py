@@ -49,6 +49,12 @@ def test_quantities_have_the_digits_that_they_deserve(result):
     assert (phase.where, phase.plant) == ("at 0.213 (crossover)", "–")
 
 
+def test_a_reason_that_the_element_gives_is_not_repeated(result):
+    first = dataclasses.replace(result.elements[0], reason="phase: nothing moves <it>")
+    ((_, (_, phase)),) = known_table((first, *result.elements[1:]))
+    assert phase.reason == "as above"
+
+
 def test_the_page_has_both(result):
     page = Page(without_plotly(render(result)))
     rows = [text for _, text in page.all("tr")]

@@ -15,7 +15,7 @@ from support.pages import Page, book, without_plotly
 from support.report_sample import sample, with_loop
 from trueplant.project.law_table import Controller
 from trueplant.report import loopfigures, loops, render, retuned
-from trueplant.report.numbers import number
+from trueplant.report.numbers import number, probability
 from trueplant.report.style import DARK, LIGHT
 from trueplant.result import (
     KEEP,
@@ -307,7 +307,7 @@ def test_fit_and_residual_tests_are_tables_not_nested_lists(result, parsed):
     row = result.to_dict()["fit"][0]
     tests = row["residual_tests"]
     assert f"{number(row['fit_percent_model'])} {number(row['fit_percent_plant'])}" in said
-    assert f"{number(tests['whiteness_p'])} {number(tests['input_p']['reflux'])}" in said
+    assert f"{probability(tests['whiteness_p'])} {probability(tests['input_p']['reflux'])}" in said
     assert "p, unrelated to reflux" in said
     section = next(k for k, (_, a, _) in enumerate(parsed.elements) if a.get("id") == "fit")
     after = [tag for tag, _, _ in parsed.elements[section:]]

@@ -16,6 +16,7 @@ from plotly.offline import get_plotlyjs
 from support.pages import Page, book, unpacked, without_plotly
 from support.report_sample import refused, sample
 from trueplant.report import render
+from trueplant.report.frame import HARMLESS
 from trueplant.report.numbers import number, to_precision
 from trueplant.report.style import DARK, LIGHT
 from trueplant.result import (
@@ -58,7 +59,7 @@ def parsed(page: str) -> Page:
 
 def test_verdict_is_the_first_thing_said(result, parsed):
     headings = [(tag, "".join(text)) for tag, _, text in parsed.elements if re.fullmatch("h[1-6]", tag)]
-    assert headings[0] == ("h1", result.shift)
+    assert headings[0] == ("h1", result.shift.replace(" %", "\u00a0%"))  # no line ends between the two
     assert parsed.by_id("headline") == result.headline.replace("->", "→")
     assert [tag for tag, _ in headings].count("h1") == 1
 
@@ -138,7 +139,17 @@ def test_nothing_is_loaded_from_elsewhere(page):
 
 def test_plotly_is_packed_as_it_is_installed(page):
     assert unpacked(page)["plotly"] == get_plotlyjs()
-    assert len(page) < 2_300_000
+    assert len(page) < 2_200_000
+
+
+def test_the_page_reads_the_letters_that_it_is_packed_in(page):
+    """The script's digits are those of base 85, and none of them means something in HTML."""
+    used = set("".join(re.findall(r'<script type="application/gzip"[^>]*>(.*?)</script>', page, re.DOTALL)))
+    digits = [base64.b85encode(k.to_bytes(4, "big")).decode()[-1].translate(HARMLESS) for k in range(85)]
+    script = re.search(r"<script>(.*?)</script>", page, re.DOTALL)[1]
+    assert re.search(r'letters = "([^"]*)"', script)[1] == "".join(digits)
+    assert used <= set(digits)
+    assert not used & set("<>&\"'`\\")
 
 
 def test_a_page_without_figures_has_no_script():
@@ -393,3 +404,21 @@ def test_model_has_as_many_digits_as_the_plant_is_known_to():
     assert shown(12.8, 0.0001) == "12.8"
     assert shown(0.000123456789, 0.00001) == "0.000123"
     assert shown(0.0, 0.1) == "0" and shown(None, 0.1) == "–"
+
+
+def test_a_long_list_of_left_out_spans_stays_closed_on_paper(result):
+    """Printing opens what is folded; a list that would take pages is told by its summary."""
+    (first, *others) = result.curves.trends
+    spans = tuple((float(k), k + 0.5, "all", "spike") for k in range(9))
+    long, short = (
+        render(
+            dataclasses.replace(
+                result,
+                curves=dataclasses.replace(result.curves, trends=(dataclasses.replace(first, excluded=kept), *others)),
+            )
+        )
+        for kept in (spans, spans[:3])
+    )
+    assert '<details class="long">\n<summary>9 spans left out</summary>' in long
+    assert "<details open>\n<summary>3 spans left out</summary>" in short
+    assert '"details:not([open], .long)"' in long

@@ -71,6 +71,31 @@ def test_refusal_says_why():
     assert "still describes" not in page
 
 
+def test_refusal_names_its_places_and_the_structure_that_might_end_it():
+    reasons = (
+        Reason(Code.NOT_IDENTIFIABLE, "no parameter can be told"),
+        Reason(Code.NOT_IDENTIFIABLE, "it depends on the noise model", "gain of u_1 -> y"),
+    )
+    richer = Reason(Code.UNDERMODELLED, "ask for a richer structure", "u_1 -> y")
+    refused = dataclasses.replace(sample(), status=Status.REFUSED, reasons=reasons, notes=(richer,), elements=())
+    page = render_shift(refused)
+    assert "It depends on the noise model (gain of u 1 → y)." in page
+    assert "Ask for a richer structure (u 1 → y)." in page
+    assert "No parameter can be told" not in page
+
+
+def test_what_is_open_is_not_called_nothing_to_do():
+    result = sample()
+    open_ = dataclasses.replace(result.elements[0], verdict=ElementVerdict.NOT_IDENTIFIABLE, reason="OP stood still")
+    known = tuple(dataclasses.replace(e, verdict=ElementVerdict.UNCHANGED) for e in result.elements[1:])
+    bare = dataclasses.replace(result, elements=(open_, *known), more_data=(), notes=(), controllers=())
+    page = render_shift(bare)
+    assert "OP stood still." in page
+    assert "still describes" not in page
+    kept = dataclasses.replace(open_, verdict=ElementVerdict.UNCHANGED)
+    assert "still describes" in render_shift(dataclasses.replace(bare, elements=(kept, *known)))
+
+
 def test_large_matrices_are_listed():
     result = sample()
     many = tuple(dataclasses.replace(result.elements[0], input=f"u{k}") for k in range(MOST_CELLS + 1))

@@ -11,7 +11,7 @@ import pytest
 from support.one_loop import LAG, declared, one_loop
 from trueplant import Loop, Result, run
 from trueplant.lti import TransferMatrix
-from trueplant.result import Code, LoopRobustness, Reason
+from trueplant.result import Code, LoopRobustness, Reason, SystemPeaks
 from trueplant.result.shift_words import Action
 
 MODEL = "2 exp(-13.4 s)/(60 s + 1)"
@@ -59,9 +59,34 @@ def test_a_loop_that_changed_and_its_tuning(tmp_path, plant, words, does):
     assert (document["shift"], document["action"]) == (result.shift, str(does))
 
 
-def test_without_a_controller_nothing_is_said_of_its_tuning(tmp_path):
+def test_without_a_controller_nobody_is_told_that_nothing_is_to_be_done(tmp_path):
     result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)", None)
-    assert result.shift.endswith("stronger than the model says; no action now.")
+    unknown = "; whether today's tuning suits that is not known, as no controller is declared."
+    assert result.shift.endswith(f"stronger than the model says{unknown}")
+    assert said(tmp_path, law=None).shift == "Y answers as the model says; no action now."
+
+
+def test_an_instrument_that_may_be_wrong_comes_before_new_settings(tmp_path):
+    result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)")
+    assert isinstance(result.robustness, LoopRobustness)
+    peaks = {name: SystemPeaks(True, holds, None, None, None) for name, holds in (("model", True), ("plant", False))}
+    result = replace(result, notes=(), robustness=replace(result.robustness, peaks=peaks))
+    assert result.shift.endswith("; the controllers need new settings.")
+    then = "first: if that is in order, the controllers need new settings."
+    for code, where, first in (
+        (Code.CAUSE_SENSOR_SPAN, "Y", "the transmitter of Y"),
+        (Code.CAUSE_ACTUATOR_GAIN, "u", "the valve of u"),
+        (Code.CAUSE_UNKNOWN, "u -> Y", "the transmitter of Y and the valve of u"),
+    ):
+        doubtful = replace(result, notes=(Reason(code, "why", where),))
+        assert doubtful.shift.endswith(f"; check {first} {then}")
+
+
+def test_a_refusal_that_another_structure_might_end_says_so(tmp_path):
+    nothing = replace(said(tmp_path, size=0.0), reasons=(Reason(Code.NOT_IDENTIFIABLE, "nothing can be told"),))
+    assert nothing.shift == "These data say nothing of the plant; get more data before anything is changed."
+    simple = replace(nothing, notes=(Reason(Code.UNDERMODELLED, "a richer structure predicts better", "u -> Y"),))
+    assert simple.shift.endswith("; get more data, or try a richer structure of the model, before anything is changed.")
 
 
 def test_a_refusal_asks_for_data(tmp_path):
@@ -80,6 +105,14 @@ def test_a_first_model_is_named(tmp_path):
     assert result.shift == "A first model of T was found; no action now."
 
 
+def test_a_dead_time_that_the_model_does_not_have_is_worth_a_word(tmp_path):
+    """It is held against the lags: against a dead time of 0 every change would be endless, or nothing."""
+    simulation = one_loop(3, TransferMatrix.of([["2.6 exp(-20 s)/(60 s + 1)"]]))
+    result = run(declared(tmp_path, simulation, "2/(60 s + 1)", LAW)).result
+    said_now = r"Y answers (2|3)\d % stronger and (19|20) s later than the model says;"
+    assert re.match(said_now, result.shift), result.shift
+
+
 def test_a_valve_comes_before_tuning(tmp_path):
     result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)")
     stuck = replace(result, notes=(*result.notes, Reason(Code.CAUSE_VALVE_STICKING, "the valve sticks", "u")))
@@ -90,7 +123,8 @@ def test_a_valve_comes_before_tuning(tmp_path):
 def test_another_controller_is_said_and_its_margins_are_not(tmp_path):
     result = said(tmp_path, law=LAW | {"Kc": 2.0})
     assert (
-        result.shift == "Y answers as the model says; the controller is not the one that was declared; no action now."
+        result.shift == "Y answers as the model says; the controller is not the one that was declared: look up which "
+        "settings are in it."
     )
 
 

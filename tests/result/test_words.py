@@ -15,6 +15,7 @@ from trueplant.cli.show import show
 from trueplant.lti import Structure
 from trueplant.output import to_json
 from trueplant.result import (
+    Code,
     DetectedElement,
     Detection,
     Element,
@@ -30,7 +31,14 @@ from trueplant.result.codec import plain
 from trueplant.result.detectors_words import detector_lines
 from trueplant.result.numbers import number, value_with_interval
 from trueplant.result.parameter_words import number_of, word_of
-from trueplant.result.summary import html_summary, parameter_line, text_summary
+from trueplant.result.summary import (
+    html_summary,
+    parameter_line,
+    text_summary,
+    told_elements,
+    told_reasons,
+    worth_knowing,
+)
 from trueplant.study.methods.agreement import in_sentences
 from trueplant.study.plant.notes import grouped
 
@@ -108,13 +116,13 @@ def test_joint_change_without_a_single_parameter():
 def test_unchanged_plant():
     kept = _element(verdict="unchanged")
     assert _result(kept).headline == "No change was found in heater 2 -> temperature 2."
-    assert "all 2 elements" in _result(kept, kept).headline
+    assert "any of the 2 elements" in _result(kept, kept).headline
 
 
 def test_no_change_found_says_what_would_have_been_seen():
     kept = _element(verdict="unchanged")
     said = _result(replace(kept, detectable_change=0.09), replace(kept, detectable_change=0.154)).headline
-    assert said == "No change was found in all 2 elements; a change of more than 15 % would have been seen."
+    assert said == "No change was found in any of the 2 elements; a change of more than 15 % would have been seen."
 
 
 def test_no_change_found_without_power_is_no_all_clear():
@@ -161,6 +169,56 @@ def test_refusal_gives_its_reason():
     assert _result(status="refused", reasons=reasons).headline == (
         "No answer can be given: no set-point changes. (1 more reason in the result)"
     )
+
+
+def test_refusal_gives_the_reason_of_a_place_and_says_it_once():
+    why, dynamics = "it depends on the noise model", "the gain cannot be told from zero"
+    reasons = (
+        Reason(Code.NOT_IDENTIFIABLE, "no parameter can be told"),
+        Reason(Code.NOT_IDENTIFIABLE, why, "gain of u_1 -> y"),
+        Reason(Code.NOT_IDENTIFIABLE, dynamics, "tau1 of u_1 -> y; dead_time of u_1 -> y"),
+    )
+    silent = _parameter(plant=None, changed=False)
+    parameters = (replace(silent, reason=why), replace(silent, reason=dynamics))
+    element = _element("y", "u_1", "not identifiable", parameters)
+    refused = _result(element, status="refused", reasons=reasons)
+    assert refused.headline == f"No answer can be given: gain of u 1 -> y: {why}. (1 more reason in the result)"
+    assert told_reasons(refused) == [reasons[2]]
+    assert told_elements(refused) == []
+    # what is known of an element is said, whatever the reasons are
+    known = replace(element, parameters=(_parameter(), *parameters))
+    assert told_elements(_result(known, status="refused", reasons=reasons)) == [known]
+    several = _result(element, status="refused", reasons=reasons[::2])
+    assert several.headline == f"No answer can be given: 2 parameters: {dynamics}."
+
+
+def test_a_note_on_what_is_said_of_the_loops_is_not_given_again(monkeypatch):
+    missed = Reason(Code.ROBUST_PERFORMANCE, "with today's controller robust performance does not hold")
+    cause, common = Reason(Code.CAUSE_PLANT, "the plant itself"), Reason(Code.ONE_EXPERIMENT, "one run")
+    result = _result(notes=(common, missed, cause))
+    assert worth_knowing(result) == [cause, missed]
+    line = "Robust performance does not hold: mu peaks at 1.43."
+    monkeypatch.setattr("trueplant.result.summary.loop_line", lambda _: line)
+    assert worth_knowing(result) == [cause]
+
+
+def test_a_cause_comes_before_a_limit_that_OP_stood_at():
+    limit, uneven, cause = (
+        Reason(code, "text") for code in (Code.CAUSE_VALVE_SATURATED, Code.UNEVEN_NOISE, Code.CAUSE_PLANT)
+    )
+    assert worth_knowing(_result(notes=(limit, uneven, cause))) == [cause, limit, uneven]
+
+
+def test_the_terminal_gives_a_reason_once(capsys):
+    why = "all that happens lies between two samples"
+    silent = replace(_parameter(plant=None, changed=False), reason=why)
+    common = Reason(Code.ONE_EXPERIMENT, "one run")
+    dead = replace(silent, name="dead_time")
+    gain = _parameter("gain", "", 1.0, 1.1, 0.1, changed=False)
+    show(_result(_element("y", "u", "not identifiable", (gain, silent, dead)), notes=(common,)), ())
+    said = capsys.readouterr().out
+    assert said.count(why) == 1 and "likewise" in said
+    assert common.message not in said and "1 note on what holds for most records: in report.html" in said
 
 
 def test_parameter_line_is_the_documented_one():

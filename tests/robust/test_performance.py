@@ -21,6 +21,7 @@ from trueplant.robust import (
     uncertainty_blocks,
     worst_gain,
 )
+from trueplant.robust.peaks import sharpened
 
 UNCERTAINTY, PERFORMANCE = gain_and_dead_time_weight(0.1, 0.2), performance_weight(0.05, 1 / 0.45)
 """(31) and (32) of the mill."""
@@ -206,3 +207,21 @@ def test_wrong_input_is_named():
         perturbed_plant(case.model, 0.1, np.eye(2), 0.0)
     with pytest.raises(UsageError, match="between 1 and 1"):
         worst_gain(np.ones((1, 2, 2)), diagonal(2), 2)
+
+
+def test_a_flat_bound_has_its_peak_towards_frequency_0():
+    """Whichever point of the grid the last digit prefers; a peak that stands out stays where it is."""
+    w = np.concatenate([[1e-9], np.geomspace(1e-3, 10.0, 60)])
+
+    def flat(at):
+        upper = np.where(at < 0.02, 1.5 + 1e-9 * np.sin(1e4 * at), 1.5 / (1 + at))
+        return upper, upper
+
+    found = sharpened(flat, lambda at: at, w, *flat(w))
+    assert (found.frequency, found.upper) == (0.0, pytest.approx(1.5, rel=1e-8))
+
+    def resonant(at):
+        upper = 1 / np.abs(1 - at**2 + 0.5j * at)
+        return upper, upper
+
+    assert sharpened(resonant, lambda at: at, w, *resonant(w)).frequency == pytest.approx(np.sqrt(0.875), rel=1e-3)

@@ -128,7 +128,7 @@ def test_a_disturbance_that_doubles_is_no_change(tmp_path: Path) -> None:
     found = followed(tmp_path, seed=3, level=np.where(X >= 1300, 2.0, 1.0))
     assert changed(found) == []
     assert {e.history for e in found.elements} == {"constant"}
-    assert found.headline == "No change over time was found in all 4 elements, and no difference from the model."
+    assert found.headline == "No change over time was found in any of the 4 elements, and no difference from the model."
 
 
 def test_record_without_moves_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

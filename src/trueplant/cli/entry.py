@@ -110,10 +110,11 @@ def _interrupted(interrupts: _Interrupts) -> int:
 
 
 def _say(message: str) -> None:
+    from trueplant.cli.folding import folded
     from trueplant.printable import printable
 
     with contextlib.suppress(OSError, OutputError):  # nobody is left to be told
-        print(printable(f"trueplant: {message}").replace("\n", "\\n"), file=sys.stderr)
+        print(folded(printable(f"trueplant: {message}").replace("\n", "\\n"), sys.stderr), file=sys.stderr)
 
 
 def _write_details() -> str:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
+from itertools import groupby
 from pathlib import Path
 
 from trueplant.cli.analyse import REFUSED, saying
 from trueplant.cli.data import show_check
-from trueplant.cli.layout import blocks, console, say_lines, text
+from trueplant.cli.layout import Group, blocks, console, say_lines, text
 from trueplant.errors import OutputError
 from trueplant.output import as_json, write_files
 from trueplant.project.exclusions import all_but_usable
@@ -45,14 +46,15 @@ def show_usable(found: Check) -> None:
         return
     several, out = len(found.data) > 1, console()
     calendars = {one.name: one.calendar(found.provenance.time_unit) for one in found.data}
-    headings = ("", *(["record"] if several else []), "usable stretch", "moves", "of", "gains known alone to")
-    rows = []
-    for k, one in enumerate(found.usable, start=1):
-        span = calendars[one.experiment].span(one.start, one.end)
-        names = [one.experiment] if several else []
-        cells = [str(k), *names, span, str(one.moves), ", ".join(one.moved), _expected(one)]
-        rows.append([*map(text, cells)])
-    for line in blocks(headings, [(None, rows)], ("", "moves"), out.width):
+    headings = ("", "usable stretch", "moves", "of", "gains known alone to")
+    groups: list[Group] = []
+    for experiment, ranked in groupby(enumerate(found.usable, start=1), key=lambda one: one[1].experiment):
+        rows = []
+        for k, one in ranked:
+            span = calendars[experiment].span(one.start, one.end)
+            rows.append([*map(text, (str(k), span, str(one.moves), ", ".join(one.moved), _expected(one)))])
+        groups.append((text(experiment) if several else None, rows))
+    for line in blocks(headings, groups, ("", "moves"), out.width):
         out.print(line)
     out.print(
         text(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from trueplant.cli import levels
+from trueplant.cli.folding import folded
 from trueplant.printable import printable
 
 
@@ -29,7 +31,7 @@ def text(content: str, **style: Any) -> Text:
 
 def say_lines(*lines: object) -> None:
     """Print plain lines."""
-    print(*(printable(str(line)) for line in lines), sep="\n")
+    print(*(folded(printable(str(line)), sys.stdout) for line in lines), sep="\n")
 
 
 Group = tuple[Text | None, Sequence[Sequence[Text]]]
@@ -41,13 +43,21 @@ def blocks(
 ) -> Iterator[RenderableType]:
     """The headings, then each group's title with its rows below, in columns that all groups share.
 
-    right: the headings whose columns are set to the right. Columns give way down to their longest word.
+    right: the headings whose columns are set to the right. Columns give way down to their longest word; where that is
+    still too wide, each row is a line a cell.
     """
     rows = [row for _, found in groups for row in found]
     cells = [[text(heading, style="dim") for heading in headings], *rows]
     columns = list(zip(*cells, strict=True))
     least = [max(map(_longest_word, column)) for column in columns]
     room = width - levels.INDENT - levels.GAP * (len(columns) - 1)
+    if sum(least) > room:
+        for title, found in groups:
+            if title is not None:
+                yield title
+            for row in found:
+                yield from _stacked(headings, row)
+        return
     widths = _fitted([max(cell.cell_len for cell in column) for column in columns], least, room)
     justify = ["right" if heading in right else "left" for heading in headings]
     yield _indented(cells[:1], widths, justify)
@@ -55,6 +65,14 @@ def blocks(
         if title is not None:
             yield title
         yield _indented(found, widths, justify)
+
+
+def _stacked(headings: Sequence[str], row: Sequence[Text]) -> Iterator[RenderableType]:
+    """A line for each cell that says something, the first one not as far in."""
+    told = [(heading, cell) for heading, cell in zip(headings, row, strict=True) if cell.plain.strip()]
+    for k, (heading, cell) in enumerate(told):
+        named = text(f"{heading}: ", style="dim") if heading else text("")
+        yield Padding(named + cell, (0, 0, 0, levels.INDENT * (1 if k == 0 else 2)), expand=False)
 
 
 def _indented(rows: Sequence[Sequence[Text]], widths: Sequence[int], justify: Sequence[Any]) -> RenderableType:

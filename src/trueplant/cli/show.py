@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import RenderableType
@@ -12,10 +13,10 @@ from trueplant.cli.layout import Group, blocks, console, text
 from trueplant.result import Element, Parameter, Result
 from trueplant.result.detectors_words import detector_lines
 from trueplant.result.methods_words import comparison_lines
-from trueplant.result.numbers import number, percentage, value_with_interval
-from trueplant.result.reason import ranked
+from trueplant.result.numbers import counted, number, percentage, value_with_interval
+from trueplant.result.reason import is_common
 from trueplant.result.status import ElementVerdict
-from trueplant.result.summary import loop_line, settings_lines, told_elements, told_reasons
+from trueplant.result.summary import loop_line, settings_lines, told_elements, told_reasons, worth_knowing
 
 _STYLE = {
     ElementVerdict.CHANGED: "bold red",
@@ -40,9 +41,11 @@ def show(result: Result, written: Sequence[Path]) -> None:
     for line in (loop_line(result), *settings_lines(result), *comparison_lines(result), *detector_lines(result)):
         if line:
             out.print(text(line))
-    for reason in (*told_reasons(result), *ranked(result.notes)):
+    for reason in (*told_reasons(result), *worth_knowing(result)):
         where = f" ({reason.where})" if reason.where else ""
         out.print(text(f"{'refused' if reason in result.reasons else 'note'}{where}: {reason.message}"))
+    if common := sum(map(is_common, result.notes)):
+        out.print(text(f"({counted(common, 'note')} on what holds for most records: in report.html)"))
     for path in written:
         out.print(text(str(path)), soft_wrap=True)
 
@@ -54,7 +57,11 @@ def elements_table(result: Result, width: int) -> Iterator[RenderableType]:
     headings = ("parameter", "model", plant, "change") if modelled else ("parameter", plant)
     groups: list[Group] = []
     for element in told_elements(result):
-        rows = [_parameter_cells(parameter) for parameter in element.parameters]
+        before = ["", *(parameter.reason for parameter in element.parameters)]
+        rows = [
+            _parameter_cells(replace(p, reason="likewise") if p.reason and p.reason == above else p)
+            for above, p in zip(before, element.parameters, strict=False)
+        ]
         groups.append((_title(element), rows if modelled else [(name, answer) for name, _, answer, _ in rows]))
     return blocks(headings, groups, ("model", "change"), width)
 

@@ -61,6 +61,10 @@ class Identification:
     estimates, which are no surer than they would be beside them."""
 
 
+Tell = Callable[[int, str], None]
+"""Is told what is being done, such as "estimating", and with which output."""
+
+
 def specs_of(model: TransferMatrix) -> dict[tuple[int, int], Spec]:
     """Every element that the model has, in the model's own structure, with its parameters for the initial guess."""
     specs = {}
@@ -80,7 +84,7 @@ def identify_matrix(
     confidence: float = 0.95,
     update_interval: float = 0.0,
     timing: float = 0.0,
-    tell: Callable[[int], None] | None = None,
+    tell: Tell | None = None,
     structures: bool = False,
 ) -> dict[int, OutputEstimate]:
     """The estimate of each output that has elements to estimate and data to do it from.
@@ -88,7 +92,7 @@ def identify_matrix(
     `model` (n_y, n_u + n_d) holds the elements that are not in `specs` at their values; those of its zeros that the
     record shows to act are estimated along (`with_missing`). `update_interval` is the time between real updates of
     PV, `timing` the standard error of the instants (`Sampling`). `tell` is told the number of each output
-    before it is estimated. With `structures`, those that the record rejects are replaced by richer ones.
+    and what is about to be done with it. With `structures`, those that the record rejects are replaced by richer ones.
     """
     asked = Open(pinned=() if structures else [*np.ndindex(*model.shape)])
     return identify_plant(segments, model, specs, asked, confidence, (update_interval, timing), tell=tell).estimates
@@ -101,7 +105,7 @@ def identify_plant(
     asked: Open,
     confidence: float,
     instants: tuple[float, float],
-    tell: Callable[[int], None] | None = None,
+    tell: Tell | None = None,
 ) -> Identification:
     """`identify_matrix`, and what else `asked` is to be found out.
 
@@ -128,7 +132,7 @@ def identify_plant(
     doubtful: dict[int, tuple[int, ...]] = {}
     for i, row in own.items():
         if tell is not None:
-            tell(i)
+            tell(i, "estimating")
         again[i] = partial(
             identify_output,
             output=i,
@@ -159,6 +163,8 @@ def identify_plant(
         estimate = partial(_estimated, again[i], segments)
         # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
         if timing == 0 and i not in asked.drawn:
+            if tell is not None:
+                tell(i, "testing structures of")
             found = _structured(found, i, asked, estimate, len(everywhere), confidence)
         estimates[i] = with_left_out(found, doubtful[i], estimate, confidence)
     if any(segment.closed for segment in segments):

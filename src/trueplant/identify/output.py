@@ -287,9 +287,9 @@ def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
                 found[index] = Unanswered.because(WhyUnanswered.INPUT_STANDS_STILL)
             elif fast and not gain and not structure.is_lead[k]:
                 why = WhyUnanswered.FASTER_THAN_RECORD
-                samples = max(lag + dead, h) / h
-                text = f"the loop answers within about {samples:.0f} sample(s) of {h:g}: {why.value}"
-                found[index] = Unanswered(why, text)
+                samples = round(max(lag + dead, h) / h)
+                within_so_many = "one sample" if samples == 1 else f"{samples} samples"
+                found[index] = Unanswered(why, f"the loop answers within about {within_so_many}: {why.value}")
             elif known is not None:
                 found[index] = known
             elif not gain and no_gain:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,8 +10,8 @@ import numpy as np
 from trueplant.arrays import Array, IntArray
 from trueplant.lti.structure import gain_unit
 from trueplant.report.excluded import used
-from trueplant.report.figures import phases
-from trueplant.report.numbers import interval, number
+from trueplant.report.figures import drawn_steps, phases
+from trueplant.report.numbers import interval, number, to_precision
 from trueplant.result import CoherenceCurves, Curves, Residuals, Trend
 
 
@@ -31,19 +32,23 @@ def _unit(unit: str) -> str:
 
 
 def step_response(curves: Curves, i: int, j: int) -> str:
-    t, unit = curves.step_t, _unit(gain_unit(curves.output_units[i], curves.input_units[j]))
-    model, plant = curves.step_model[:, i, j], curves.step_plant[:, i, j]
-    low, high = curves.step_low[:, i, j], curves.step_high[:, i, j]
-    if not t.size:
+    unit = _unit(gain_unit(curves.output_units[i], curves.input_units[j]))
+    if not curves.step_t.size:
         return "No step response was computed."
-    end = f"After {number(float(t[-1]))}{_unit(curves.time_unit)}: "
+    seen = np.s_[: drawn_steps(curves, i, j)]
+    t, model, plant = curves.step_t[seen], curves.step_model[seen, i, j], curves.step_plant[seen, i, j]
+    low, high = float(curves.step_low[seen, i, j][-1]), float(curves.step_high[seen, i, j][-1])
+    banded = np.isfinite(low) and np.isfinite(high)
+    # rounded as the tables are: by a standard error, which is a quarter of the band
+    error = (high - low) / 4 if banded else None
+    end = f"After {number(float(t[-1]), 3)}{_unit(curves.time_unit)}: "
     if np.isfinite(model).any():
-        end += f"model {number(float(model[-1]))}, "
+        end += f"model {to_precision(float(model[-1]), error)}, "
     if not np.isfinite(plant).any():
         return f"{end}plant not answered{unit and f' ({unit.strip()})'}."
-    end += f"plant {number(float(plant[-1]))}"
-    if np.isfinite(low[-1]) and np.isfinite(high[-1]):
-        end += f" ({interval(float(low[-1]), float(high[-1]))})"
+    end += f"plant {to_precision(float(plant[-1]), error)}"
+    if banded:
+        end += f" ({interval(low, high, error)})"
     apart = np.abs(plant - model)
     if not np.isfinite(apart).any():
         return f"{end}{unit}."
@@ -76,8 +81,9 @@ def bode(curves: Curves, i: int, j: int) -> str:
         return f"{said}, the plant's magnitude is {_between(size)}.{label}"
     if not ratio.size or not shift.size:
         return f"{said}, plant and model cannot be compared: one of them has no response.{label}"
-    times, degrees = f"{_between(ratio)} times", _between(shift, "°")
-    return f"{said}, the plant has {times} the model's magnitude and its phase differs by {degrees}.{label}"
+    times = _between(ratio)
+    size = "the model's magnitude" if times == "1" else f"{times} times the model's magnitude"
+    return f"{said}, the plant has {size} and its phase differs by {_between(shift, '°')}.{label}"
 
 
 def _between(values: Array, unit: str = "") -> str:
@@ -139,10 +145,17 @@ def coherence(curves: Curves, found: CoherenceCurves, i: int) -> str:
     value = found.multiple[:, i]
     best = int(np.argmax(value))
     unit = f"rad/{curves.time_unit}"
+    lowest = min((band[0] for band in curves.band[i] if band is not None), default=math.inf)
+    below = (
+        f" Of what is slower than {number(float(found.w[0]), 3)} {unit}, where the data speak too, its windows are too "
+        "short to tell."
+        if lowest < found.w[0]
+        else ""
+    )
     return (
         f"Largest, {number(float(value[best]), 2)}, at {number(float(found.w[best]), 3)} {unit}; above the level of "
         f"noise, {number(found.level, 2)}, at {int(np.sum(value > found.level))} of {value.size} frequencies. Noise "
-        f"alone exceeds it at {number(100 * found.significance)} % of them."
+        f"alone exceeds it at {number(100 * found.significance)} % of them.{below}"
     )
 
 

@@ -47,12 +47,18 @@ def outline(x: Array, low: Array, high: Array) -> tuple[Array, Array]:
     return np.concatenate([x, x[::-1]]), np.concatenate([high, low[::-1]])
 
 
+def drawn_steps(curves: Curves, i: int, j: int) -> int:
+    """How many instants of a step response are drawn: until it is at rest."""
+    both = curves.step_model[:, i, j], curves.step_plant[:, i, j]
+    moving = [one for one in both if np.isfinite(one).any() and np.nanmax(np.abs(one)) > 0]
+    return at_rest(moving) or curves.step_t.size
+
+
 def step_response(curves: Curves, i: int, j: int) -> go.Figure:
     """Response of output i to a unit step of input j, until it is at rest: model, plant and the plant's band."""
     figure = go.Figure()
     model, plant = curves.step_model[:, i, j], curves.step_plant[:, i, j]
-    moving = [one for one in (model, plant) if np.isfinite(one).any() and np.nanmax(np.abs(one)) > 0]
-    until = np.s_[: at_rest(moving) or None]
+    until = np.s_[: drawn_steps(curves, i, j)]
     t = curves.step_t[until]
     x, y = outline(t, curves.step_low[until, i, j], curves.step_high[until, i, j])
     if x.size:

@@ -62,10 +62,11 @@ class BudgetRow:
 
 def known_table(elements: Sequence[Element]) -> list[tuple[str, list[KnownRow]]]:
     """The quantities of each element that has any, by its name."""
-    return [(_name(e), [_known(one) for one in e.derived]) for e in elements if e.derived]
+    return [(_name(e), [_known(one, e.reason) for one in e.derived]) for e in elements if e.derived]
 
 
-def _known(one: Derived) -> KnownRow:
+def _known(one: Derived, said: str) -> KnownRow:
+    """`said`: of the element, above its parameters."""
     where = "at rest" if one.at == "rest" else f"at {number(one.frequency, 3)} ({one.at})"
     return KnownRow(
         QUANTITIES.get(one.name, one.name),
@@ -74,7 +75,7 @@ def _known(one: Derived) -> KnownRow:
         to_precision(one.model, one.std_error),
         to_precision(one.plant, one.std_error),
         interval(*one.ci, resolution=one.std_error) if one.ci is not None else MISSING,
-        one.reason,
+        "as above" if one.reason and one.reason in said else one.reason,
     )
 
 

@@ -16,6 +16,8 @@ MOST_CELLS = 40
 """Elements that are shown as a matrix on the sheet for the shift: more do not fit beside the rest on one page."""
 MOST_LINES = 6
 """Lines of each list on that sheet, for the same reason."""
+ARITHMETIC = 1e-6
+"""Of what a difference is measured against: below, the number says how computers add up, and 0 says what it means."""
 UNSEEN = 1e-4
 """Of the range of what is drawn: a tenth of a pixel."""
 CELL_POINTS = 60

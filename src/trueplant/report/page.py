@@ -29,7 +29,7 @@ def render(result: Result) -> str:
     The same result gives the same text. Raises nothing for results without curves, elements or data.
     """
     from trueplant.result.reason import is_common
-    from trueplant.result.summary import loop_line, seen, told_elements, told_reasons
+    from trueplant.result.summary import loop_line, seen, told_elements, told_reasons, worth_knowing
 
     book = Book()
     scale = tables.percent_scale(result.elements)
@@ -41,10 +41,11 @@ def render(result: Result) -> str:
         .get_template("report.html.j2")
         .render(
             result=result,
-            worth_knowing=_worth_knowing(result),
+            worth_knowing=_not_above(result, worth_knowing(result)),
             told=told_reasons(result),
             common=[note for note in result.notes if is_common(note)],
-            headline=result.headline.replace("->", "→"),  # a line must not break inside the arrow
+            shift=_unbroken(result.shift),
+            headline=_unbroken(result.headline),
             confidence=_confidence(result),
             most_rows=levels.MOST_ROWS,
             provenance=result.provenance,
@@ -63,7 +64,9 @@ def render(result: Result) -> str:
             comparison=tables.comparison(result.methods, result.elements),
             laws=tables.law_rows(result.methods.controller_consistency),
             detected=detected(result.methods.detectors, result.elements),
-            elements=[(e, [tables.parameter_row(p, scale) for p in e.parameters]) for e in told_elements(result)],
+            elements=[
+                (e, [tables.parameter_row(p, scale, e.reason) for p in e.parameters]) for e in told_elements(result)
+            ],
             known=known.known_table(result.elements),
             budget=known.budget_table(result.elements),
             grid=_grid(result),
@@ -79,12 +82,14 @@ def render(result: Result) -> str:
     return page + "\n"
 
 
-def _worth_knowing(result: Result) -> list[Reason]:
-    """The notes, but for the common ones and those that say why an element has no answer, which stand above them."""
-    from trueplant.result.reason import is_common, ranked
+def _not_above(result: Result, notes: list[Reason]) -> list[Reason]:
+    """The notes, but for those that say why an element has no answer, which stands above them."""
+    said = {f"{e.input} -> {e.output}": e.reason for e in result.elements if e.verdict == "not identifiable"}
 
-    said = {(f"{e.input} -> {e.output}", e.reason) for e in result.elements if e.verdict == "not identifiable"}
-    return [note for note in ranked(result.notes) if not is_common(note) and (note.where, note.message) not in said]
+    def is_above(note: Reason) -> bool:
+        return all(note.message in said.get(where, "") for where in note.where.split("; "))
+
+    return [note for note in notes if not is_above(note)]
 
 
 def environment(*packages: str) -> jinja2.Environment:
@@ -110,6 +115,11 @@ def environment(*packages: str) -> jinja2.Environment:
     made.tests |= {"missing": walk.is_missing, "record": walk.is_record}
     made.tests |= {"records": walk.is_records, "spans": walk.is_spans}
     return made
+
+
+def _unbroken(text: str) -> str:
+    """No line breaks inside an arrow, or between a number and its per cent."""
+    return text.replace("->", "→").replace(" %", "\u00a0%")
 
 
 def _confidence(result: Result) -> float:

@@ -5,8 +5,23 @@
     document.getElementById("old-browser").hidden = false;
     return;
   }
+  // Base 85: five letters for four bytes, none that HTML would read.
+  const letters = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%/()*+-;,=.?@^_:{|}~";
+  function bytesOf(text) {
+    const digit = new Uint8Array(128);
+    for (let k = 0; k < letters.length; k++) digit[letters.charCodeAt(k)] = k;
+    const missing = (5 - (text.length % 5)) % 5;
+    const whole = text + "~".repeat(missing);
+    const found = new DataView(new ArrayBuffer((whole.length / 5) * 4));
+    for (let k = 0; k < whole.length; k += 5) {
+      let word = 0;
+      for (let m = k; m < k + 5; m++) word = word * 85 + digit[whole.charCodeAt(m)];
+      found.setUint32((k / 5) * 4, word);
+    }
+    return new Uint8Array(found.buffer, 0, found.byteLength - missing);
+  }
   async function unpacked(id) {
-    const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (letter) => letter.charCodeAt(0));
+    const bytes = bytesOf(document.getElementById(id).textContent);
     return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
   }
   // The page's policy knows plotly by its hash.
@@ -94,7 +109,8 @@
   window.addEventListener("beforeprint", () => {
     printing = true;
     document.documentElement.classList.add("printing");
-    opened = Array.from(document.querySelectorAll("details:not([open])"));
+    // a long list stays closed on paper: it would be pages, and its summary says how long it is
+    opened = Array.from(document.querySelectorAll("details:not([open], .long)"));
     opened.forEach((one) => { one.open = true; });
     plots.forEach(draw);
   });

@@ -39,7 +39,7 @@ def render_shift(result: Result) -> str:
             listed=() if small else _cut([_line(e) for e in result.elements if e.verdict != ElementVerdict.UNCHANGED]),
             tuning=_tuning(result),
             loop_line=loop_line(result),
-            settings=_cut([line.strip() for line in settings_lines(result)]),
+            settings=_cut([line.strip().replace("->", "→") for line in settings_lines(result)]),
             todo=_cut(list(_todo(result))),
             origin=_origin(result),
         )
@@ -95,16 +95,26 @@ def _tuning(result: Result) -> str:
 
 
 def _todo(result: Result) -> Iterator[str]:
-    """The causes that were found, what else speaks against the settings of today, and how to learn more."""
-    yield from (reason.message for reason in result.reasons if result.status == Status.REFUSED)
-    for note in result.notes:
-        if note.code in _CAUSES:
-            where = f" ({spoken(note.where).replace('->', '→')})" if note.where else ""
-            yield f"{note.message}{where}"
+    """The causes that were found, what else speaks against the settings of today, and how to learn more.
+
+    Of a refusal: why, place by place, and which other structure might end it.
+    """
+    refused = result.status == Status.REFUSED
+    # that nothing can be told stands in the headline
+    reasons = [r for r in result.reasons if r.where or r.code is not Code.NOT_IDENTIFIABLE] if refused else []
+    told = {*_CAUSES, Code.UNDERMODELLED} if refused else set(_CAUSES)
+    for said in (*reasons, *(note for note in result.notes if note.code in told)):
+        where = f" ({spoken(said.where)})" if said.where else ""
+        yield f"{said.message}{where}".replace("->", "→")
     yield from (plan.sentence.replace("->", "→") for plan in result.more_data[:1])
     if result.mismatch and result.robustness is not None and not result.controllers:
         yield "settings for the plant as it is now: add the table [tuning] to the project and run it again"
-    if not result.mismatch and result.status != Status.REFUSED and not result.more_data:
+    if result.mismatch or refused or result.more_data:
+        return
+    open_ones = [e for e in result.elements if e.verdict == ElementVerdict.NOT_IDENTIFIABLE]
+    for element in open_ones:
+        yield f"{spoken(element.input)} → {spoken(element.output)}: {element.reason or 'not answered by these data'}"
+    if not open_ones:
         yield "nothing: the model still describes the plant as far as these data tell"
 
 

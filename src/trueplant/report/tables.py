@@ -99,8 +99,8 @@ def _digits(p: Parameter) -> int:
     return min(max(2 + math.floor(math.log10(abs(p.model))) - math.floor(math.log10(p.std_error)), 3), 6)
 
 
-def parameter_row(p: Parameter, scale: float) -> ParameterRow:
-    """`scale` is the half width of the drawing in percent."""
+def parameter_row(p: Parameter, scale: float, said: str = "") -> ParameterRow:
+    """`scale` is the half width of the drawing in percent; `said`: of the element, above its parameters."""
     kind = "unknown" if p.plant is None else "changed" if p.changed else "unchanged"
     if kind == "unchanged" and p.changed is None:
         answer = "found"
@@ -110,7 +110,7 @@ def parameter_row(p: Parameter, scale: float) -> ParameterRow:
         answer = {"unknown": "not answered", "changed": "changed", "unchanged": "unchanged"}[kind]
     if answer == "unchanged" and kind_of(p.name) != "dead_time" and not is_useful(p):
         answer = "no change told"  # what could hide in the interval is no small change
-    if p.reason:
+    if p.reason and p.reason not in said:
         answer += f": {p.reason}"
     return ParameterRow(
         name=plain_name(p.name),
@@ -148,9 +148,9 @@ def residual_table(fit: Sequence[FitRow]) -> Table:
     for row in fit:
         test = row.residual_tests
         if test is not None and row.output not in rows:
-            cells = {"output": row.output, "p, white": test.whiteness_p}
-            cells |= {f"p, unrelated to {name}": p for name, p in test.input_p.items()}
-            cells |= {f"p, {name}": p for name, p in test.further_p.items()}
+            cells = {"output": row.output, "p, white": probability(test.whiteness_p)}
+            cells |= {f"p, unrelated to {name}": probability(p) for name, p in test.input_p.items()}
+            cells |= {f"p, {name}": probability(p) for name, p in test.further_p.items()}
             rows[row.output] = cells | entries_of(test, ("whiteness_p", "input_p", "further_p"))
     return as_table(list(rows.values()))
 
@@ -231,11 +231,19 @@ def law_rows(checks: Sequence[ControllerCheck]) -> tuple[LawRow, ...]:
             one.experiment,
             one.input,
             answers[one.confirmed],
-            MISSING if one.rms is None else f"{number(one.rms, 3)} {one.unit}".strip(),
+            _not_explained(one),
             one.message,
         )
         for one in checks
     )
+
+
+def _not_explained(check: ControllerCheck) -> str:
+    if check.rms is None:
+        return MISSING
+    # beside OP's own movement it may be what the arithmetic leaves
+    nothing = check.relative is not None and check.relative < levels.ARITHMETIC
+    return f"{number(0.0 if nothing else check.rms, 3)} {check.unit}".strip()
 
 
 DIFFERS = "≠ "

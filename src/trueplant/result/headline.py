@@ -10,16 +10,14 @@ from trueplant.result.element import Element, Parameter
 from trueplant.result.numbers import counted, number, sentence, spoken
 from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of, number_of, word_of
+from trueplant.result.reason import Code
 from trueplant.result.status import ElementVerdict, Status
 
 
 def headline(result: Outcome) -> str:
     """The verdict first, in a sentence or two for the person at the panel."""
     if result.status == Status.REFUSED:
-        why = result.reasons[0].message if result.reasons else "the data do not say enough"
-        more = len(result.reasons) - 1
-        rest = f" ({more} more reason{'s' if more > 1 else ''} in the result)" if more > 0 else ""
-        return f"No answer can be given: {sentence(why)}{rest}"
+        return _refusal(result)
     first = [e for e in result.elements if e.verdict in (ElementVerdict.FOUND, ElementVerdict.NONE_FOUND)]
     changed = sorted((e for e in result.elements if e.verdict == ElementVerdict.CHANGED), key=weight)
     open_ones = [e for e in result.elements if e.verdict == ElementVerdict.NOT_IDENTIFIABLE]
@@ -33,7 +31,7 @@ def headline(result: Outcome) -> str:
         if kept:
             text += f" {counted(kept, 'element')} with no change found."
     elif kept:
-        whole = "" if open_ones else "all " if kept > 1 else ""
+        whole = "any of the " if kept > 1 and not open_ones else ""
         where = f"{whole}{counted(kept, 'element')}" if kept > 1 or open_ones else _arrow(result.elements[0])
         unchanged = [e for e in result.elements if e.verdict == ElementVerdict.UNCHANGED]
         text = f"No change was found in {where}{_would_be_seen(unchanged)}."
@@ -52,6 +50,19 @@ def headline(result: Outcome) -> str:
         text += f" {counted(len(open_ones), 'element')} could not be judged ({', '.join(map(_arrow, open_ones[:3]))}"
         text += f" and {len(open_ones) - 3} more)." if len(open_ones) > 3 else ")."
     return text
+
+
+def _refusal(result: Outcome) -> str:
+    """Why there is no answer: what is said of one place where the first reason says no more than that there is none."""
+    if not result.reasons:
+        return "No answer can be given: the data do not say enough."
+    first, *others = result.reasons
+    if first.code is Code.NOT_IDENTIFIABLE and not first.where and others:
+        first, *others = others
+    places = first.where.split("; ") if first.code is Code.NOT_IDENTIFIABLE and first.where else []
+    where = f"{spoken(places[0])}: " if len(places) == 1 else f"{counted(len(places), 'parameter')}: " if places else ""
+    rest = f" ({counted(len(others), 'more reason')} in the result)" if others else ""
+    return f"No answer can be given: {where}{sentence(first.message)}{rest}"
 
 
 def _first_model(elements: Sequence[Element]) -> str:

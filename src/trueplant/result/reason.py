@@ -86,12 +86,16 @@ _COMMON = frozenset({Code.ONE_EXPERIMENT, Code.HOLD, Code.MODEL_STEP})
 
 
 def ranked(notes: Sequence[Reason]) -> list[Reason]:
-    """Causes that were found first, what holds for most records last, each else in the order given."""
+    """Causes that were found first, what holds for most records last, each else in the order given.
+
+    A limit that OP stood at does the estimate no harm, and is not why the plant is another.
+    """
 
     def rank(note: Reason) -> int:
         if note.code in _COMMON:
             return 2
-        return 0 if note.code.startswith("cause-") and note.code is not Code.CAUSE_UNKNOWN else 1
+        told = note.code.startswith("cause-") and note.code not in (Code.CAUSE_UNKNOWN, Code.CAUSE_VALVE_SATURATED)
+        return 0 if told else 1
 
     return sorted(notes, key=rank)
 

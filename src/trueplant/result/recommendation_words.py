@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from trueplant.result.controllers import TradeOff
-from trueplant.result.trade_off import trade_off_words
+from trueplant.result.controllers import BeforeAfter, TradeOff
+from trueplant.result.trade_off import shown, trade_off_words
 
 
 class Outlook(Enum):
@@ -40,6 +40,8 @@ class Recommendation:
     mu: float | None = None
     """Limit of mu; None where none is asked for."""
     time_unit: str = ""
+    with_elements: BeforeAfter | None = None
+    """mu with the declared errors of the elements beside wI; None where there are not both."""
     notes: tuple[str, ...] = ()
     """What methods without an answer say."""
 
@@ -82,9 +84,11 @@ def recommendation_sentence(found: Recommendation) -> str:
 def _changes(found: Recommendation) -> str:
     if not found.changes:
         return "today's loops are not stable on the plant as estimated"
-    if len(found.changes) == 1:
-        return trade_off_words(found.changes[0], found.time_unit)
-    return "; ".join(f"{change.input}: {trade_off_words(change, found.time_unit)}" for change in found.changes)
+    several = len(found.changes) > 1
+    said = [f"{change.input}: " * several + trade_off_words(change, found.time_unit) for change in found.changes]
+    if found.with_elements is not None:
+        said.append(f"with the errors of the elements mu {shown(found.with_elements)}")
+    return "; ".join(said)
 
 
 def _percent(share: float) -> str:

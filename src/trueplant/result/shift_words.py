@@ -48,8 +48,9 @@ def shift(result: Outcome) -> str:
 def _what(result: Outcome) -> str:
     """What the plant does now."""
     if result.status == Status.REFUSED:
-        why = f" ({result.reasons[0].code.meaning})" if result.reasons else ""
-        return f"these data say nothing of the plant{why}"
+        # that nothing can be told is no reason why
+        why = next((reason.code.meaning for reason in result.reasons if reason.code is not Code.NOT_IDENTIFIABLE), "")
+        return f"these data say nothing of the plant{f' ({why})' if why else ''}"
     by_verdict = {verdict: [e for e in result.elements if e.verdict == verdict] for verdict in ElementVerdict}
     if changed := sorted(by_verdict[ElementVerdict.CHANGED], key=weight):
         more = f", and {counted(len(changed) - 1, 'other answer')} changed too" if len(changed) > 1 else ""
@@ -73,12 +74,20 @@ def _answer(element: Element, several: bool) -> str:
     to = f" to {spoken(element.input)}" if several else ""
     if element.tf_model in ("0", "0.0", ""):
         return f"{output} answers to {spoken(element.input)}, which the model does not have"
-    words = [(abs(p.change_percent or 0.0), _changed(p)) for p in element.parameters if p.changed]
+    words = [(_size(p, element), _changed(p)) for p in element.parameters if p.changed]
     largest = max((size for size, word in words if word), default=0.0)
     said = [word for size, word in words if word and size >= levels.WORTH_SAYING * largest]
     if not said:
         return f"{output} does not answer{to} as the model says"
     return f"{output} answers {_and(said[:2])}{to} than the model says"
+
+
+def _size(p: Parameter, element: Element) -> float:
+    """Of a change, in percent; that of a dead time in percent of the model's dead time and lags, which may be 0."""
+    if p.name != "dead_time" or p.plant is None or p.model is None:
+        return abs(p.change_percent or 0.0)
+    whole = sum(abs(one.model or 0.0) for one in element.parameters if kind_of(one.name) in ("tau", "dead_time"))
+    return 100 * abs(p.plant - p.model) / whole if whole else 100.0
 
 
 def _changed(p: Parameter) -> str:
@@ -96,13 +105,14 @@ def _changed(p: Parameter) -> str:
 
 
 def _tuning(result: Outcome) -> str:
-    """Whether today's controllers stand it; empty where none is declared, or another wrote OP."""
+    """Whether today's controllers stand it, or that nobody knows; empty where nothing has changed and none is known."""
     found = result.robustness
-    if found is None or result.status == Status.REFUSED:
+    if result.status == Status.REFUSED:
         return ""
-    checks = result.methods.controller_consistency
-    if any(one.experiment == found.controller_of and one.confirmed is False for one in checks):
-        return "the controller is not the one that was declared"
+    if found is None:
+        return _unknown_tuning(result)
+    if _is_another(result):
+        return "the controller is not the one that was declared: look up which settings are in it"
     unstable = [spoken(loop.input) for loop in found.margins.plant if not loop.stable]
     if unstable:
         return f"today's tuning of {_and(unstable)} is unstable on it"
@@ -110,20 +120,55 @@ def _tuning(result: Outcome) -> str:
         return "today's tuning has little margin left on it"
     if _misses(result):
         return "today's tuning is stable but no longer does what is asked of it"
-    still = "still " if result.elements and any(e.verdict == ElementVerdict.CHANGED for e in result.elements) else ""
+    still = "still " if _has_changed(result) else ""
     return f"today's tuning is {still}stable"
 
 
+def _unknown_tuning(result: Outcome) -> str:
+    if not _has_changed(result):
+        return ""
+    why = "" if result.methods.controller_consistency else ", as no controller is declared"
+    return f"whether today's tuning suits that is not known{why}"
+
+
 def _to_do(result: Outcome) -> str:
+    """Empty where nothing can be said of it, because nobody knows what the loops do now."""
     does = action(result)
     if does is Action.CHECK_VALVE:
         return f"check the valve of {_and([spoken(name) for name in _sticking(result)])} first"
     if does is Action.RETUNE:
         chosen = [spoken(loop.input) for loop in result.controllers if loop.chosen]
-        return f"enter the new settings of {_and(chosen)}" if chosen else "the controllers need new settings"
+        tune = f"enter the new settings of {_and(chosen)}" if chosen else "the controllers need new settings"
+        # a loop that is not safe cannot wait for an instrument
+        instruments = [] if _unsafe(result) else _suspects(result)
+        return f"check {_and(instruments)} first: if that is in order, {tune}" if instruments else tune
     if does is Action.GET_DATA:
-        return "get more data before anything is changed"
-    return "no action now"
+        simple = any(note.code is Code.UNDERMODELLED for note in result.notes)
+        also = ", or try a richer structure of the model," if simple and result.status == Status.REFUSED else ""
+        return f"get more data{also} before anything is changed"
+    return "" if _is_another(result) or (result.robustness is None and _has_changed(result)) else "no action now"
+
+
+def _suspects(result: Outcome) -> list[str]:
+    """Instruments that may be all that has changed: settings for a wrong one are wrong once it is mended."""
+    named = []
+    for note in result.notes:
+        for where in map(spoken, note.where.split("; ")):
+            if note.code in (Code.CAUSE_SENSOR_SPAN, Code.CAUSE_UNKNOWN):
+                named.append(f"the transmitter of {where.split(' -> ')[-1]}")
+            if note.code in (Code.CAUSE_ACTUATOR_GAIN, Code.CAUSE_UNKNOWN):
+                named.append(f"the valve of {where.split(' -> ')[0]}")
+    return list(dict.fromkeys(named))
+
+
+def _is_another(result: Outcome) -> bool:
+    """Was OP of today's loop written by another controller than was declared?"""
+    today = result.robustness.controller_of if result.robustness else None
+    return any(one.experiment == today and one.confirmed is False for one in result.methods.controller_consistency)
+
+
+def _has_changed(result: Outcome) -> bool:
+    return any(e.verdict == ElementVerdict.CHANGED for e in result.elements)
 
 
 def _unsafe(result: Outcome) -> bool:

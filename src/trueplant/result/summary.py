@@ -14,7 +14,7 @@ from trueplant.result.methods_words import comparison_lines
 from trueplant.result.numbers import number, percentage, sentence, spoken, value_with_interval
 from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of, number_of
-from trueplant.result.reason import Reason, ranked
+from trueplant.result.reason import Code, Reason, is_common, ranked
 from trueplant.result.robustness import Margins
 from trueplant.result.status import ElementVerdict, Status
 
@@ -62,7 +62,8 @@ def text_summary(result: Outcome) -> str:
         lines += ["", *detected]
     if loop := loop_line(result):
         lines += ["", loop, *settings_lines(result)]
-    for title, reasons in (("refused", told_reasons(result)), ("note", ranked(result.notes))):
+    common = [note for note in result.notes if is_common(note)]
+    for title, reasons in (("refused", told_reasons(result)), ("note", [*worth_knowing(result), *common])):
         if reasons:
             lines.append("")
         for reason in reasons:
@@ -72,15 +73,36 @@ def text_summary(result: Outcome) -> str:
 
 
 def told_elements(result: Outcome) -> list[Element]:
-    """The elements, but for those of a refusal of which nothing is said but its reason."""
+    """The elements, but for those of a refusal of which nothing is said but its reasons."""
     said = {reason.message for reason in result.reasons} if result.status == Status.REFUSED else set()
-    return [element for element in result.elements if element.parameters or element.reason not in said]
+
+    def tells(element: Element) -> bool:
+        answers = [(p.plant, p.reason) for p in element.parameters] or [(None, element.reason)]
+        return any(plant is not None or reason not in said for plant, reason in answers)
+
+    return [element for element in result.elements if tells(element)]
 
 
 def told_reasons(result: Outcome) -> list[Reason]:
     """The reasons that the headline does not say."""
     said = headline(result)
-    return [reason for reason in result.reasons if reason.message not in said or reason.where not in said]
+
+    def is_told(reason: Reason) -> bool:
+        if reason.code is Code.NOT_IDENTIFIABLE and not reason.where:  # there is no answer: the headline begins so
+            return True
+        return reason.message in said and spoken(reason.where) in spoken(said)
+
+    return [reason for reason in result.reasons if not is_told(reason)]
+
+
+def worth_knowing(result: Outcome) -> list[Reason]:
+    """The notes that are neither common to most records nor said of today's loops already, the causes first."""
+    loops = loop_line(result)
+    said = {
+        Code.ROBUST_PERFORMANCE: "Robust performance does not hold" in loops,
+        Code.DRAWN: "that the data leave open" in loops,
+    }
+    return [note for note in ranked(result.notes) if not is_common(note) and not said.get(note.code, False)]
 
 
 def seen(element: Element) -> str:
@@ -88,7 +110,7 @@ def seen(element: Element) -> str:
     share = element.detectable_change
     if element.verdict != ElementVerdict.UNCHANGED or share is None:
         return ""
-    return f" (a change of {100 * share:.2g} % would have been seen)"
+    return f" (a change of {number(100 * share, 2)} % would have been seen)"
 
 
 def loop_line(result: Outcome) -> str:
@@ -115,7 +137,7 @@ def loop_line(result: Outcome) -> str:
         text += f" Robust performance {holds}: {peak}."
     if found.drawn and found.drawn.share_stable < 1:
         unstable_share = 100 * (1 - found.drawn.share_stable)
-        text += f" It is unstable on {unstable_share:.2g} % of the plants that the data leave open."
+        text += f" It is unstable on {number(unstable_share, 2)} % of the plants that the data leave open."
     return text
 
 
@@ -167,7 +189,8 @@ def html_summary(result: Outcome) -> str:
         named = html.escape(f"{element.input} → {element.output}")
         said = html.escape(f"{element.verdict}, grade {element.grade}" if element.grade else element.verdict)
         rows.append(f"<tr><td>{named}</td><td>{said}</td><td style='text-align:left'>{cells}</td></tr>")
-    notes = "".join(f"<li>{html.escape(sentence(r.message))}</li>" for r in (*result.reasons, *ranked(result.notes)))
+    told = (*result.reasons, *ranked(result.notes))
+    notes = "".join(f"<li>{html.escape(sentence(r.message))}</li>" for r in told)
     head = "<tr><th>element</th><th>verdict</th><th>parameters</th></tr>"
     table = f"<table>{head}{''.join(rows)}</table>" if rows else ""
     return f"<p><b>{html.escape(headline(result))}</b></p>{table}{f'<ul>{notes}</ul>' if notes else ''}"

@@ -40,7 +40,8 @@ def headline(track: Tracked) -> str:
     steady = [e for e in track.elements if e.history == ElementHistory.CONSTANT]
     unknown = [e for e in track.elements if e.history == ElementHistory.NOT_IDENTIFIABLE]
     if not track.changes and steady:
-        count = f"all {len(steady)} elements" if len(steady) > 1 and not unknown else counted(len(steady), "element")
+        whole = "any of the " if len(steady) > 1 and not unknown else ""
+        count = f"{whole}{counted(len(steady), 'element')}"
         as_modelled = all(e.standing and e.standing.verdict == ElementVerdict.UNCHANGED for e in steady)
         text = f"No change over time was found in {count}{', and no difference from the model' if as_modelled else ''}."
     elif steady:

@@ -39,20 +39,20 @@ def trade_off_words(found: TradeOff, time_unit: str) -> str:
     if found.load_error is not None and (ratio := found.load_error.ratio) is not None:
         said.append(f"error of a load step {100 * (ratio - 1):+.0f} %")
     if found.overshoot is not None:
-        said.append(f"overshoot {_shown(found.overshoot, 100)} %")
+        said.append(f"overshoot {shown(found.overshoot, 100)} %")
     if found.settling is not None:
-        said.append(f"settling {_shown(found.settling)} {time_unit}")
+        said.append(f"settling {shown(found.settling)} {time_unit}")
     if found.Ms is not None:
-        said.append(f"Ms {_shown(found.Ms)}")
+        said.append(f"Ms {shown(found.Ms)}")
     for change, what in ((found.op_moves, "OP moves"), (found.op_noise, "noise moves OP")):
         if change is not None and change.ratio is not None:
             said.append(f"{what} {change.ratio:.2g} times as much")
     if found.mu is not None:
-        said.append(f"mu {_shown(found.mu)}")
+        said.append(f"mu {shown(found.mu)}")
     return ", ".join(said) or "unstable with one of the two"
 
 
-def _shown(change: BeforeAfter, factor: float = 1.0) -> str:
+def shown(change: BeforeAfter, factor: float = 1.0) -> str:
     """Rounded alike: three digits of the larger, no more than a hundredth."""
     low, high = (factor * value for value in (change.before, change.after))
     digits = 0 if max(abs(low), abs(high)) >= 10 else 2 if factor == 1 else 0

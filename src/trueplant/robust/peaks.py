@@ -50,8 +50,11 @@ def sharpened(
     rivals: int = levels.MU_RIVALS,
 ) -> Peak:
     """The peak of the upper bound between the points of the grid."""
-    k = int(np.argmax(upper))
-    best = Peak(float(lower[k]), float(upper[k]), float(w[k]) if k else 0.0)
+    top = int(np.argmax(upper))
+    # a curve that is flat down to frequency 0 peaks there, whichever of its points the last digit prefers
+    alike = (upper >= upper[top] * (1 - levels.PEAK_VALUE)) & (lower >= lower[top] * (1 - levels.PEAK_VALUE))
+    k = int(np.argmax(alike)) if alike[: top + 1].all() else top
+    best = Peak(float(lower[k]), float(upper[top]), float(w[k]) if k else 0.0)
     inner = np.flatnonzero((upper[1:-1] >= upper[:-2]) & (upper[1:-1] >= upper[2:])) + 1
     tops = inner[np.argsort(upper[inner])[::-1][:rivals]]
     # a peak that is low on the grid may still be the highest between its points, one that is far below is not
@@ -63,9 +66,9 @@ def sharpened(
         below, above = (b.reshape(points.shape) for b in bounds(system(points.ravel())))
         at = np.clip(np.argmax(above, axis=1), 1, 7)
         rows = np.arange(len(tops))
-        top = np.unravel_index(np.argmax(above), above.shape)
-        if above[top] > best.upper * (1 + 1e-9):
-            best = Peak(float(below[top]), float(above[top]), float(points[top]))
+        highest = np.unravel_index(np.argmax(above), above.shape)
+        if above[highest] > best.upper * (1 + (1e-9 if best.frequency else levels.PEAK_VALUE)):
+            best = Peak(float(below[highest]), float(above[highest]), float(points[highest]))
         low, high = points[rows, at - 1], points[rows, at + 1]
         ends = np.minimum(above[rows, at - 1], above[rows, at + 1])
         spread = float(np.max(1 - ends / above[rows, at]))

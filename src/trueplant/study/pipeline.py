@@ -61,7 +61,7 @@ def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
     retuned = Retuning()
     if judged.answered:
         say("settings for the controllers")
-        retuned = retuning_of(study, identified, plant, compared.response, controllers, judged.elements)
+        retuned = retuning_of(study, identified, plant, compared.response, controllers, judged.elements, say)
     say("planning moves that would tell more")
     plans = more_data(study, identified.estimates, plant.nominal)
     say("putting the result together")

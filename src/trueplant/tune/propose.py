@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -70,8 +70,9 @@ def propose(
     share: float = levels.SHARE,
     confidence: float = levels.CONFIDENCE,
     seed: int = 0,
+    say: Callable[[str], None] = lambda method: None,
 ) -> tuple[Proposal, ...]:
-    """Settings by each method, in the given order; model: what today's controllers were tuned on;
+    """Settings by each method, in the given order; model: what today's controllers were tuned on; say: is told of each.
     weighting: of robust performance, which the method "mu" needs. It starts from the methods before it.
 
     The rules see each loop's own element, later by what the task calls unseen or by the error of its dead time,
@@ -86,6 +87,7 @@ def propose(
         raise LoopError(f"unknown tuning method {unknown[0]!r}: use {', '.join(ALL_METHODS)}")
     found: list[Proposal] = []
     for method in methods:
+        say(method)
         try:
             if method == CERTAIN:
                 found.append(_certain(uncertain, tasks, today, limit, share, confidence, seed))

@@ -43,12 +43,13 @@ from trueplant.study.loops.metrics import (
     replayed,
     share_below_mu,
 )
+from trueplant.study.loops.real_errors import held_against_elements
 from trueplant.study.loops.recommendation import Judged, Limits, recommend
 from trueplant.study.loops.settings import law_settings, vendor_settings
-from trueplant.study.loops.targets import Target, target_of
+from trueplant.study.loops.targets import Target, not_as_declared, target_of
 from trueplant.study.loops.weighted import weights_of
 from trueplant.study.plant.identified import Identified
-from trueplant.study.study import Study
+from trueplant.study.study import Progress, Study, quiet
 from trueplant.tune import (
     AS_DESIGNED,
     CERTAIN,
@@ -83,6 +84,7 @@ def retuning_of(
     response: FrequencyResponse | None,
     checks: Sequence[ControllerCheck],
     elements: Sequence[Element],
+    say: Progress = quiet,
 ) -> Retuning:
     """Proposals for every loop of today's controller; empty without a [tuning] table in the project.
 
@@ -95,7 +97,7 @@ def retuning_of(
     if today is None or declared is None:
         why = "retuning needs the controllers of a usable closed experiment: declare them as [[controller]]"
         return Retuning(notes=(Reason(Code.TUNING, why),))
-    if wrong := _not_as_declared(study, checks):
+    if wrong := not_as_declared(study, checks):
         return Retuning(notes=wrong)
     if not declared.is_decentralised:
         why = "retuning is for one controller a loop, and these share inputs or outputs"
@@ -108,23 +110,9 @@ def retuning_of(
             notes=tuple(Reason(Code.TUNING, loop.why, study.project.input_names[loop.place[0]]) for loop in targets)
         )
     try:
-        return _workshop(study, found, known, today, targets, elements).retuning()
+        return _workshop(study, found, known, today, targets, elements, say).retuning()
     except LoopError as error:
         return Retuning(notes=(Reason(Code.TUNING, f"no settings can be proposed: {error}"),))
-
-
-def _not_as_declared(study: Study, checks: Sequence[ControllerCheck]) -> tuple[Reason, ...]:
-    """Which controllers of today's loop did not write OP as they are declared."""
-    assert study.loop_experiment is not None
-    name = study.project.experiments[study.loop_experiment].name
-    why = (
-        "no settings are proposed: today's controller is what they are set against, and OP was not written by the one "
-        "declared: "
-        "correct its [[controller]] entry, or give the stretch in which it holds a file of its own"
-    )
-    return tuple(
-        Reason(Code.TUNING, why, one.input) for one in checks if one.experiment == name and one.confirmed is False
-    )
 
 
 # -- the proposals --------------------------------------------------------------------------------------------------
@@ -137,6 +125,7 @@ def _workshop(
     today: LinearLoop,
     targets: Sequence[Target],
     elements: Sequence[Element],
+    say: Progress,
 ) -> _Workshop:
     """Proposals by every method asked for, and the plants to judge them on."""
     project = study.project
@@ -162,6 +151,7 @@ def _workshop(
         limit=limits.Ms,
         share=limits.share,
         seed=seed + 1,
+        say=lambda method: say(f"settings for the controllers: {method}"),
     )
     laws = [today.controller, *(p.controller for p in proposals if p.controller is not None)]
     w = max((common_grid(known.nominal, law, highest) for law in laws), key=len)
@@ -184,6 +174,7 @@ def _workshop(
         drawn=drawn,
         response=drawn.response(w),
         seed=seed + 2,
+        say=say,
     )
 
 
@@ -226,6 +217,7 @@ class _Workshop:
     """(count, n_w, n_y, n_u) of the drawn plants."""
     seed: int
     """Of the draws that judge; the proposals were made on others."""
+    say: Progress
 
     @property
     def tasks(self) -> list[LoopTask]:
@@ -235,10 +227,20 @@ class _Workshop:
     def retuning(self) -> Retuning:
         """The table, the curves and the notes."""
         today = self._judged(self.today.controller)
-        judged = {p.method: self._judged(p.controller) for p in self.proposals if p.controller is not None}
+        judged = {}
+        for p in self.proposals:
+            if p.controller is not None:
+                self.say(f"settings for the controllers: judging {p.method}")
+                judged[p.method] = self._judged(p.controller)
         names = self.study.project.input_names
         loops = {loop.place: names[loop.place[0]] for loop in self.targets}
-        found = recommend(self.proposals, judged, today, loops, self.limits, self.study.project.time_unit)
+        unit = self.study.project.time_unit
+
+        def choose(left: Mapping[str, Judged]) -> Recommendation:
+            return recommend(self.proposals, left, today, loops, self.limits, unit)
+
+        found = held_against_elements(self.study, self.today, self.proposals, judged, choose, self.mu_limit, self.say)
+        self.say("settings for the controllers: responses")
         table = tuple(self._loop(loop, today, judged, found) for loop in self.targets)
         drawn = found.method or next((p.method for p in self.proposals if p.controller is not None), None)
         chosen = next((p for p in self.proposals if p.method == drawn), None)

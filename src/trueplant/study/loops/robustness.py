@@ -24,11 +24,8 @@ from trueplant.result import (
     Reason,
     SystemPeaks,
 )
-from trueplant.robust import (
-    margins,
-    niederlinski,
-    rga,
-)
+from trueplant.result.numbers import number
+from trueplant.robust import margins, niederlinski, rga
 from trueplant.robust.generalised import channels
 from trueplant.robust.grid import on_axis, rates_of
 from trueplant.study import levels
@@ -217,7 +214,7 @@ def _notes(table: LoopRobustness) -> list[Reason]:
         notes.append(
             Reason(
                 Code.DRAWN,
-                f"in {unstable:.2g} % of the plants that these data leave open, today's controller is unstable "
+                f"in {number(unstable, 2)} % of the plants that these data leave open, today's controller is unstable "
                 f"({table.drawn.count} plants drawn from the estimate)",
             )
         )
@@ -243,7 +240,7 @@ def _missed(peaks: Mapping[str, SystemPeaks]) -> str:
             where = "towards frequency 0" if peak.frequency == 0 else "at its peak"
             return (
                 f"with today's controller {what} does not hold on the plant as estimated: its measure, which must stay "
-                f"below 1, is {peak.upper:.3g} {where} ({before.upper:.3g} on the model)"
+                f"below 1, is {number(peak.upper)} {where} ({number(before.upper)} on the model)"
             )
         return ""
     return ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from trueplant.identify import OutputEstimate, unanswered
 from trueplant.loop import PID, Controller, Linear, LinearLoop
 from trueplant.lti import TransferFunction
+from trueplant.result import Code, ControllerCheck, Reason
 from trueplant.study import levels
 from trueplant.study.loops.settings import Shown
 from trueplant.study.plant.identified import Identified
@@ -36,6 +37,19 @@ class Target:
     """Why not, or what sets the highest crossover."""
     assumptions: tuple[str, ...]
     shown: Shown
+
+
+def not_as_declared(study: Study, checks: Sequence[ControllerCheck]) -> tuple[Reason, ...]:
+    """Which controllers of today's loop did not write OP as they are declared."""
+    assert study.loop_experiment is not None
+    name = study.project.experiments[study.loop_experiment].name
+    why = (
+        "no settings are proposed: today's controller is what they are set against, and OP was not written by the one "
+        "declared: correct its [[controller]] entry, or give the stretch in which it holds a file of its own"
+    )
+    return tuple(
+        Reason(Code.TUNING, why, one.input) for one in checks if one.experiment == name and one.confirmed is False
+    )
 
 
 def target_of(

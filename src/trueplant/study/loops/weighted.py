@@ -104,6 +104,14 @@ def _judged(
         return found, None
 
 
+def declared_peak(study: Study, loop: LinearLoop) -> float:
+    """Upper bound of mu of robust performance of this loop under the declared errors; infinite where it is unstable."""
+    declared = study.project.robustness
+    assert declared is not None  # nothing is asked of it otherwise,
+    assert declared.wP is not None  # nor without this
+    return _judged(study, declared, loop, weights_of(declared.wP))[0].RP.upper
+
+
 def _errors(study: Study, declared: Declared, plant: TransferMatrix) -> ElementErrors:
     if not isinstance(declared.elements, list):
         assert declared.elements is not None

@@ -13,6 +13,7 @@ from trueplant.detect import Found
 from trueplant.identify import OutputEstimate, WhyUnanswered
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.result import Code, Element, ElementVerdict, Importance, Reason
+from trueplant.result.numbers import number
 from trueplant.study import levels
 from trueplant.study.data.declared import declared_covariances
 from trueplant.study.plant.causes import causes_of
@@ -41,7 +42,12 @@ class Judged:
     def powerless(self) -> tuple[Reason, ...]:
         """A note on each element that was tested without being able to find a change worth knowing."""
         tested = (e for e in self.elements if e.verdict == ElementVerdict.NOT_IDENTIFIABLE and e.p_adjusted is not None)
-        return tuple(Reason(Code.NO_POWER, e.reason, f"{e.input} -> {e.output}") for e in tested)
+        # what of it is not answered, and why, is said with its parameters
+        missed = ((e, _missed(e.detectable_change)) for e in tested)
+        return tuple(
+            Reason(Code.NO_POWER, said if said in e.reason else e.reason, f"{e.input} -> {e.output}")
+            for e, said in missed
+        )
 
     @property
     def answered(self) -> bool:
@@ -197,11 +203,13 @@ def _element(
 
 
 def _power_reason(verdict: detect.Verdict) -> str:
-    if not verdict.lacks_power or verdict.detectable is None:
-        return ""
-    if not np.isfinite(verdict.detectable):
+    return _missed(verdict.detectable) if verdict.lacks_power and verdict.detectable is not None else ""
+
+
+def _missed(share: float | None) -> str:
+    if share is None or not np.isfinite(share):
         return "no change, however large, would have been seen for certain"
-    return f"a change of less than {100 * verdict.detectable:.2g} % would not have been seen for certain"
+    return f"a change of less than {number(100 * share, 2)} % would not have been seen for certain"
 
 
 def _reason(found: Found, answered: Sequence[bool]) -> str:

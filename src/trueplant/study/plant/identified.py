@@ -119,7 +119,7 @@ def _identified(
         ),
         study.project.analysis.confidence,
         (update_interval(study), timing_error(study)),
-        tell=lambda i: say(f"estimating {_counted(study.project.output_names, i)}"),
+        tell=lambda i, doing: say(f"{doing} {_counted(study.project.output_names, i)}"),
     )
     estimates = {i: without_hidden_dynamics(study.hidden, i, one) for i, one in found.estimates.items()}
     return replace(found, estimates=estimates)
