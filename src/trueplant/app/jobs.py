@@ -1,0 +1,283 @@
+"""Analyses that run beside the app, each in a process of its own that can be killed; the next one is kept warm."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import secrets
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from trueplant.app import levels
+from trueplant.app.folder import ProjectFile
+from trueplant.errors import UsageError
+from trueplant.threads import VARIABLES
+
+FINISHED = ("done", "refused", "failed", "cancelled")
+LOADING = "loading the program"
+
+
+class Process:
+    """A spawned process that speaks in lines of JSON. `heard` is called with each, in a thread, and with None last."""
+
+    def __init__(self, module: str = "trueplant.app.worker") -> None:
+        environment = os.environ | dict.fromkeys(VARIABLES, "1")
+        # a session of its own: Ctrl-C on the terminal is for the app, which ends it
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", module],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=environment,
+            text=True,
+            encoding="utf-8",
+            start_new_session=True,
+        )
+        self.pid = self._process.pid
+
+    @property
+    def alive(self) -> bool:
+        return self._process.poll() is None
+
+    def listen(self, heard: Callable[[dict[str, Any] | None], None]) -> None:
+        """Once."""
+
+        def lines() -> None:
+            assert self._process.stdout is not None
+            for line in self._process.stdout:
+                with contextlib.suppress(ValueError):
+                    heard(json.loads(line))
+            self._process.wait()
+            heard(None)
+
+        threading.Thread(target=lines, daemon=True).start()
+
+    def tell(self, task: dict[str, Any]) -> None:
+        """Raises OSError where it has died."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(task) + "\n")
+        self._process.stdin.flush()
+
+    @property
+    def ended_with(self) -> int | None:
+        return self._process.poll()
+
+    def kill(self) -> None:
+        """At once, and waited for."""
+        with contextlib.suppress(OSError):
+            self._process.kill()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(levels.KILLED_WITHIN)
+
+
+@dataclass(eq=False)
+class Job:
+    """One analysis: what it is at, and how it ended."""
+
+    id: str
+    project: str
+    out: Path
+    """Where its result is written."""
+    state: str = "waiting"
+    """waiting, running; then done, refused (the result says why), failed (`error` says why) or cancelled."""
+    stage: str = LOADING
+    stages: list[tuple[str, float]] = field(default_factory=list)
+    """Those that are done, with the seconds that each took."""
+    compiling: bool = False
+    """Functions are being compiled, which happens the first time only."""
+    started: float = field(default_factory=time.time)
+    """Seconds since 1970."""
+    ended: float | None = None
+    error: str = ""
+    headline: str = ""
+    known: dict[str, float] = field(default_factory=dict)
+    """Seconds of the stages of the last analysis of this project."""
+    _since: float = field(default_factory=time.time)
+    _process: Process | None = None
+    _changed: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = field(default_factory=list)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    @property
+    def finished(self) -> bool:
+        return self.state in FINISHED
+
+    @property
+    def seconds(self) -> float:
+        """That it has taken so far."""
+        return (time.time() if self.ended is None else self.ended) - self.started
+
+    @property
+    def left(self) -> float | None:
+        """Seconds that it will still take if its stages take what they took last; None without a last time."""
+        if self.finished or not self.known:
+            return None
+        done = {name for name, _ in self.stages}
+        ahead = sum(took for name, took in self.known.items() if name not in done and name != self.stage)
+        return ahead + max(self.known.get(self.stage, 0.0) - (time.time() - self._since), 0.0)
+
+    def told(self) -> dict[str, Any]:
+        """All of it as JSON."""
+        return {
+            "id": self.id,
+            "project": self.project,
+            "state": self.state,
+            "finished": self.finished,
+            "stage": self.stage,
+            "stages": [{"name": name, "seconds": round(took, 3)} for name, took in self.stages],
+            "compiling": self.compiling,
+            "started": self.started,
+            "seconds": round(self.seconds, 3),
+            "left": None if self.left is None else round(self.left, 1),
+            "error": self.error,
+            "headline": self.headline,
+        }
+
+    async def events(self) -> AsyncIterator[dict[str, Any]]:
+        """`told` now and at every change, and at least every `HEARTBEAT`; ends when the job has."""
+        changed = asyncio.Event()
+        entry = (asyncio.get_running_loop(), changed)
+        with self._lock:
+            self._changed.append(entry)
+        try:
+            while True:
+                changed.clear()
+                told = self.told()
+                yield told
+                if told["finished"]:
+                    return
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(changed.wait(), levels.HEARTBEAT)
+        finally:
+            with self._lock:
+                self._changed.remove(entry)
+
+    # -- what the process says -------------------------------------------------------------------------------------
+
+    def at(self, stage: str) -> None:
+        now = time.time()
+        if self.state == "waiting":
+            self.state = "running"
+        if self.stage != LOADING or not self.stages:
+            self.stages.append((self.stage, now - self._since))
+        self.stage, self._since = stage, now
+        self.tell()
+
+    def end(self, state: str, error: str = "", headline: str = "") -> None:
+        """The first end counts."""
+        with self._lock:
+            if self.finished:
+                return
+            self.ended = time.time()
+            self.stages.append((self.stage, self.ended - self._since))
+            self.state, self.error, self.headline, self.compiling = state, error, headline, False
+        self.tell()
+
+    def tell(self) -> None:
+        with self._lock:
+            waiting = list(self._changed)
+        for loop, changed in waiting:
+            with contextlib.suppress(RuntimeError):  # the page is closed, and its loop too
+                loop.call_soon_threadsafe(changed.set)
+
+
+class Jobs:
+    """The analyses of an app. At most one runs of each project."""
+
+    def __init__(self, warm: bool = True) -> None:
+        self._jobs: dict[str, Job] = {}
+        self._lock = threading.RLock()
+        self._keeps_warm = warm
+        self._warm: Process | None = None
+        self._known: dict[str, dict[str, float]] = {}
+        self._closed = False
+        self.root: Path | None = None
+
+    def warm(self) -> None:
+        """Have a process ready for the next analysis."""
+        with self._lock:
+            if self._keeps_warm and not self._closed and (self._warm is None or not self._warm.alive):
+                self._warm = Process()
+
+    def start(self, project: ProjectFile, force: bool = False) -> Job:
+        """Raises UsageError where one of this project runs already."""
+        with self._lock:
+            if self._closed:
+                raise UsageError("the app is ending")
+            running = self.of(project)
+            if running is not None and not running.finished:
+                raise UsageError(f"an analysis of {project.name} is running already: wait for it, or cancel it first")
+            job = Job(secrets.token_hex(8), project.name, project.out, known=self._known.get(project.name, {}))
+            self._jobs[job.id] = job
+            for old in [one.id for one in self._jobs.values() if one.finished][: -levels.KEPT_JOBS]:
+                del self._jobs[old]
+            process = self._warm if self._warm is not None and self._warm.alive else Process()
+            self._warm = None
+            job._process = process
+        process.listen(lambda said: self._heard(job, said))
+        with contextlib.suppress(OSError):  # it has died: its end is heard
+            folder = str(project.path.parent)
+            process.tell({"folder": folder, "project": project.path.name, "out": project.out.name, "force": force})
+        return job
+
+    def get(self, id: str) -> Job | None:
+        """A job by its id."""
+        return self._jobs.get(id)
+
+    def of(self, project: ProjectFile) -> Job | None:
+        """The last one of a project."""
+        return next((job for job in reversed(self._jobs.values()) if job.project == project.name), None)
+
+    def cancel(self, id: str) -> None:
+        """Kill it. A result that was there stays as it was."""
+        job = self._jobs.get(id)
+        if job is None or job.finished:
+            return
+        job.end("cancelled")
+        if job._process is not None:
+            job._process.kill()
+        self.warm()
+
+    def close(self) -> None:
+        """End all processes."""
+        with self._lock:
+            self._closed = True
+            processes = [job._process for job in self._jobs.values() if job._process is not None]
+            if self._warm is not None:
+                processes.append(self._warm)
+            for job in self._jobs.values():
+                job.end("cancelled")
+        for process in processes:
+            process.kill()
+
+    def _heard(self, job: Job, said: dict[str, Any] | None) -> None:
+        if said is None:
+            self._ended(job)
+        elif "stage" in said:
+            job.at(said["stage"])
+        elif "compiling" in said:
+            job.compiling = bool(said["compiling"])
+            job.tell()
+        elif "done" in said:
+            job.end("refused" if said["done"] == "refused" else "done", headline=said["headline"])
+        elif "failed" in said:
+            job.end("failed", said["failed"])
+
+    def _ended(self, job: Job) -> None:
+        assert job._process is not None
+        status = job._process.ended_with or 0
+        how = f"signal {-status}" if status < 0 else f"exit status {status}"
+        job.end(
+            "failed",
+            f"the process of this analysis was ended from outside ({how}), perhaps because memory ran out: "
+            "an earlier result is as it was; run it again, or give it less data",
+        )
+        if job.state in ("done", "refused"):
+            self._known[job.project] = dict(job.stages)
+        self.warm()

@@ -1,0 +1,7 @@
+"""The screens, one module each: its pages at /<screen>, what its script asks for at /api/<screen>/<verb>."""
+
+from __future__ import annotations
+
+from starlette.routing import Route
+
+ROUTES: list[Route] = []
