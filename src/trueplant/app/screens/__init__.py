@@ -4,4 +4,6 @@ from __future__ import annotations
 
 from starlette.routing import Route
 
-ROUTES: list[Route] = []
+from trueplant.app.screens import verdict
+
+ROUTES: list[Route] = [*verdict.ROUTES]
