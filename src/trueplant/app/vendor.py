@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from importlib.resources import files
 from pathlib import Path
 
 from trueplant.errors import UsageError
 
-VENDOR = {
-    "plotly-basic.min.js": "plotly.js-basic-dist-min/plotly-basic.min.js",
-    "uPlot.iife.min.js": "uplot/dist/uPlot.iife.min.js",
-    "uPlot.min.css": "uplot/dist/uPlot.min.css",
-}
-"""Name in the app's addresses: where the file lies in node_modules."""
+ROOM = Path(str(files("trueplant.app")))
+VENDOR: dict[str, str] = json.loads((ROOM / "vendor.json").read_text(encoding="utf-8"))
+"""Name in the app's addresses: where the file lies in node_modules. hatch_build.py packs them by the same list."""
 
 
 def vendored(name: str) -> Path:
     """The file of one of `VENDOR`. Raises UsageError where it is not installed."""
-    for place in _places(name):
+    for place in (ROOM / "vendor" / name, ROOM.parents[2] / "node_modules" / VENDOR[name]):
         if place.is_file():
             return place
     raise UsageError(
@@ -30,8 +28,3 @@ def check_vendored() -> None:
     """Raises UsageError where one is missing."""
     for name in VENDOR:
         vendored(name)
-
-
-def _places(name: str) -> tuple[Path, Path]:
-    room = Path(str(files("trueplant.app")))
-    return room / "vendor" / name, room.parents[2] / "node_modules" / VENDOR[name]
