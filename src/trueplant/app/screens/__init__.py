@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from starlette.routing import Route
 
-from trueplant.app.screens import verdict
+from trueplant.app.screens import start, verdict
 
-ROUTES: list[Route] = [*verdict.ROUTES]
+ROUTES: list[Route] = [*start.ROUTES, *verdict.ROUTES]

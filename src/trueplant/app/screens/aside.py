@@ -5,6 +5,7 @@ It is kept warm between questions, killed where one is not to be answered any mo
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pickle
 import queue
@@ -145,10 +146,8 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
     for pipe in (process.stdin, process.stdout):
         if pipe is not None:
-            try:
+            with contextlib.suppress(OSError):  # it may hold what the process was not to read any more
                 pipe.close()
-            except OSError:  # it held what the process was not to read any more
-                pass
 
 
 # -- in the process ------------------------------------------------------------------------------------------------
