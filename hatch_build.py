@@ -27,7 +27,7 @@ class VendorHook(BuildHookInterface):  # type: ignore[type-arg]
         missing = [str(path.relative_to(root)) for path in found.values() if not path.is_file()]
         if missing:
             self.app.display_warning(
-                f"{', '.join(missing)}: not there, so trueplant app of this build cannot draw; run npm ci and build again"
+                f"{', '.join(missing)}: not there, so the trueplant app of this build cannot draw: run npm ci first"
             )
             return
         for name, path in found.items():

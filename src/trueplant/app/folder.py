@@ -16,6 +16,7 @@ from trueplant.errors import OutputError, ProjectError, TrueplantError, UsageErr
 from trueplant.files import contents
 from trueplant.output import RESULT, read_results
 from trueplant.project import Project
+from trueplant.project.document import with_moved_paths
 from trueplant.record.readers import FORMATS
 from trueplant.result import Result
 
@@ -127,7 +128,8 @@ class ProjectFile:
         return hashlib.sha256(self.content).hexdigest()
 
     def load(self) -> Project:
-        """The project, checked. Raises ProjectError."""
+        """The project, checked. Raises ProjectError, and Outside where it reads what is not in the folder."""
+        self._confined(self.text)
         return Project.load(self.path)
 
     def change(self, edit: Callable[[str], str], version: str | None = None, check: bool = True) -> str:
@@ -175,13 +177,12 @@ class ProjectFile:
 
     @property
     def out(self) -> Path:
-        """Where ``trueplant run`` writes by default, when it is called where the project lies."""
-        return self.path.with_name(f"{self.path.stem}-result")
+        """Where ``trueplant run`` writes by default, when it is called where the project lies. Raises Outside."""
+        return self.folder.path(str(self.path.with_name(f"{self.path.stem}-result").relative_to(self.folder.root)))
 
     def result(self) -> Result | None:
         """What was saved there; None if nothing was. Raises UsageError where it cannot be read."""
-        out = self.folder.path(self.folder.name(self.path.parent) + f"/{self.out.name}")
-        return read_results(out) if (out / RESULT).is_file() else None
+        return read_results(self.out) if (self.out / RESULT).is_file() else None
 
     def _is_latest(self) -> bool:
         try:
@@ -199,7 +200,33 @@ class ProjectFile:
             target.append(before)
             return self._write(before, source.pop())
 
+    def _confined(self, text: str) -> None:
+        """Raise Outside where the project reads something that is not in the folder; before anything is read."""
+        named: list[str] = []
+
+        def note(path: str) -> str:
+            named.append(path)
+            return path
+
+        try:
+            with_moved_paths(text, note)
+        except Exception:  # no TOML, or of another shape: then it is no project, which is said better elsewhere
+            return
+        for name in named:
+            if not name.startswith("dataset:") and not self._inside(name):
+                raise Outside(
+                    f"{self.name} reads {name}, which is outside of the folder that was opened: "
+                    "open the folder that holds both, or copy the file into this one"
+                )
+
+    def _inside(self, name: str) -> bool:
+        try:
+            return (self.path.parent / name).resolve().is_relative_to(self.folder.root)
+        except (OSError, RuntimeError, ValueError):
+            return False
+
     def _checked(self, text: str) -> None:
+        self._confined(text)
         try:
             Project.from_toml(text, self.path.parent)
         except ProjectError as error:  # which speaks of text that has no file yet

@@ -12,18 +12,20 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote, urlencode, urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from trueplant.app import levels
+from trueplant.app.details import write_details
 from trueplant.app.refusals import Answer, link_said, refused, welcome
 
 CSRF = "x-csrf-token"
 SAFE = ("GET", "HEAD")
 NEW_LINK = "/new-link"
+PROXY_KEY = "x-trueplant-key"
 
 
 @dataclass
@@ -41,7 +43,9 @@ class Session:
 class Doorkeeper:
     """The start token and the sessions. `say_link` shows a new link where only who started the app sees it."""
 
-    def __init__(self, port: int, say_link: Callable[[str], None] = lambda link: None, address: str = "") -> None:
+    def __init__(
+        self, port: int, say_link: Callable[[str], None] = lambda link: None, address: str = "", proxy_key: str = ""
+    ) -> None:
         own = [f"{levels.HOST}:{port}", f"localhost:{port}"]
         self.origins = {f"http://{host}" for host in own}
         self.hosts = set(own)
@@ -53,6 +57,7 @@ class Doorkeeper:
         self.cookie = f"trueplant-{port}"  # cookies know no ports: two apps would take each other's
         self.sessions: dict[str, Session] = {}
         self.say_link = say_link
+        self._proxy_key = proxy_key
         self._token: str | None = None
         self._said = -levels.LINK_EVERY
 
@@ -75,6 +80,16 @@ class Doorkeeper:
         if self._token is None or not hmac.compare_digest(token.encode(), self._token.encode()):
             return None
         self._token = None
+        return self._opened()
+
+    def vouched(self, headers: Headers) -> str | None:
+        """The key of a new session for whom the reverse proxy sends, which has checked who that is."""
+        key = headers.get(PROXY_KEY, "")
+        if not self._proxy_key or not hmac.compare_digest(key.encode(), self._proxy_key.encode()):
+            return None
+        return self._opened()
+
+    def _opened(self) -> str:
         while len(self.sessions) >= levels.SESSIONS:
             del self.sessions[min(self.sessions, key=lambda key: self.sessions[key].seen)]
         key = secrets.token_urlsafe(levels.TOKEN_BYTES)
@@ -128,9 +143,10 @@ class Gate:
 
         try:
             await self.app(scope, _limited(receive, headers, _most(scope["path"])), noting)
-        except Exception:  # the server's own handler has answered and kept the details, or there is nobody to answer to
+        except Exception:
+            answer = refused(500, f"The app made a mistake; the details were written to {write_details()}.")
             if not begun:
-                await refused(500, "The app made a mistake.").response(nonce, scope["path"])(scope, receive, safely)
+                await answer.response(nonce, scope["path"])(scope, receive, safely)
 
     def _answer(self, scope: Scope, headers: Headers, state: dict[str, object]) -> Answer | None:
         """What is answered in place of the app; None lets the request through."""
@@ -143,10 +159,12 @@ class Gate:
             return link_said(keeper.say_new_link())
         token = _token(scope) if path == "/" and method == "GET" else None
         if token is not None and (key := keeper.enter(token)) is not None:
-            return welcome(keeper.set_cookie(key))
+            return welcome(keeper.set_cookie(key), _ahead(scope))
         if headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
             return refused(403, "This request came from another page than the app's own.")
         session = keeper.session(headers)
+        if session is None and method == "GET" and (key := keeper.vouched(headers)) is not None:
+            return welcome(keeper.set_cookie(key), _ahead(scope))
         if session is None:
             return refused(401, "You are not logged in, or not any more.", new_link=True)
         if method not in SAFE and not hmac.compare_digest(headers.get(CSRF, "").encode(), session.csrf.encode()):
@@ -172,6 +190,14 @@ def _cookies(headers: Headers) -> Mapping[str, str]:
     except CookieError:
         return {}
     return {name: morsel.value for name, morsel in jar.items()}
+
+
+def _ahead(scope: Scope) -> str:
+    """The same address without the token."""
+    asked = parse_qs(scope["query_string"].decode("latin-1"))
+    rest = urlencode({name: values[0] for name, values in asked.items() if name != "token"})
+    path = "/" + scope["path"].lstrip("/")  # two slashes would lead to another machine
+    return quote(path) + (f"?{rest}" if rest else "")
 
 
 def _token(scope: Scope) -> str | None:

@@ -99,6 +99,8 @@ class Job:
     headline: str = ""
     known: dict[str, float] = field(default_factory=dict)
     """Seconds of the stages of the last analysis of this project."""
+    leaving: bool = False
+    """The app is ending: nobody is told any more."""
     _since: float = field(default_factory=time.time)
     _process: Process | None = None
     _changed: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = field(default_factory=list)
@@ -150,7 +152,7 @@ class Job:
                 changed.clear()
                 told = self.told()
                 yield told
-                if told["finished"]:
+                if told["finished"] or self.leaving:
                     return
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(changed.wait(), levels.HEARTBEAT)
@@ -164,8 +166,7 @@ class Job:
         now = time.time()
         if self.state == "waiting":
             self.state = "running"
-        if self.stage != LOADING or not self.stages:
-            self.stages.append((self.stage, now - self._since))
+        self.stages.append((self.stage, now - self._since))
         self.stage, self._since = stage, now
         self.tell()
 
@@ -197,7 +198,6 @@ class Jobs:
         self._warm: Process | None = None
         self._known: dict[str, dict[str, float]] = {}
         self._closed = False
-        self.root: Path | None = None
 
     def warm(self) -> None:
         """Have a process ready for the next analysis."""
@@ -243,6 +243,12 @@ class Jobs:
         if job._process is not None:
             job._process.kill()
         self.warm()
+
+    def leave(self) -> None:
+        """End all streams of events."""
+        for job in list(self._jobs.values()):
+            job.leaving = True
+            job.tell()
 
     def close(self) -> None:
         """End all processes."""

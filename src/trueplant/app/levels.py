@@ -42,3 +42,5 @@ HEARTBEAT = 10.0
 """Seconds between signs of life on a stream of events, by which a closed page is noticed."""
 KEPT_JOBS = 50
 """Analyses that are remembered, finished ones included."""
+NICE = 5
+"""Steps that an analysis stands back behind the app, so that pages answer while it runs on all cores."""

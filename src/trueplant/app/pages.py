@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import AsyncIterator, Mapping
 from functools import cache
@@ -126,10 +127,10 @@ def _message(request: Request, error: Exception) -> str:
 def _frame(request: Request, screen: str) -> dict[str, Any]:
     """What the frame of every page needs."""
     name = request.query_params.get("project", "")
-    try:
+    project, version = None, ""
+    with contextlib.suppress(TrueplantError):  # the message is the handler's
         project = folder_of(request).project(name) if name else None
-    except Outside:
-        project = None
+        version = project.version if project else ""
     ready = request.app.state.screens
     return {
         "nonce": request.state.nonce,
@@ -138,7 +139,7 @@ def _frame(request: Request, screen: str) -> dict[str, Any]:
         "screen": screen,
         "folder": folder_of(request).root.name,
         "project": project.name if project else "",
-        "project_version": project.version if project else "",
+        "project_version": version,
         "can_undo": bool(project and project.can_undo),
         "can_redo": bool(project and project.can_redo),
         "nav": [(key, label, url(request, key) if key in ready else None) for key, label in SCREENS.items()],
@@ -148,11 +149,14 @@ def _frame(request: Request, screen: str) -> dict[str, Any]:
 
 class _Json(JSONResponse):
     def render(self, content: Any) -> bytes:
-        try:
-            text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-        except ValueError:
-            text = json.dumps(_finite(content), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-        return text.encode("utf-8", "replace")
+        return _dumped(content).encode("utf-8", "replace")
+
+
+def _dumped(content: Any) -> str:
+    try:
+        return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    except ValueError:
+        return json.dumps(_finite(content), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
 def _finite(value: Any) -> Any:
@@ -172,5 +176,6 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.policies["json.dumps_kwargs"] = {"sort_keys": False, "allow_nan": False}
+    environment.policies["json.dumps_function"] = _dumped
+    environment.policies["json.dumps_kwargs"] = {}
     return environment

@@ -35,8 +35,8 @@ class Answer:
     new_link: bool = False
     """Whether the page offers one."""
     cookie: str = ""
-    ahead: bool = False
-    """Whether the browser goes on to the first page by itself."""
+    ahead: str = ""
+    """An address on the app to which the browser goes on by itself."""
 
     def response(self, nonce: str, path: str) -> Response:
         """JSON for addresses that scripts ask."""
@@ -44,7 +44,8 @@ class Answer:
         if path.startswith("/api/") or path == "/new-link":
             return JSONResponse({"error" if self.status >= 400 else "said": self.message}, self.status)
         # not a redirect: that would still count as coming from where the link was clicked, and get no cookie
-        head = '<meta http-equiv="refresh" content="0;url=/">' if self.ahead else ""
+        onward = f'<meta http-equiv="refresh" content="0;url={html.escape(self.ahead)}">'
+        head = onward if self.ahead else ""
         body = f"<p>{html.escape(self.message)}</p>" + (_AGAIN.format(nonce=nonce) if self.new_link else "")
         return HTMLResponse(_PAGE.format(head=head, body=body, nonce=nonce), self.status, headers)
 
@@ -54,9 +55,9 @@ def refused(status: int, message: str, new_link: bool = False) -> Answer:
     return Answer(status, message, new_link)
 
 
-def welcome(cookie: str) -> Answer:
-    """The first page with the cookie of a new session."""
-    return Answer(200, "Welcome.", cookie=cookie, ahead=True)
+def welcome(cookie: str, ahead: str) -> Answer:
+    """The cookie of a new session, and on to what was asked for."""
+    return Answer(200, "Welcome.", cookie=cookie, ahead=ahead)
 
 
 def link_said(shown: bool) -> Answer:

@@ -50,7 +50,7 @@ def create_app(folder: Folder, keeper: Doorkeeper, warm: bool = True) -> Starlet
             await run_in_threadpool(jobs.close)
 
     routes = [*_FRAME, *ROUTES]
-    handlers: dict[Any, Any] = {TrueplantError: failure, HTTPException: failure, Exception: _unexpected}
+    handlers: dict[Any, Any] = {TrueplantError: failure, HTTPException: failure}
     app = Starlette(
         routes=routes,
         middleware=[Middleware(Gate, keeper=keeper)],
@@ -60,14 +60,6 @@ def create_app(folder: Folder, keeper: Doorkeeper, warm: bool = True) -> Starlet
     app.state.folder, app.state.jobs, app.state.keeper = folder, jobs, keeper
     app.state.screens = {route.path.strip("/") for route in ROUTES}
     return app
-
-
-def _unexpected(request: Request, error: Exception) -> Response:
-    from trueplant.app.worker import write_details
-
-    return failure(
-        request, HTTPException(500, f"The app made a mistake; the details were written to {write_details()}")
-    )
 
 
 # -- what is no screen ---------------------------------------------------------------------------------------------
@@ -93,7 +85,7 @@ async def _static(request: Request) -> Response:
 
 async def _vendor(request: Request) -> Response:
     name = request.path_params["name"]
-    if name not in VENDOR:
+    if name not in VENDOR or Path(name).suffix not in KINDS:
         raise HTTPException(404, "There is no such file.")
     return _unchanging(request, await run_in_threadpool(vendored(name).read_bytes), KINDS[Path(name).suffix])
 
@@ -165,6 +157,8 @@ class Asked:
     browser: bool = True
     address: str = ""
     """Under which a reverse proxy shows it."""
+    proxy_key: str = ""
+    """By which the proxy says that it has checked who comes."""
 
 
 def serve(asked: Asked, show: Callable[[str], None]) -> int:
@@ -181,7 +175,7 @@ def serve(asked: Asked, show: Callable[[str], None]) -> int:
     def show_link(link: str) -> None:
         show(f"open {link}")
 
-    keeper = Doorkeeper(port, show_link, asked.address)
+    keeper = Doorkeeper(port, show_link, asked.address, asked.proxy_key)
     app = create_app(Folder(asked.folder), keeper)
     link = keeper.link()
     if asked.project:
@@ -205,7 +199,13 @@ def serve(asked: Asked, show: Callable[[str], None]) -> int:
         date_header=False,
         timeout_graceful_shutdown=levels.ENDS_WITHIN,
     )
-    server = uvicorn.Server(config)
+
+    class Server(uvicorn.Server):
+        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+            app.state.jobs.leave()  # streams of open pages end, which would be waited for
+            super().handle_exit(sig, frame)
+
+    server = Server(config)
     # the server raises the signal that ended it once more when it has ended, which would kill this process
     before = {number: signal.signal(number, note) for number in (signal.SIGTERM, signal.SIGINT)}
     try:

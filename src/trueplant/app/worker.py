@@ -9,21 +9,22 @@ from __future__ import annotations
 import json
 import os
 import sys
-import tempfile
 import threading
-import traceback
 import warnings
 from pathlib import Path
 from typing import IO, Any
 
+from trueplant.app import levels
+from trueplant.app.details import write_details as write_details
 from trueplant.errors import TrueplantError
 from trueplant.threads import ask_for_one
-from trueplant.version import __version__
 
 
 def main() -> None:
     """Of ``python -m trueplant.app.worker``."""
     tell = _Teller()
+    if hasattr(os, "nice"):
+        os.nice(levels.NICE)
     ask_for_one()
     warnings.simplefilter("ignore")  # as the command line has it: what is to be known are findings
     _load()
@@ -85,18 +86,6 @@ class _Teller:
 def _end_with_parent() -> None:
     sys.stdin.read()
     os._exit(1)
-
-
-def write_details() -> str:
-    """Put the traceback of the present error into a file; its name."""
-    text = f"trueplant {__version__}, Python {sys.version}\n\n{traceback.format_exc()}"
-    try:
-        handle, name = tempfile.mkstemp(prefix="trueplant-error-", suffix=".txt")
-        with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
-            file.write(text)
-    except OSError:
-        return f"no file, since none could be written: {traceback.format_exc(limit=-1)}"
-    return name
 
 
 if __name__ == "__main__":

@@ -272,8 +272,11 @@ def app_command(
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="To listen on; 0: any that is free.")] = PORT,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address only.")] = False,
     address: Annotated[str, typer.Option("--address", metavar="URL", help="Behind a reverse proxy: its own.")] = "",
+    proxy_key: Annotated[
+        Path | None, typer.Option("--proxy-key", metavar="FILE", help="A secret that the proxy sends along.")
+    ] = None,
 ) -> int:
     """Run the local web application on a folder of projects and data; nothing leaves this machine."""
     from trueplant.cli.app_command import app
 
-    return app(place, port, not no_browser, address)
+    return app(place, port, not no_browser, address, proxy_key)

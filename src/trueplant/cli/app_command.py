@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-import sys
+import re
 from pathlib import Path
 
 from trueplant.errors import UsageError
+from trueplant.files import contents
 from trueplant.printable import printable
 
+SHORTEST_KEY = 32
 
-def app(place: Path, port: int, browser: bool, address: str) -> int:
+
+def app(place: Path, port: int, browser: bool, address: str, proxy_key: Path | None) -> int:
     """Run the local web application until it is told to end."""
     try:
         from trueplant.app.server import Asked, serve
@@ -23,8 +26,28 @@ def app(place: Path, port: int, browser: bool, address: str) -> int:
         folder, project = place.parent, place.name
     else:
         raise UsageError(f"{place} is neither a folder nor a project file (.toml): name one that is there")
-    return serve(Asked(folder.resolve(), project, port, browser, address), _show)
+    asked = Asked(folder.resolve(), project, port, browser, _address(address), _key(proxy_key, address))
+    return serve(asked, _show)
+
+
+def _address(text: str) -> str:
+    if text and not re.fullmatch(r"https?://[A-Za-z0-9.-]+(:\d+)?/?", text):
+        raise UsageError(f"--address {text} is not like https://trueplant.example.com, without a path: correct it")
+    return text.rstrip("/").lower()
+
+
+def _key(file: Path | None, address: str) -> str:
+    if file is None:
+        return ""
+    if not address:
+        raise UsageError("--proxy-key goes with --address: it is for an app behind a reverse proxy")
+    key = contents(file, UsageError).decode("ascii", "replace").strip()
+    if len(key) < SHORTEST_KEY or not key.isascii() or not key.isprintable():
+        raise UsageError(
+            f"{file} holds no key of {SHORTEST_KEY} characters or more: make one with openssl rand -hex 32"
+        )
+    return key
 
 
 def _show(line: str) -> None:
-    print(printable(line), file=sys.stdout, flush=True)
+    print(printable(line), flush=True)
