@@ -7,15 +7,14 @@ import statistics
 from dataclasses import dataclass
 from typing import Any
 
-from markupsafe import Markup
-
 from trueplant.app import behind
 from trueplant.app.fragments import fragment
 from trueplant.report import captions, figures, known, levels, tables
 from trueplant.report.frame import Book, Drawn
-from trueplant.report.numbers import number
+from trueplant.report.numbers import MISSING, number
 from trueplant.report.walk import Table
 from trueplant.result import Curves, Element, Result
+from trueplant.result.parameter_words import word_of
 from trueplant.result.summary import seen
 
 TRENDS = 6
@@ -58,10 +57,10 @@ def element_view(result: Result, element: Element) -> dict[str, Any]:
 
 def _moved(element: Element) -> list[str]:
     """What changed, in words: gain -0.464 -> -0.580 degC/% (+25.1 %)."""
-    rows = [tables.parameter_row(p, 100.0) for p in element.parameters if p.changed]
+    rows = [(word_of(p.name), tables.parameter_row(p, 100.0)) for p in element.parameters if p.changed]
     return [
-        f"{row.name} {row.model} → {row.plant} {row.unit}".rstrip() + (f" ({row.change})" if row.change != "–" else "")
-        for row in rows
+        f"{word} {row.model} → {row.plant} {row.unit}".rstrip() + ("" if row.change == MISSING else f" ({row.change})")
+        for word, row in rows
     ]
 
 
@@ -98,8 +97,3 @@ def _compared(result: Result, element: Element) -> tuple[tuple[str, ...], tuple[
     found = tables.comparison(result.methods, result.elements)
     rows = dict(found.elements).get((element.output, element.input), ())
     return found.methods, rows
-
-
-def plain(text: str) -> Markup:
-    """Text with its arrows, safe to be put into a page."""
-    return Markup.escape(text.replace("->", "→"))

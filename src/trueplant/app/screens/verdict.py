@@ -35,7 +35,7 @@ TO_DO: Mapping[Action, ToDo] = {
     Action.NONE: ToDo("Nothing to do now", "Neither the plant nor its tuning asks for anything.", ()),
     Action.RETUNE: ToDo(
         "Retune",
-        "Today's settings are not right for the plant as it is now.",
+        "Other settings than today's suit the plant as it is now.",
         (("out", "Settings to enter"), ("whatif", "Try them first")),
     ),
     Action.CHECK_VALVE: ToDo(
@@ -109,7 +109,7 @@ def _body(found: Saved, links: Mapping[str, str], report: str) -> Any:
         percent=100 * result.provenance.settings.confidence,
         loop_line=loop_line(result),
         settings=settings_lines(result),
-        told=told_reasons(result) if not refused else list(result.reasons),
+        told=told_reasons(result),
         notes=_worth_knowing(result),
         common=[note for note in result.notes if is_common(note)],
         trends=trends,
