@@ -57,6 +57,7 @@ class Folder:
             raise Outside("no file is named")
         try:
             found = (self.root / name).resolve()
+            found.exists()
         except (OSError, RuntimeError, ValueError):  # links in a circle, names that are too long
             raise Outside(f"{name} cannot be found") from None
         if not found.is_relative_to(self.root):
@@ -96,7 +97,7 @@ class Folder:
             folders[:] = sorted(f for f in folders if not f.startswith(".") and depth < levels.DEEPEST)
             for name in sorted(files):
                 path = Path(place, name)
-                if name.startswith(".") or not path.resolve().is_relative_to(self.root):
+                if name.startswith(".") or not _is_inside(path, self.root):
                     continue
                 count += 1
                 if count > levels.MOST_FILES:
@@ -152,12 +153,10 @@ class ProjectFile:
             if check:
                 self._checked(after)
             content = (BOM if before.startswith(BOM.encode()) else "").encode() + after.encode("utf-8")
-            if before != self.history.latest:
-                self.history.back.clear()
-            self.history.back.append(before)
-            del self.history.back[: -levels.UNDO]
-            self.history.forth.clear()
-            return self._write(before, content)
+            back = [*self.history.back, before] if before == self.history.latest else [before]
+            version = self._write(before, content)
+            self.history.back[:], self.history.forth[:] = back[-levels.UNDO :], []
+            return version
 
     @property
     def can_undo(self) -> bool:
@@ -197,8 +196,10 @@ class ProjectFile:
                 raise Conflict(f"there is nothing to {word}")
             if before != self.history.latest:
                 raise Conflict(f"{self.name} was changed by another program since: there is nothing to {word}")
+            version = self._write(before, source[-1])
+            source.pop()
             target.append(before)
-            return self._write(before, source.pop())
+            return version
 
     def _confined(self, text: str) -> None:
         """Raise Outside where the project reads something that is not in the folder; before anything is read."""
@@ -213,17 +214,11 @@ class ProjectFile:
         except Exception:  # no TOML, or of another shape: then it is no project, which is said better elsewhere
             return
         for name in named:
-            if not name.startswith("dataset:") and not self._inside(name):
+            if not name.startswith("dataset:") and not _is_inside(self.path.parent / name, self.folder.root):
                 raise Outside(
                     f"{self.name} reads {name}, which is outside of the folder that was opened: "
                     "open the folder that holds both, or copy the file into this one"
                 )
-
-    def _inside(self, name: str) -> bool:
-        try:
-            return (self.path.parent / name).resolve().is_relative_to(self.folder.root)
-        except (OSError, RuntimeError, ValueError):
-            return False
 
     def _checked(self, text: str) -> None:
         self._confined(text)
@@ -253,6 +248,13 @@ class ProjectFile:
             beside.unlink(missing_ok=True)
         self.history.latest = after
         return hashlib.sha256(after).hexdigest()
+
+
+def _is_inside(path: Path, root: Path) -> bool:
+    try:
+        return path.resolve().is_relative_to(root)
+    except (OSError, RuntimeError, ValueError):  # links in a circle, names that are too long
+        return False
 
 
 def _decoded(content: bytes, name: str) -> str:

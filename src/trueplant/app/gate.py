@@ -25,6 +25,7 @@ from trueplant.app.refusals import Answer, link_said, refused, welcome
 CSRF = "x-csrf-token"
 SAFE = ("GET", "HEAD")
 NEW_LINK = "/new-link"
+ELSEWHERE = "This request came from another page than the app's own."
 PROXY_KEY = "x-trueplant-key"
 
 
@@ -154,14 +155,14 @@ class Gate:
         if headers.get("host", "") not in keeper.hosts or len(headers.getlist("host")) != 1:
             return refused(421, f"This address is not that of the app, which is {keeper.start}.")
         if method not in SAFE and not self._is_own(headers):
-            return refused(403, "This request came from another page than the app's own.")
+            return refused(403, ELSEWHERE)
         if path == NEW_LINK and method == "POST":
             return link_said(keeper.say_new_link())
         token = _token(scope) if path == "/" and method == "GET" else None
         if token is not None and (key := keeper.enter(token)) is not None:
             return welcome(keeper.set_cookie(key), _ahead(scope))
         if headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
-            return refused(403, "This request came from another page than the app's own.")
+            return refused(403, f"{ELSEWHERE} Type its address into the address bar: {keeper.start}")
         session = keeper.session(headers)
         if session is None and method == "GET" and (key := keeper.vouched(headers)) is not None:
             return welcome(keeper.set_cookie(key), _ahead(scope))

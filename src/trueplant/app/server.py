@@ -28,7 +28,7 @@ from trueplant.app import levels
 from trueplant.app.folder import Folder
 from trueplant.app.gate import Doorkeeper, Gate
 from trueplant.app.jobs import Jobs
-from trueplant.app.pages import failure, ok, page, project_of, url
+from trueplant.app.pages import failure, ok, project_of, url
 from trueplant.app.screens import ROUTES
 from trueplant.app.vendor import VENDOR, check_vendored, vendored
 from trueplant.errors import TrueplantError, UsageError
@@ -49,7 +49,7 @@ def create_app(folder: Folder, keeper: Doorkeeper, warm: bool = True) -> Starlet
         finally:
             await run_in_threadpool(jobs.close)
 
-    routes = [*_FRAME, *ROUTES]
+    routes = [*FRAME, *ROUTES]
     handlers: dict[Any, Any] = {TrueplantError: failure, HTTPException: failure}
     app = Starlette(
         routes=routes,
@@ -57,6 +57,7 @@ def create_app(folder: Folder, keeper: Doorkeeper, warm: bool = True) -> Starlet
         exception_handlers=handlers,
         lifespan=lifespan,
     )
+    app.router.redirect_slashes = False
     app.state.folder, app.state.jobs, app.state.keeper = folder, jobs, keeper
     app.state.screens = {route.path.strip("/") for route in ROUTES}
     return app
@@ -66,10 +67,7 @@ def create_app(folder: Folder, keeper: Doorkeeper, warm: bool = True) -> Starlet
 
 
 async def _first(request: Request) -> Response:
-    if "start" in request.app.state.screens:
-        return RedirectResponse(url(request, "start"), 303)
-    projects = await run_in_threadpool(request.app.state.folder.projects)
-    return page(request, "home.html.j2", screen="start", projects=projects)
+    return RedirectResponse(url(request, "start"), 303)
 
 
 async def _static(request: Request) -> Response:
@@ -106,7 +104,7 @@ async def _redo(request: Request) -> Response:
     return ok({"version": version, "can_undo": project.can_undo, "can_redo": project.can_redo})
 
 
-_FRAME = [
+FRAME = [
     Route("/", _first),
     Route("/static/{name}", _static),
     Route("/vendor/{name}", _vendor),
@@ -169,7 +167,7 @@ def serve(asked: Asked, show: Callable[[str], None]) -> int:
     import uvicorn
 
     check_vendored()
-    listening = _listen(asked.port)
+    listening = listen(asked.port)
     port = listening.getsockname()[1]
 
     def show_link(link: str) -> None:
@@ -223,7 +221,7 @@ def serve(asked: Asked, show: Callable[[str], None]) -> int:
     return INTERRUPTED if signal.SIGINT in ended else 0
 
 
-def _listen(port: int) -> socket.socket:
+def listen(port: int) -> socket.socket:
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     if sys.platform != "win32":  # there it would let two apps share one port
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
