@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from starlette.routing import Route
 
-from trueplant.app.screens import run, start, tags, verdict, whatif
+from trueplant.app.screens import run, start, tags, trends, verdict, whatif
 
-ROUTES: list[Route] = [*run.ROUTES, *start.ROUTES, *tags.ROUTES, *verdict.ROUTES, *whatif.ROUTES]
+ROUTES: list[Route] = [*run.ROUTES, *start.ROUTES, *tags.ROUTES, *trends.ROUTES, *verdict.ROUTES, *whatif.ROUTES]
