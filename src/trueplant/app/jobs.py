@@ -5,76 +5,23 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import secrets
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from trueplant.app import levels
 from trueplant.app.folder import ProjectFile
+from trueplant.app.process import Process as Process
 from trueplant.errors import UsageError
-from trueplant.threads import VARIABLES
 
 FINISHED = ("done", "refused", "failed", "cancelled")
 LOADING = "loading the program"
-
-
-class Process:
-    """A spawned process that speaks in lines of JSON. `heard` is called with each, in a thread, and with None last."""
-
-    def __init__(self, module: str = "trueplant.app.worker") -> None:
-        environment = os.environ | dict.fromkeys(VARIABLES, "1")
-        # a session of its own: Ctrl-C on the terminal is for the app, which ends it
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", module],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env=environment,
-            text=True,
-            encoding="utf-8",
-            start_new_session=True,
-        )
-        self.pid = self._process.pid
-
-    @property
-    def alive(self) -> bool:
-        return self._process.poll() is None
-
-    def listen(self, heard: Callable[[dict[str, Any] | None], None]) -> None:
-        """Once."""
-
-        def lines() -> None:
-            assert self._process.stdout is not None
-            for line in self._process.stdout:
-                with contextlib.suppress(ValueError):
-                    heard(json.loads(line))
-            self._process.wait()
-            heard(None)
-
-        threading.Thread(target=lines, daemon=True).start()
-
-    def tell(self, task: dict[str, Any]) -> None:
-        """Raises OSError where it has died."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(task) + "\n")
-        self._process.stdin.flush()
-
-    @property
-    def ended_with(self) -> int | None:
-        return self._process.poll()
-
-    def kill(self) -> None:
-        """At once, and waited for."""
-        with contextlib.suppress(OSError):
-            self._process.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(levels.KILLED_WITHIN)
+STAGES = ".stages.json"
+"""Beside a result: how long its stages took, from which the next run's time left is told."""
 
 
 @dataclass(eq=False)
@@ -196,7 +143,6 @@ class Jobs:
         self._lock = threading.RLock()
         self._keeps_warm = warm
         self._warm: Process | None = None
-        self._known: dict[str, dict[str, float]] = {}
         self._closed = False
 
     def warm(self) -> None:
@@ -206,14 +152,16 @@ class Jobs:
                 self._warm = Process()
 
     def start(self, project: ProjectFile, force: bool = False) -> Job:
-        """Raises UsageError where one of this project runs already."""
+        """Raises UsageError where one of this project runs already, ProjectError and Outside."""
+        project.load()  # what is wrong with it is said at once, and nothing outside of the folder is read
+        out = project.out
         with self._lock:
             if self._closed:
                 raise UsageError("the app is ending")
             running = self.of(project)
             if running is not None and not running.finished:
                 raise UsageError(f"an analysis of {project.name} is running already: wait for it, or cancel it first")
-            job = Job(secrets.token_hex(8), project.name, project.out, known=self._known.get(project.name, {}))
+            job = Job(secrets.token_hex(8), project.name, out, known=_known(out))
             self._jobs[job.id] = job
             for old in [one.id for one in self._jobs.values() if one.finished][: -levels.KEPT_JOBS]:
                 del self._jobs[old]
@@ -223,7 +171,7 @@ class Jobs:
         process.listen(lambda said: self._heard(job, said))
         with contextlib.suppress(OSError):  # it has died: its end is heard
             folder = str(project.path.parent)
-            process.tell({"folder": folder, "project": project.path.name, "out": project.out.name, "force": force})
+            process.tell({"folder": folder, "project": project.path.name, "out": out.name, "force": force})
         return job
 
     def get(self, id: str) -> Job | None:
@@ -285,5 +233,21 @@ class Jobs:
             "an earlier result is as it was; run it again, or give it less data",
         )
         if job.state in ("done", "refused"):
-            self._known[job.project] = dict(job.stages)
+            _keep(job)
         self.warm()
+
+
+def _known(out: Path) -> dict[str, float]:
+    try:
+        found = json.loads((out / STAGES).read_text(encoding="utf-8"))
+        return {str(name): float(took) for name, took in found.items()}
+    except (OSError, ValueError, TypeError, AttributeError):
+        return {}
+
+
+def _keep(job: Job) -> None:
+    took: dict[str, float] = {}
+    for name, seconds in job.stages:
+        took[name] = round(took.get(name, 0.0) + seconds, 3)
+    with contextlib.suppress(OSError):
+        (job.out / STAGES).write_text(json.dumps(took), encoding="utf-8")

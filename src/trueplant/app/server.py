@@ -29,6 +29,7 @@ from trueplant.app.folder import Folder
 from trueplant.app.gate import Doorkeeper, Gate
 from trueplant.app.jobs import Jobs
 from trueplant.app.pages import failure, ok, project_of, url
+from trueplant.app.process import end_all
 from trueplant.app.screens import ROUTES
 from trueplant.app.vendor import VENDOR, check_vendored, vendored
 from trueplant.errors import TrueplantError, UsageError
@@ -217,7 +218,7 @@ def serve(asked: Asked, show: Callable[[str], None]) -> int:
         for number, handler in before.items():
             signal.signal(number, handler)
         listening.close()
-        app.state.jobs.close()
+        end_all()
     return INTERRUPTED if signal.SIGINT in ended else 0
 
 
