@@ -52,6 +52,18 @@ function written(t) {
 
 // -- plots ------------------------------------------------------------------------------------------------------------
 
+// by the distance of ticks in seconds: the label, and what stands below where year or day begins
+const DAY = 86400;
+const below = (year, day) => [year, null, day, null, null, null, 1];
+const CLOCK = [
+  [365 * DAY, "{YYYY}", ...below(null, null)],
+  [28 * DAY, "{YYYY}-{MM}", ...below(null, null)],
+  [DAY, "{MM}-{DD}", ...below("\n{YYYY}", null)],
+  [60, "{HH}:{mm}", ...below("\n{YYYY}-{MM}-{DD}", "\n{MM}-{DD}")],
+  [1, "{HH}:{mm}:{ss}", ...below("\n{YYYY}-{MM}-{DD}", "\n{MM}-{DD}")],
+  [0.001, "{HH}:{mm}:{ss}.{fff}", ...below("\n{YYYY}-{MM}-{DD}", "\n{MM}-{DD}")],
+];
+
 const short = (v) => (v === null || v === undefined ? "–" : Number(v.toPrecision(5)).toString());
 
 /** The axis of values is as wide as the widest of its labels, on all plots. */
@@ -106,16 +118,16 @@ function plot(place, loop, lines, height, own, last) {
     scales: { x: { time: stamped() }, y: { range: (u, low, high) => room(low, high) } },
     axes: [
       { stroke: ink, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1 }, font,
-        ...(stamped() ? {} : { values: (u, splits) => splits.map((x) => x.toLocaleString("en", { maximumSignificantDigits: 9 })) }) },
-      { stroke: ink, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1 }, font, size: axisSize,
+        ...(stamped() ? { values: CLOCK, space: 70 } : { values: (u, splits) => splits.map((x) => x.toLocaleString("en", { maximumSignificantDigits: 9 })) }) },
+      { stroke: ink, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1 }, font, size: axisSize, space: 28,
         values: (u, splits) => splits.map((v) => Number(v.toPrecision(6)).toString()) },
     ],
     series: [
       { label: "Time", value: (u, x) => (x === null ? "–" : stamped() ? clock(x) : `${short(x)} ${record.unit}`) },
       ...lines.map(({ label, role, unit }) => ({
-        label, scale: "y", stroke: () => color(role), width: role === "setpoint" ? 1.8 : 1.3,
+        label: unit ? `${label} (${unit})` : label, scale: "y", stroke: () => color(role), width: role === "setpoint" ? 1.8 : 1.3,
         dash: role === "setpoint" ? [7, 4] : undefined, points: { show: false },
-        value: (u, v) => `${short(v)}${v === null || v === undefined || !unit ? "" : ` ${unit}`}`,
+        value: (u, v) => short(v),
       })),
     ],
     hooks: { drawClear: [(u) => bands(u, own)], setSelect: [(u) => dragged(u)] },
@@ -142,7 +154,7 @@ function dragged(u) {
   if (to <= from) return;
   if (document.querySelector('input[name="drag"]:checked').value === "zoom") show(from, to);
   else {
-    pick([from, to]);
+    pick([near(from), near(to)]);
     document.querySelector("#stretch button[type=submit]").focus({ preventScroll: true });
   }
 }
@@ -211,8 +223,8 @@ function numbers(of) {
       const cells = known.length ? [known.reduce((a, b) => Math.min(a, b)), known.reduce((a, b) => Math.max(a, b)), known[0], known.at(-1)] : [null, null, null, null];
       return el("tr", {}, el("th", { scope: "row" }, `${label}${unit ? ` (${unit})` : ""}`), cells.map((v) => el("td", { class: "n" }, short(v))));
     });
-    loop.querySelector("tbody").replaceChildren(...rows);
-    loop.querySelector("caption").textContent = `From ${written(view[0])} to ${written(view[1])}`;
+    loop.querySelector(".numbers tbody").replaceChildren(...rows);
+    loop.querySelector(".numbers caption").textContent = `From ${written(view[0])} to ${written(view[1])}`;
   }
 }
 
@@ -240,11 +252,14 @@ function build() {
     queueMicrotask(() => {
       const own = [loop.output, "all"];
       if (above) plot(above, loop, upper, 230, own);
-      if (below) plot(below, loop, lower, 140, [loop.input, "all"]);
+      if (below) plot(below, loop, lower, 150, [loop.input, "all"]);
     });
   });
   $("loops").replaceChildren(...there);
 }
+
+/** The nearest of the times at which samples are to be expected. */
+const near = (t) => Math.min(record.first + Math.round((t - record.first) / record.step) * record.step, record.last);
 
 // -- a stretch --------------------------------------------------------------------------------------------------------
 
@@ -284,10 +299,10 @@ for (const [id, place] of [["from", 0], ["to", 1]]) {
     event.preventDefault();
     if (!picked) {
       const [from, to] = view;
-      pick([from + 0.4 * (to - from), from + 0.6 * (to - from)]);
+      pick([near(from + 0.4 * (to - from)), near(from + 0.6 * (to - from))]);
       return;
     }
-    const page = (view[1] - view[0]) / 50;
+    const page = Math.max(Math.round((view[1] - view[0]) / 50 / record.step), 1) * record.step;
     const by = event.key.startsWith("Page") ? (event.key === "PageUp" ? page : -page) : steps[event.key] * record.step;
     const ends = [...picked];
     ends[place] = Math.min(Math.max(ends[place] + by, record.first), record.last);
