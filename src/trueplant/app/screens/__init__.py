@@ -4,6 +4,18 @@ from __future__ import annotations
 
 from starlette.routing import Route
 
-from trueplant.app.screens import run, start, tags, trends, verdict, whatif
+from trueplant.app.screens import audit, compare, model, out, run, start, tags, track, trends, verdict, whatif
 
-ROUTES: list[Route] = [*run.ROUTES, *start.ROUTES, *tags.ROUTES, *trends.ROUTES, *verdict.ROUTES, *whatif.ROUTES]
+ROUTES: list[Route] = [
+    *audit.ROUTES,
+    *compare.ROUTES,
+    *model.ROUTES,
+    *out.ROUTES,
+    *run.ROUTES,
+    *start.ROUTES,
+    *tags.ROUTES,
+    *track.ROUTES,
+    *trends.ROUTES,
+    *verdict.ROUTES,
+    *whatif.ROUTES,
+]

@@ -190,10 +190,19 @@ def _parts(found: Saved) -> dict[str, Any]:
         "settings": _settings(found, ""),
         "vendors": vendor_names(),
         "asked": bool(result.controllers),
+        "asks": _asks_for_settings(found),
         "offered": [one for one in _offered(found) if one.name not in (PLANT, CURVES) or _is_there(found, one.name)],
         "bundled": bundled,
         "bundle_name": _bundle_name(found.project) if found.project else "",
     }
+
+
+def _asks_for_settings(found: Saved) -> bool:
+    """Will the next run look for them?"""
+    try:
+        return found.project is not None and found.project.load().tuning is not None
+    except TrueplantError:
+        return False
 
 
 def _is_there(found: Saved, name: str) -> bool:

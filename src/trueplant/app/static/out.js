@@ -52,7 +52,7 @@ function showAcceptable(found) {
   $("accept").disabled = found.state === "changed";
   const lines = found.message ? [line(found.message, found.state === "ready" ? "" : "message")] : [];
   if (found.state !== "refused") {
-    lines.push(line(`It would change ${found.changes.length} of the model: ${found.changes.join(", ")}.`));
+    lines.push(line(`The plant takes the place of the model in ${found.changes.join(", ")}.`));
     if (found.kept.length) lines.push(line(`Kept, since the data do not answer them: ${found.kept.join(", ")}.`));
   }
   place.replaceChildren(...lines);
