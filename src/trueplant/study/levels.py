@@ -80,6 +80,9 @@ LAW_SURE = 3.0
 """Standard errors by which a gain or time has to be off to be called wrong: once in 400 where nothing is."""
 LAW_WINDOWS = 20
 """Windows at least, so that their spread is known to a sixth."""
+LAW_TREND_PIECES = 12
+"""Of a record, in each of which the integral of the law that is drawn begins anew: a law that is right stays on OP, one
+that is not leaves it each time. Judgement."""
 LAW_WINDOW = 20
 """Samples of a window at least: several for each part and what it remembers."""
 LAW_BEFORE = 3

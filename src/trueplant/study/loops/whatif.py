@@ -212,7 +212,7 @@ class WhatIf:
         (i, j), situation = hand.place, self.situation
         bank, controller = self._bank(controller, span)
         count = int(np.ceil(span / bank.h)) + 1
-        t = bank.h * np.arange(count)
+        t: Array = np.asarray(bank.h * np.arange(count), dtype=np.float64)
         thin = np.unique(np.linspace(0, count - 1, min(count, levels.RESPONSE_POINTS)).astype(int))
         pv, op, at_limit = {}, {}, 0.0
         low, high = situation.limits[i]
