@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+
 from trueplant.app.screens.decimate import BLOCK, BLOCKS, Signal, breaks, coarse, edges_of
 from trueplant.arrays import Array, IntArray
 
 
 def brute_force(x: Array, edges: IntArray) -> tuple[list[float], list[float]]:
     low, high = [], []
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges.tolist()):
         known = [value for value in x[a:b].tolist() if value == value]
         low.append(min(known) if known else np.nan)
         high.append(max(known) if known else np.nan)

@@ -6,6 +6,7 @@ import tomllib
 from typing import Any
 
 import pytest
+
 from trueplant.app.screens import edits
 from trueplant.errors import ProjectError
 from trueplant.project import Project

@@ -15,7 +15,7 @@ from starlette.routing import Route
 from trueplant.app.folder import ProjectFile
 from trueplant.app.pages import body, ok, page, project_of
 from trueplant.app.screens import edits
-from trueplant.app.screens.columns import Columns, certainty
+from trueplant.app.screens.columns import Column, Columns, certainty
 from trueplant.app.screens.loops import pairs_of
 from trueplant.project import Project
 from trueplant.project.guess import guess_disturbances
@@ -44,20 +44,20 @@ async def _columns(request: Request) -> Response:
     if loaded.data.source is not None and not loaded.experiments[0].path.is_file():
         return ok({"columns": [], "told": f"fetch the historian's data first: trueplant fetch {project.name}"})
     found = await run_in_threadpool(kept.of, loaded)
-    time = loaded.data.time
+    layout, time = loaded.layout(), loaded.data.time
+    used = {time, *layout.held, *(output.column for output in layout.outputs)}
+    shown = [one for one in found if one.name != time]
     return ok(
         {
-            "columns": [
-                {
-                    **one.to_dict(),
-                    "modes": None if one.modes is None else [[v, n, is_automatic(v)] for v, n in one.modes.items()],
-                }
-                for one in found
-                if one.name != time
-            ],
-            "outside": guess_disturbances(one.name for one in found if one.name != time),
+            "columns": [{**one.to_dict(), "modes": _meant(one)} for one in shown],
+            "outside": guess_disturbances(one.name for one in shown if one.name not in used),
         }
     )
+
+
+def _meant(column: Column) -> list[tuple[str, int, bool | None]] | None:
+    """Each mode, how often it is there, and whether it is known to be automatic."""
+    return None if column.modes is None else [(mode, n, is_automatic(mode)) for mode, n in column.modes.items()]
 
 
 def _kept(request: Request) -> Columns:
