@@ -11,6 +11,7 @@ import pytest
 
 from app.browser import ARGUMENTS, Problems, Server, chromium_path
 from trueplant.cli.analyse import demo_text
+from trueplant.notebook.saved import analyse_into
 from trueplant.project import Project
 from trueplant.project.simulation import as_file, simulate_record
 
@@ -71,3 +72,12 @@ def page(chromium: Any, server: Server, problems: Problems) -> Iterator[Any]:
     yield page
     context.close()
     assert not problems.unexpected()
+
+
+@pytest.fixture(scope="session")
+def analysed_files(demo_files: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with the result of its analysis; not to be changed."""
+    folder = Path(shutil.copytree(demo_files, tmp_path_factory.mktemp("analysed") / "plant"))
+    project = Project.load(folder / "project.toml")
+    analyse_into(project, folder / "project-result")
+    return folder

@@ -34,6 +34,8 @@ MOST_FILES = 2000
 UNDO = 200
 """Steps back for each project, of some kB each."""
 
+WARM_AFTER = 2.0
+"""Seconds after the start until the program is loaded for the first analysis: the first page comes before it."""
 ENDS_WITHIN = 3
 """Seconds that open requests are given when the app is told to end."""
 KILLED_WITHIN = 5.0

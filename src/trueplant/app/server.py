@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import hashlib
 import signal
@@ -44,10 +45,11 @@ def create_app(folder: Folder, keeper: Doorkeeper, warm: bool = True) -> Starlet
 
     @contextlib.asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        await run_in_threadpool(jobs.warm)
+        warming = asyncio.create_task(_warm_later(jobs))
         try:
             yield
         finally:
+            warming.cancel()
             await run_in_threadpool(jobs.close)
 
     routes = [*FRAME, *ROUTES]
@@ -62,6 +64,11 @@ def create_app(folder: Folder, keeper: Doorkeeper, warm: bool = True) -> Starlet
     app.state.folder, app.state.jobs, app.state.keeper = folder, jobs, keeper
     app.state.screens = {route.path.strip("/") for route in ROUTES}
     return app
+
+
+async def _warm_later(jobs: Jobs) -> None:
+    await asyncio.sleep(levels.WARM_AFTER)
+    await run_in_threadpool(jobs.warm)
 
 
 # -- what is no screen ---------------------------------------------------------------------------------------------
