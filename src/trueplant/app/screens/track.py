@@ -23,7 +23,7 @@ from trueplant.notebook.errands import TRACK, TRACK_PAGE
 from trueplant.result import ElementHistory, Track, build
 from trueplant.result.track_words import change_sentence, refused_stretches, told_reasons, word_of
 
-PRECISION = 10.0
+PRECISION = 10
 """Percent, as the command line has it by default."""
 MARKS = {
     ElementHistory.CONSTANT: ("unchanged", "●"),
