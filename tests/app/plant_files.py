@@ -40,7 +40,7 @@ def german_csv(place: Path, n: int = 1500) -> Path:
     sp, pv, op = loop(n)
     pv[200:220] = np.nan
     pv[500:502] = 95.0
-    pv[900:990] = pv[900]
+    pv[900:1100] = pv[900]
     lines = [
         "Werk Süd;Export;;;;",
         "Zeitstempel;FIC101.PV;FIC101.SP;FIC101.OP;FIC101.MODE;FI300.PV",

@@ -6,30 +6,24 @@ It is kept warm between questions, killed where one is not to be answered any mo
 from __future__ import annotations
 
 import contextlib
-import os
 import pickle
-import queue
 import subprocess
 import sys
 import threading
 import time
-import warnings
 import weakref
 from collections import OrderedDict
 from collections.abc import Hashable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import Literal
 
-from trueplant.errors import TrueplantError
+from trueplant.app.answering import Kind
 from trueplant.result import Check
 
 State = Literal["running", "done", "failed", "cancelled"]
-Kind = Literal["check", "find"]
 KEPT = 16
 """Answers that are kept, of some MB each for a record with many struck stretches. Judgement."""
-NICE = 5
-"""The pages come first."""
 
 
 @dataclass(eq=False)
@@ -115,7 +109,7 @@ class Aside:
     def _alive(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
             self._kill()
-            command = [sys.executable, "-m", "trueplant.app.screens.aside"]
+            command = [sys.executable, "-m", "trueplant.app.answering"]
             self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
             if self._finalizer is not None:
                 self._finalizer.detach()
@@ -148,63 +142,3 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         if pipe is not None:
             with contextlib.suppress(OSError):  # it may hold what the process was not to read any more
                 pipe.close()
-
-
-# -- in the process ------------------------------------------------------------------------------------------------
-
-
-def main() -> None:
-    """Of ``python -m trueplant.app.screens.aside``: answers one question after the other until its input is closed."""
-    out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever else prints must not stand among the answers
-    if hasattr(os, "nice"):
-        os.nice(NICE)
-    warnings.simplefilter("ignore")  # as the command line has it: what is to be known are findings
-    asked: queue.SimpleQueue[tuple[Kind, str]] = queue.SimpleQueue()
-    threading.Thread(target=_read, args=(sys.stdin.buffer, asked), daemon=True).start()
-    while True:
-        kind, path = asked.get()
-        word, value = _answered(kind, Path(path), out)
-        _tell(out, word, value)
-
-
-def _read(given: IO[bytes], asked: queue.SimpleQueue[tuple[Kind, str]]) -> None:
-    while True:
-        try:
-            asked.put(pickle.load(given))
-        except EOFError:
-            os._exit(0)
-
-
-def _answered(kind: Kind, path: Path, out: IO[bytes]) -> tuple[str, Any]:
-    from trueplant.app.worker import write_details
-    from trueplant.project import Project
-
-    def say(stage: str) -> None:
-        _tell(out, "stage", stage)
-
-    try:
-        project = Project.load(path)
-        if kind == "check":
-            from trueplant.study.check import check
-
-            return "done", check(project, say)
-        from trueplant.tracking.find import find
-
-        return "done", find(project, say)
-    except TrueplantError as error:
-        return "failed", str(error)
-    except Exception as error:
-        return "failed", f"internal error ({type(error).__name__}); the details were written to {write_details()}"
-
-
-def _tell(out: IO[bytes], word: str, value: Any) -> None:
-    try:
-        pickle.dump((word, value), out)
-        out.flush()
-    except OSError:  # nobody listens any more
-        os._exit(1)
-
-
-if __name__ == "__main__":
-    main()
