@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from importlib import import_module
 from pathlib import Path
 
 from trueplant.errors import UsageError
@@ -14,12 +15,13 @@ SHORTEST_KEY = 32
 
 def app(place: Path, port: int, browser: bool, address: str, proxy_key: Path | None) -> int:
     """Run the local web application until it is told to end."""
-    try:
-        from trueplant.app.server import Asked, serve
-    except ModuleNotFoundError as error:
-        if error.name not in ("starlette", "uvicorn"):
-            raise
-        raise UsageError(f"{error.name} is not installed: pip install 'trueplant[app]'") from None
+    for needed in ("starlette", "uvicorn"):
+        try:
+            import_module(needed)
+        except ModuleNotFoundError:
+            raise UsageError(f"{needed} is not installed: pip install 'trueplant[app]'") from None
+    from trueplant.app.server import Asked, serve
+
     if place.is_dir():
         folder, project = place, ""
     elif place.is_file() and place.suffix == ".toml":
