@@ -36,7 +36,7 @@ def test_an_address_is_that_of_a_proxy(tmp_path: Path, capsys: pytest.CaptureFix
     assert "https://trueplant.example.com" in refused(capsys, str(tmp_path), "--address", address)
 
 
-@pytest.mark.parametrize("key", ["", "geheim", "\u00e9" * 40, "a b\n" * 3])
+@pytest.mark.parametrize("key", ["", "geheim", "\u00e9" * 40, "a b\n" * 3], ids=["empty", "short", "foreign", "lines"])
 def test_a_key_is_long(tmp_path: Path, capsys: pytest.CaptureFixture[str], key: str) -> None:
     file = tmp_path / "proxy.key"
     file.write_text(key)
