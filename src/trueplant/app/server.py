@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
+import os
 import signal
 import socket
 import sys
+import threading
 import webbrowser
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
@@ -218,8 +220,8 @@ def serve(asked: Asked, show: Callable[[str], None]) -> int:
         show(f"trueplant app of {asked.folder}: open")
         show(f"  {link}")
         show("in a browser on this machine; the link works once. End with Ctrl-C.")
-        if asked.browser:
-            webbrowser.open(link)
+        if asked.browser and _has_screen():
+            threading.Thread(target=webbrowser.open, args=(link,), daemon=True).start()
         server.run(sockets=[listening])
     finally:
         for number, handler in before.items():
@@ -227,6 +229,11 @@ def serve(asked: Asked, show: Callable[[str], None]) -> int:
         listening.close()
         end_all()
     return INTERRUPTED if signal.SIGINT in ended else 0
+
+
+def _has_screen() -> bool:
+    """Without one, a browser of text would take the terminal."""
+    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def listen(port: int) -> socket.socket:
