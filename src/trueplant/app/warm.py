@@ -78,7 +78,8 @@ class Warm:
     def _alive(self) -> Process:
         if self._process is None or not self._process.alive:
             process = self._process = Process(MODULE)
-            process.listen(lambda said: self._heard(process, said))
+            own = weakref.ref(self)  # so that an app that is forgotten takes its process along
+            process.listen(lambda said: warm._heard(process, said) if (warm := own()) is not None else None)
             self._finalizer = weakref.finalize(self, process.kill)
         return self._process
 

@@ -46,7 +46,7 @@ function draw(k) {
     traces.push({ ...common, y: signal.band.high, line: { width: 0 }, fill: "tonexty", fillcolor: color("after-band"), hoverinfo: "skip" });
     traces.push({ ...common, y: signal.band.middle, name: signal.is, line: { color: color("after"), width: 2 } });
     if (signal.moved) traces.push({ ...common, y: signal.moved, name: signal.is === "PV" ? "SP" : "OP", line: { color: color("setpoint"), width: 1.8, dash: "dash", shape: "hv" } });
-    const [low, high] = signal.far;
+    const [low, high] = [Math.min(signal.far[0], ...(signal.moved ?? [])), Math.max(signal.far[1], ...(signal.moved ?? []))];
     const room = high - low || 1;
     const shown = limits.get(`${signal.is} ${signal.name}`) ?? [null, null];
     const near = shown.filter((limit) => limit !== null && limit > low - room && limit < high + room);

@@ -159,10 +159,18 @@ function draw(input, moved = false) {
     $("load").value = loop.load;
     $("step-unit").textContent = loop.output_unit;
     $("load-unit").textContent = loop.input_unit;
+    place();
     if (answers) table(answers);
     moved = moved || found.loops.every((one) => isSame(one)) || !last || last.loop !== input;
   }
   if (moved) ask();
+}
+
+/** On a narrow screen the curves stand below the sliders that move them. */
+function place() {
+  const figure = $("figure");
+  const box = narrow.matches ? document.querySelector(`.loop[data-input="${CSS.escape(shown)}"]`) : $("key");
+  if (box && figure.previousElementSibling !== box) box.after(figure);
 }
 
 let waiting = false;
@@ -223,7 +231,7 @@ function plot(got) {
     hovermode: "x",
     uirevision: got.loop,
   };
-  const columns = narrow.matches ? 1 : 2;
+  const columns = innerWidth < 600 ? 1 : 2;
   const rows = 4 / columns;
   titles.forEach(([kind, signal, title], k) => {
     const name = k ? String(k + 1) : "";
@@ -357,7 +365,7 @@ function table(got) {
     const side = element("td", { className: word ? "over" : "quiet", textContent: word ? word : change(own.today[key], own.tried[key]) });
     return element("tr", {}, element("th", { scope: "row", textContent: label }), element("td", { className: "n", textContent: words(own.today[key]) }), cell, side);
   });
-  if (own.beyond.crossover) rows.unshift(element("tr", {}, element("th", { scope: "row", textContent: "Speed" }), element("td"), element("td", { className: "over", textContent: "too fast" }), element("td", { className: "over", textContent: own.beyond.crossover })));
+  if (own.beyond.crossover) rows.unshift(element("tr", {}, element("th", { scope: "row", textContent: "Speed" }), element("td"), element("td", { className: "n over", textContent: "too fast" }), element("td", { className: "over", textContent: own.beyond.crossover })));
   $("numbers").tBodies[0].replaceChildren(...rows);
   $("numbers").caption.textContent = `${spoken(loopOf(shown).output)} by ${spoken(shown)}, on the plant as estimated`;
   const others = found.loops.filter((loop) => loop.input !== shown);
@@ -413,7 +421,10 @@ try {
   for (const row of document.querySelectorAll(".setting")) row.show();
   draw((found.loops.find((loop) => loop.keys.length) ?? found.loops[0]).input);
   onThemeChange(() => last && plot(last));
-  narrow.addEventListener("change", () => last && plot(last));
+  narrow.addEventListener("change", () => {
+    place();
+    if (last) plot(last);
+  });
 } catch (error) {
   if (found) alarm(error.message);
   $("blocked").textContent = `Nothing can be tried: ${error.message}`;

@@ -150,7 +150,10 @@ class WhatIf:
         for hand in self.loops:
             now = crossover(self.situation.known.nominal[hand.place[::-1]], controller, hand.place)
             if now is not None and now > hand.highest * (1 + levels.SAME_CROSSOVER):
-                fast[hand.input] = f"its crossover would be {now:.3g} rad per {unit}, and {hand.why}"
+                fast[hand.input] = (
+                    f"faster than the record vouches for: its crossover would be {now:.3g} rad per {unit}, and "
+                    f"{hand.highest:.3g} is the most ({hand.why})"
+                )
         good = found.method == BY_HAND and found.outlook in (Outlook.CHANGE, Outlook.LESS_MU) and not fast
         sentence = recommendation_sentence(found)
         if fast:
