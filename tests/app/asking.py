@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -86,7 +87,9 @@ class Visitor:
         parts = [body] if isinstance(body, bytes) else body
         if isinstance(body, bytes) and body:
             headers.setdefault("content-length", str(len(body)))
-        return asyncio.run(_asked(self.app, method, path, headers, iter(parts)))
+        asked = _asked(self.app, method, path, headers, iter(parts))
+        with ThreadPoolExecutor(1) as apart:  # a browser of other tests has an event loop in this thread
+            return apart.submit(asyncio.run, asked).result()
 
     def post(self, path: str, data: Any) -> Answer:
         return self.ask("POST", path, json.dumps(data).encode())

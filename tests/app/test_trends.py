@@ -34,7 +34,7 @@ def place(tmp_path: Path) -> Path:
     project = tmp_path / "export.toml"
     text = draft_project(path.name, look(read_table(path)))
     project.write_text(
-        text.replace("# limits = [0, 100]   # the inst", "limits = [0, 64]   # the inst"), encoding="utf-8"
+        text.replace("# limits = [0, 100]   # the inst", "limits = [0, 90]   # the inst"), encoding="utf-8"
     )
     return project
 
