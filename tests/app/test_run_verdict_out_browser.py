@@ -55,9 +55,7 @@ def test_from_the_demo_to_a_new_model(
         button = page.locator(f"#matrix button[data-output={element['output']}][data-input={element['input']}]")
         assert element["verdict"] in button.inner_text()
         button.click()
-        page.wait_for_function(
-            f"document.querySelector('#element-title')?.textContent === {json.dumps(title(element))}"
-        )
+        page.wait_for_selector(f"#element-title:text-is('{title(element)}')")
         page.wait_for_selector("#figure-1 .plot-container")
         shown = page.inner_text("#element .parameters")
         for p in element["parameters"]:
@@ -179,10 +177,8 @@ class TestOfTheMill:
             if path == "/run":
                 page.wait_for_selector("#check:not([aria-busy])")
             assert page.evaluate("document.documentElement.scrollWidth") <= width, path
-            missing = page.evaluate(
-                "[...document.querySelectorAll('input:not([type=hidden]), select')].filter((x) => !x.labels?.length).length"
-            )
-            assert missing == 0, path
+            fields = "[...document.querySelectorAll('input:not([type=hidden]), select')]"
+            assert page.evaluate(f"{fields}.filter((one) => !one.labels?.length).length") == 0, path
 
     def test_the_sheet_for_the_shift_is_one_page(self, page: Any, server: Server, demo_folder: Path) -> None:
         page.goto(server.url("/out/shift"))

@@ -45,6 +45,10 @@ class Saved:
         return project is not None and self.is_own and project.version != self.result.provenance.project_sha256
 
 
+_SUM = 64
+"""Letters of a SHA-256."""
+
+
 @dataclass(frozen=True)
 class Listed:
     """One of the saved results, to be chosen from."""
@@ -52,6 +56,12 @@ class Listed:
     name: str
     headline: str
     when: str
+
+    @property
+    def label(self) -> str:
+        """Its folder and when it was written; of a name that is a sum, as audits give them, the beginning."""
+        above, slash, last = self.name.rpartition("/")
+        return f"{above}{slash}{last if len(last) < _SUM else f'{last[:8]}…'}, {self.when}"
 
 
 def saved_of(request: Request) -> Saved | None:

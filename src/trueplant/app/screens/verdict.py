@@ -14,7 +14,7 @@ from starlette.routing import Route
 
 from trueplant.app.pages import ok, page, url
 from trueplant.app.saved import Saved, saved_of
-from trueplant.result import Curves, Element, Reason, Result, Status
+from trueplant.result import Code, Curves, Element, Reason, Result, Status
 from trueplant.result.shift_words import Action
 
 MARKS = {"changed": "changed", "unchanged": "unchanged", "found": "found", "none found": "absent"}
@@ -111,6 +111,7 @@ def _body(found: Saved, links: Mapping[str, str], report: str) -> Any:
         settings=settings_lines(result),
         told=told_reasons(result),
         notes=_worth_knowing(result),
+        more=next((note.message for note in result.notes if note.code == Code.MORE_DATA), ""),
         common=[note for note in result.notes if is_common(note)],
         trends=trends,
         more_trends=more,
@@ -142,11 +143,12 @@ def _rows(result: Result, curves: Curves | None) -> list[tuple[str, list[Element
 
 
 def _worth_knowing(result: Result) -> list[Reason]:
-    """The notes in their order, but for the common ones and those that an element says as its reason."""
+    """The notes in their order, but for the common ones, those that an element says as its reason, and the plan."""
     from trueplant.result.reason import is_common, ranked
 
     said = {(f"{e.input} -> {e.output}", e.reason) for e in result.elements if e.verdict == "not identifiable"}
-    return [note for note in ranked(result.notes) if not is_common(note) and (note.where, note.message) not in said]
+    shown = [note for note in ranked(result.notes) if not is_common(note) and note.code != Code.MORE_DATA]
+    return [note for note in shown if (note.where, note.message) not in said]
 
 
 ROUTES = [Route("/verdict", verdict), Route("/api/verdict/element", element)]
