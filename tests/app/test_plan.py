@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -53,7 +54,7 @@ def test_moves_and_what_they_do(folder: Path) -> None:
     assert answer.status == 200, answer.text
     found = answer.json()
     request = {"kind": "plan", "folder": str(folder / "project-result"), "plan": 0}
-    assert found == whatif_answers.answer(request, lambda: False)
+    assert found == json.loads(json.dumps(whatif_answers.answer(request, lambda: False)))
     assert found["closed"] and found["t"][-1] > plan["length"]
     signals = {(one["is"], one["name"]): one for one in found["signals"]}
     for move in plan["moves"]:

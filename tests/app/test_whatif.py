@@ -111,6 +111,15 @@ def test_settings_beyond_the_limits_are_named(folder: Path) -> None:
     assert wild["loops"]["fuel_gas"]["tried"]["stable"] is False
 
 
+def test_settings_that_hold_for_too_few_plants_are_not_recommended(folder: Path) -> None:
+    settings = today(asked(folder, "open"))
+    settings["fuel_gas"]["Ti"] = 0.8
+    found = asked(folder, "numbers", settings=settings)
+    beyond = found["loops"]["fuel_gas"]["beyond"]
+    assert found["state"] == "no" and beyond["Ms"] == "above 1.59" and beyond["share"] == "below 95 %"
+    assert "95 % is asked for" in found["sentence"]
+
+
 # -- curves --------------------------------------------------------------------------------------------------------
 
 

@@ -267,7 +267,7 @@ def _numbers(whatif: WhatIf, controller: Controller) -> dict[str, Any]:
             "beyond": _beyond(whatif, hand, judged, said.too_fast),
         }
     outlook = said.found.outlook
-    kept = outlook in (Outlook.KEEP, Outlook.KEEP_UNCHANGED)
+    kept = outlook in (Outlook.KEEP, Outlook.KEEP_UNCHANGED) and judged.keeps(whatif.limits)
     state = "same" if same else "recommended" if said.recommended else "keep" if kept and not said.too_fast else "no"
     return {
         "loops": loops,

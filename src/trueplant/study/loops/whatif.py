@@ -156,6 +156,8 @@ class WhatIf:
                 )
         good = found.method == BY_HAND and found.outlook in (Outlook.CHANGE, Outlook.LESS_MU) and not fast
         sentence = recommendation_sentence(found)
+        if not judged.keeps(self.limits):
+            sentence = _unkept(judged, self.limits)
         if fast:
             sentence = "; ".join(f"{name}: {why}" for name, why in fast.items())
         return Verdict(good, sentence, found, fast)
@@ -275,6 +277,15 @@ def _hand(
         highest,
         why,
     )
+
+
+def _unkept(judged: Judged, limits: Limits) -> str:
+    """Why settings that do not hold the limits are none to enter."""
+    named = f"Ms and Mt below {limits.Ms:.3g} in all loops"
+    if limits.mu is not None:
+        named += f", and mu of robust performance below {limits.mu:.3g},"
+    held = f"for {100 * judged.share(limits):.3g} % of the plants that the record leaves possible"
+    return f"these settings hold {named} {held}, and {100 * limits.share:.3g} % is asked for"
 
 
 def _continuous(controller: Controller) -> Controller:
