@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray, IntArray
-from trueplant.report.decimate import compact
 
 BLOCK = 128
 """Samples of a block. Judgement: 1/64 of the memory of a signal, and a view of 2,000 stretches is made from raw samples
 as long as it holds less than some 500,000, which takes 2 ms."""
 BLOCKS = 2
 """Blocks that a stretch must have at least to be made from them: its ends are then off by less than a quarter of it."""
+UNSEEN = 1e-5
+"""Share of the range of a signal that is less than a pixel, also of a part of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +38,11 @@ class Signal:
     @classmethod
     def of(cls, x: Array) -> Signal:
         """Of a signal (N,)."""
-        small = np.ascontiguousarray(compact(x))
-        return cls(small, *_blocks(small))
+        own = np.ascontiguousarray(x)
+        low, high = _blocks(own)
+        if _single(low, high):
+            return cls(own.astype(np.float32), low.astype(np.float32), high.astype(np.float32))
+        return cls(own, low, high)
 
     def without(self, struck: BoolArray) -> Signal:
         """The same with these samples (N,) not shown. Only blocks that hold one are looked at again."""
@@ -69,6 +73,16 @@ class Signal:
         part = self.shown(int(edges[0]), int(edges[-1]))
         at = edges[:-1] - edges[0]
         return np.fmin.reduceat(part, at), np.fmax.reduceat(part, at)
+
+
+def _single(low: NDArray[np.floating], high: NDArray[np.floating]) -> bool:
+    """Is single precision enough for a signal with these extremes?"""
+    known = np.isfinite(low)
+    if not known.any():
+        return True
+    bottom, top = float(low[known].min()), float(high[known].max())
+    largest = max(-bottom, top)
+    return bool(largest < np.finfo(np.float32).max and largest * np.finfo(np.float32).eps <= UNSEEN * (top - bottom))
 
 
 def _blocks(x: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
