@@ -13,9 +13,9 @@ import pytest
 
 from app.asking import Visitor
 from app.plant_files import STEP, german_csv, parquet
+from trueplant.app.screens.asking import Seen
 from trueplant.app.screens.lights import light_of
 from trueplant.app.screens.records import read_shown
-from trueplant.app.screens.trends import Seen
 from trueplant.arrays import Array
 from trueplant.cli.find import find_usable
 from trueplant.project import Project
