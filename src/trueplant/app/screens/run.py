@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Hashable
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
@@ -19,9 +19,12 @@ from trueplant.app.folder import ProjectFile
 from trueplant.app.jobs import Job, Jobs
 from trueplant.app.pages import body, folder_of, ok, page, project_of
 from trueplant.app.saved import read_saved
-from trueplant.app.screens.aside import Aside
+from trueplant.app.screens.aside import Question
+from trueplant.app.screens.asking import seen_by
+from trueplant.app.screens.records import signature
 from trueplant.errors import OutputError, TrueplantError
 from trueplant.output import claim_results
+from trueplant.project import ExperimentPlan, Project
 
 LOOKED_EVERY = 0.1
 """Seconds between looks at whether the check is done."""
@@ -46,14 +49,17 @@ async def run(request: Request) -> Response:
 
 
 async def check(request: Request) -> Response:
-    """What the data are good for, before anything is run; a process of its own looks."""
-    project = project_of(request)
-    asked = await run_in_threadpool(_aside(request).ask, "check", project.path, await _version(project))
+    """What the data are good for, before anything is run; the process that looks at data for the trends says it."""
+    project, plain = project_of(request), folder_of(request).plain
+    try:
+        asked = await run_in_threadpool(_ask, request, project)
+    except TrueplantError as error:
+        return ok({"error_said": plain(str(error))})
     while not asked.ended.is_set():
         await asyncio.sleep(LOOKED_EVERY)
     if asked.answer is None:
         given_up = "The look at the data was given up for another one: load the page again."
-        return ok({"error_said": folder_of(request).plain(asked.error) or given_up})
+        return ok({"error_said": plain(asked.error) or given_up})
     return ok(told_check(asked.answer))
 
 
@@ -88,13 +94,19 @@ def _jobs(request: Request) -> Jobs:
     return jobs
 
 
-def _aside(request: Request) -> Aside:
-    """The process that looks at data, which the screens share."""
-    state = request.app.state
-    if not hasattr(state, "aside"):
-        state.aside = Aside()
-    aside: Aside = state.aside
-    return aside
+def _ask(request: Request, project: ProjectFile) -> Question:
+    """The same question as that of the trends, whose answer then serves both."""
+    declared = project.load()
+    version = project.version, *(_signature(declared, plan) for plan in declared.experiments)
+    return seen_by(request).aside.ask("check", project.path, version)
+
+
+def _signature(project: Project, plan: ExperimentPlan) -> Hashable:
+    """None for a record that is not there: what is to be done about it, the check says."""
+    try:
+        return signature(project, plan)
+    except OSError:
+        return None
 
 
 def _asked_job(request: Request, id: str) -> Job:
@@ -113,20 +125,6 @@ def _told(request: Request, job: Job) -> dict[str, Any]:
 def _screens(request: Request) -> list[str]:
     """Those that a link may lead to."""
     return sorted(request.app.state.screens)
-
-
-async def _version(project: ProjectFile) -> tuple[str, ...]:
-    """Of the project file and of its records, as far as their sizes and dates say."""
-
-    def seen() -> tuple[str, ...]:
-        try:
-            files = project.load().files
-        except TrueplantError:
-            files = ()
-        stats = [(path.stat() if path.exists() else None) for path in files]
-        return (project.version, *(f"{s.st_mtime_ns} {s.st_size}" if s else "" for s in stats))
-
-    return await run_in_threadpool(seen)
 
 
 def _blocked(project: ProjectFile) -> str:
