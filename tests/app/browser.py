@@ -78,7 +78,9 @@ class Server:
 
         server._reader = threading.Thread(target=read, daemon=True)
         server._reader.start()
-        assert said.wait(60) and server.link, f"the app did not start: {server.lines}"
+        if not said.wait(60) or not server.link:
+            server.end()
+            pytest.fail(f"the app did not start: {server.lines}")
         return server
 
     @property
