@@ -232,6 +232,12 @@ def test_data_that_cannot_be_read_are_one_message(visitor: Visitor, place: Path)
     answer = visitor.ask("GET", f"/api/trends/record{PROJECT}")
     assert answer.status == 422 and "export.csv" in answer.json()["error"]
     assert str(place.parent) not in answer.json()["error"]
+    (place.parent / "export.csv").unlink()
+    answer = visitor.ask("GET", f"/api/trends/record{PROJECT}")
+    assert answer.status == 422 and "export.csv does not exist" in answer.json()["error"]
+    found = answered(visitor)
+    assert found["state"] == "failed" and "export.csv does not exist" in found["error"]
+    assert visitor.ask("GET", f"/api/tags/columns{PROJECT}").status == 422
 
 
 # -- the light -------------------------------------------------------------------------------------------------------

@@ -141,6 +141,9 @@ class Records:
 
 
 def signature(project: Project, plan: ExperimentPlan) -> Hashable:
-    """What a record as it is read depends on."""
-    status = plan.path.stat()
+    """What a record as it is read depends on. Of one that is not there reading says what to do."""
+    try:
+        status = plan.path.stat()
+    except OSError:
+        return plan.path, project.layout(), plan.name, plan.closed
     return plan.path, status.st_mtime_ns, status.st_size, project.layout(), plan.name, plan.closed

@@ -1,6 +1,8 @@
 // Trends: SP and PV above OP for each loop, one zoom over all. The app sends what the screen can show, as doubles.
 
 import { address, alarm, api, color, data, onThemeChange, say, shownVersion } from "./app.js";
+import { checkedParts, lit, windowsTable } from "./checked.js";
+import { LABELS, clockOf } from "./clock.js";
 import { ask, calmly, el } from "./dom.js";
 
 const $ = (id) => document.getElementById(id);
@@ -9,6 +11,7 @@ const uPlot = window.uPlot;
 const POINTS = 1500;
 
 let record = null; // what the app says of the record
+let time = null; // and of its times
 let view = null; // what is shown, in the record's time
 let picked = null; // [from, to] in the record's time
 let answer = null; // of the check
@@ -18,51 +21,7 @@ let labels = 0; // width of the widest label of a vertical axis
 const number = () => $("record")?.value ?? "0";
 const busy = (text) => ($("about").textContent = text);
 
-// -- time -------------------------------------------------------------------------------------------------------------
-
-const stamped = () => record.start !== null;
-const toX = (t) => (stamped() ? record.start + t * record.seconds : t);
-const toT = (x) => (stamped() ? (x - record.start) / record.seconds : x);
-
-/** Seconds that the clock of the record's zone is ahead of UTC at a moment. */
-function offset(x) {
-  let found = 0;
-  for (const [from, seconds] of record.offsets) if (x >= from || found === 0) found = seconds;
-  return found;
-}
-
-/** The clock of the record at a moment, such as 2024-03-31 04:15:00. */
-function clock(x, precise = false) {
-  const date = new Date(Math.round((x + offset(x)) * 1000));
-  if (Number.isNaN(date.getTime())) return "";
-  const text = date.toISOString().replace("T", " ").slice(0, 23);
-  return precise && !text.endsWith(".000") ? text : text.slice(0, 19);
-}
-
-/** A time as it is typed: with its offset where the zone is known, so that no hour is meant twice. */
-function written(t) {
-  if (!stamped()) return String(Number(t.toPrecision(9)));
-  const x = toX(t);
-  const text = clock(x, true);
-  if (!record.offsets.length) return text;
-  const minutes = Math.round(offset(x) / 60);
-  const two = (n) => String(n).padStart(2, "0");
-  return `${text}${minutes < 0 ? "-" : "+"}${two(Math.floor(Math.abs(minutes) / 60))}:${two(Math.abs(minutes) % 60)}`;
-}
-
 // -- plots ------------------------------------------------------------------------------------------------------------
-
-// by the distance of ticks in seconds: the label, and what stands below where year or day begins
-const DAY = 86400;
-const below = (year, day) => [year, null, day, null, null, null, 1];
-const CLOCK = [
-  [365 * DAY, "{YYYY}", ...below(null, null)],
-  [28 * DAY, "{YYYY}-{MM}", ...below(null, null)],
-  [DAY, "{MM}-{DD}", ...below("\n{YYYY}", null)],
-  [60, "{HH}:{mm}", ...below("\n{YYYY}-{MM}-{DD}", "\n{MM}-{DD}")],
-  [1, "{HH}:{mm}:{ss}", ...below("\n{YYYY}-{MM}-{DD}", "\n{MM}-{DD}")],
-  [0.001, "{HH}:{mm}:{ss}.{fff}", ...below("\n{YYYY}-{MM}-{DD}", "\n{MM}-{DD}")],
-];
 
 const short = (v) => (v === null || v === undefined ? "–" : Number(v.toPrecision(5)).toString());
 
@@ -86,8 +45,8 @@ function bands(u, own) {
   ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
   ctx.clip();
   const fill = (from, to, paint, height = bbox.height) => {
-    const a = u.valToPos(toX(from), "x", true);
-    const b = Math.max(u.valToPos(toX(to), "x", true), a + devicePixelRatio);
+    const a = u.valToPos(time.toX(from), "x", true);
+    const b = Math.max(u.valToPos(time.toX(to), "x", true), a + devicePixelRatio);
     if (b < bbox.left || a > bbox.left + bbox.width) return;
     ctx.fillStyle = paint;
     ctx.fillRect(a, bbox.top, b - a, height);
@@ -113,17 +72,17 @@ function plot(place, loop, lines, height, own, last) {
     width: place.clientWidth || 600,
     height,
     padding: [8, 12, 0, 0],
-    tzDate: (x) => uPlot.tzDate(new Date((x + offset(x)) * 1000), "Etc/UTC"),
+    tzDate: (x) => uPlot.tzDate(new Date((x + time.offset(x)) * 1000), "Etc/UTC"),
     cursor: { sync: { key: "trends", setSeries: false }, drag: { x: true, y: false, setScale: false, dist: 4 }, y: false, points: { size: 6 } },
-    scales: { x: { time: stamped() }, y: { range: (u, low, high) => room(low, high) } },
+    scales: { x: { time: time.stamped }, y: { range: (u, low, high) => room(low, high) } },
     axes: [
       { stroke: ink, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1 }, font,
-        ...(stamped() ? { values: CLOCK, space: 70 } : { values: (u, splits) => splits.map((x) => x.toLocaleString("en", { maximumSignificantDigits: 9 })) }) },
+        ...(time.stamped ? { values: LABELS, space: 70 } : { size: 30, values: (u, splits) => splits.map((x) => x.toLocaleString("en", { maximumSignificantDigits: 9 })) }) },
       { stroke: ink, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1 }, font, size: axisSize, space: 28,
         values: (u, splits) => splits.map((v) => Number(v.toPrecision(6)).toString()) },
     ],
     series: [
-      { label: "Time", value: (u, x) => (x === null ? "–" : stamped() ? clock(x) : `${short(x)} ${record.unit}`) },
+      { label: "Time", value: (u, x) => (x === null ? "–" : time.stamped ? time.clock(x) : `${short(x)} ${record.unit}`) },
       ...lines.map(({ label, role, unit }) => ({
         label: unit ? `${label} (${unit})` : label, scale: "y", stroke: () => color(role), width: role === "setpoint" ? 1.8 : 1.3,
         dash: role === "setpoint" ? [7, 4] : undefined, points: { show: false },
@@ -148,13 +107,13 @@ function room(low, high) {
 function dragged(u) {
   const { left, width } = u.select;
   if (width < 3) return;
-  const from = Math.max(toT(u.posToVal(left, "x")), record.first);
-  const to = Math.min(toT(u.posToVal(left + width, "x")), record.last);
+  const from = Math.max(time.toT(u.posToVal(left, "x")), record.first);
+  const to = Math.min(time.toT(u.posToVal(left + width, "x")), record.last);
   for (const { u: one } of plots) one.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
   if (to <= from) return;
   if (document.querySelector('input[name="drag"]:checked').value === "zoom") show(from, to);
   else {
-    pick([near(from), near(to)]);
+    pick([time.near(from), time.near(to)]);
     document.querySelector("#stretch button[type=submit]").focus({ preventScroll: true });
   }
 }
@@ -200,9 +159,9 @@ async function show(from, to) {
   if (mine !== latest) return;
   const every = new Float64Array(buffer);
   const n = every.length / (record.signals.length + 1);
-  const x = Array.from(every.subarray(0, n), toX);
+  const x = Array.from(every.subarray(0, n), time.toX);
   const of = new Map(record.signals.map((name, k) => [name, gaps(every.subarray((k + 1) * n, (k + 2) * n))]));
-  const range = { min: toX(view[0]), max: toX(view[1]) };
+  const range = { min: time.toX(view[0]), max: time.toX(view[1]) };
   for (const { u, keys } of plots) {
     u.batch(() => {
       u.setData([x, ...keys.map((key) => of.get(key) ?? x.map(() => null))], false);
@@ -224,7 +183,7 @@ function numbers(of) {
       return el("tr", {}, el("th", { scope: "row" }, `${label}${unit ? ` (${unit})` : ""}`), cells.map((v) => el("td", { class: "n" }, short(v))));
     });
     loop.querySelector(".numbers tbody").replaceChildren(...rows);
-    loop.querySelector(".numbers caption").textContent = `From ${written(view[0])} to ${written(view[1])}`;
+    loop.querySelector(".numbers caption").textContent = `From ${time.written(time.near(view[0]))} to ${time.written(time.near(view[1]))}`;
   }
 }
 
@@ -258,24 +217,21 @@ function build() {
   $("loops").replaceChildren(...there);
 }
 
-/** The nearest of the times at which samples are to be expected. */
-const near = (t) => Math.min(record.first + Math.round((t - record.first) / record.step) * record.step, record.last);
-
 // -- a stretch --------------------------------------------------------------------------------------------------------
 
 const redraw = () => plots.forEach(({ u }) => u.redraw(false, false));
 
 function pick(stretch) {
   picked = stretch;
-  $("from").value = stretch ? written(stretch[0]) : "";
-  $("to").value = stretch ? written(stretch[1]) : "";
+  $("from").value = stretch ? time.written(stretch[0]) : "";
+  $("to").value = stretch ? time.written(stretch[1]) : "";
   redraw();
 }
 
 async function typed() {
   const [from, to] = [$("from").value.trim(), $("to").value.trim()];
   if (!from || !to) return null;
-  if (picked && from === written(picked[0]) && to === written(picked[1])) return picked;
+  if (picked && from === time.written(picked[0]) && to === time.written(picked[1])) return picked;
   const ends = [];
   for (const [id, text] of [["from", from], ["to", to]]) {
     try {
@@ -299,7 +255,7 @@ for (const [id, place] of [["from", 0], ["to", 1]]) {
     event.preventDefault();
     if (!picked) {
       const [from, to] = view;
-      pick([near(from + 0.4 * (to - from)), near(from + 0.6 * (to - from))]);
+      pick([time.near(from + 0.4 * (to - from)), time.near(from + 0.6 * (to - from))]);
       return;
     }
     const page = Math.max(Math.round((view[1] - view[0]) / 50 / record.step), 1) * record.step;
@@ -416,41 +372,10 @@ async function check() {
 }
 
 function tell() {
-  given.loops.forEach((loop, k) => {
-    const light = answer.lights[loop.output];
-    if (!light) return;
-    $(`light-${k}`).className = `light badge ${light.look}`;
-    $(`light-${k}`).replaceChildren(el("span", { class: "symbol", "aria-hidden": "true" }, light.symbol), light.words);
-    $(`told-${k}`).textContent = light.told;
-  });
-  const shares = Object.entries(answer.shares).map(([name, share]) => `${name} ${(100 * share).toFixed(0)} %`);
-  const rows = answer.struck.map((row) =>
-    el("tr", { class: "struck-row" }, el("th", { scope: "row" }, row.signal), el("td", {}, row.words), el("td", { class: "n" }, row.samples.toLocaleString("en")),
-      el("td", {}, row.message, row.spans.length ? places(row) : null),
-      el("td", {}, row.overrule
-        ? el("button", { type: "button", onclick: () => changed("/api/trends/overrule", { signal: row.signal, reason: row.reason }, "They are used again.") }, row.overrule)
-        : el("span", { class: "quiet" }, "no key of the project file overrules this"))));
-  $("checked").replaceChildren(
-    ...[
-      el("p", { class: answer.refused ? "message" : "" }, answer.headline),
-      shares.length ? el("p", {}, `Of PV can be used: ${shares.join(", ")}.`) : null,
-      answer.reasons.length ? el("ul", {}, answer.reasons.map((text) => el("li", {}, text))) : null,
-      el("h3", {}, "Struck out"),
-      rows.length
-        ? el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Struck out" }, el("table", {},
-            el("thead", {}, el("tr", {}, ["Signal", "Reason", "Samples", "Where", "Overrule"].map((name) => el("th", { scope: "col", class: name === "Samples" ? "n" : null }, name)))),
-            el("tbody", {}, rows)))
-        : el("p", { class: "quiet" }, "Nothing but what you left out."),
-      answer.noticed.length ? el("details", {}, el("summary", {}, `What else was noticed (${answer.noticed.length})`), el("ul", {}, answer.noticed.map((text) => el("li", {}, text)))) : null,
-    ].filter(Boolean));
+  given.loops.forEach((loop, k) => lit($(`light-${k}`), $(`told-${k}`), answer.lights[loop.output]));
+  const overrule = ({ signal, reason }) => changed("/api/trends/overrule", { signal, reason }, "They are used again.");
+  $("checked").replaceChildren(...checkedParts(answer, go, overrule));
   redraw();
-}
-
-function places(row) {
-  const list = el("ul", { class: "places" }, row.spans.map(([from, to, text]) => el("li", {}, go(from, to, text))));
-  if (row.spans.length < 3) return list;
-  const more = row.count > row.spans.length ? `, the first ${row.spans.length}` : "";
-  return el("details", {}, el("summary", {}, `${row.count.toLocaleString("en")} stretches${more}`), list);
 }
 
 let finding = 0;
@@ -481,16 +406,7 @@ function windows(found) {
     $("found").replaceChildren(el("p", { class: "message" }, found.usable_elsewhere ? "None in this record; see the others." : found.reasons[0] ?? found.headline));
     return;
   }
-  const gains = (one) => {
-    const told = one.gains.filter((gain) => gain.percent !== null).map((gain) => `${gain.element} ±${short(Number(gain.percent.toPrecision(2)))} %`);
-    const left = one.gains.length - told.length;
-    return [...told, ...(left ? [`${left} other${left > 1 ? "s" : ""} hardly`] : [])].join(", ");
-  };
-  $("found").replaceChildren(
-    el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Windows" }, el("table", {},
-      el("caption", {}, "Ranked by what each adds to those above it; standard errors are foretold."),
-      el("thead", {}, el("tr", {}, ["", "Stretch", "Moves", "Of", "Gains known alone to"].map((name) => el("th", { scope: "col", class: name === "Moves" ? "n" : null }, name)))),
-      el("tbody", {}, found.usable.map((one, k) => el("tr", {}, el("td", {}, String(k + 1)), el("td", {}, go(one.from, one.to, one.text)), el("td", { class: "n" }, String(one.moves)), el("td", {}, one.moved.join(", ")), el("td", {}, gains(one))))))),
+  $("found").replaceChildren(windowsTable(found.usable, go),
     el("p", {}, el("button", { type: "button", id: "write", onclick: write }, "Leave out all else"), el("span", { class: "quiet" }, " written into the project; can be undone")));
 }
 
@@ -503,6 +419,7 @@ async function write() {
 
 async function load() {
   record = await api(address("/api/trends/record", { record: number() }).href, undefined, undefined, { quiet: true });
+  time = clockOf(record);
   busy(`${record.samples.toLocaleString("en")} samples, ${record.span}`);
   excluded();
 }
