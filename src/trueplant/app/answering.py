@@ -11,11 +11,10 @@ import warnings
 from pathlib import Path
 from typing import IO, Any, Literal
 
+from trueplant.app import levels
 from trueplant.errors import TrueplantError
 
 Kind = Literal["check", "find"]
-NICE = 5
-"""The pages come first."""
 
 
 def main() -> None:
@@ -23,7 +22,7 @@ def main() -> None:
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever else prints must not stand among the answers
     if hasattr(os, "nice"):
-        os.nice(NICE)
+        os.nice(levels.NICE)
     warnings.simplefilter("ignore")  # as the command line has it: what is to be known are findings
     asked: queue.SimpleQueue[tuple[Kind, str]] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(sys.stdin.buffer, asked), daemon=True).start()
@@ -42,7 +41,7 @@ def _read(given: IO[bytes], asked: queue.SimpleQueue[tuple[Kind, str]]) -> None:
 
 
 def _answered(kind: Kind, path: Path, out: IO[bytes]) -> tuple[str, Any]:
-    from trueplant.app.worker import write_details
+    from trueplant.app.details import write_details
     from trueplant.project import Project
 
     def say(stage: str) -> None:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from starlette.requests import Request
 
 from trueplant.app.folder import ProjectFile
-from trueplant.app.jobs import Process
+from trueplant.app.process import Process
 from trueplant.errors import UsageError
 
 Kind = Literal["track", "bundle"]

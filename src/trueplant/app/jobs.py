@@ -15,7 +15,7 @@ from typing import Any
 
 from trueplant.app import levels
 from trueplant.app.folder import ProjectFile
-from trueplant.app.process import Process as Process
+from trueplant.app.process import Process
 from trueplant.errors import UsageError
 
 FINISHED = ("done", "refused", "failed", "cancelled")

@@ -15,6 +15,8 @@ SESSION_LONGEST = 7 * 24 * 3600.0
 """Seconds after which it ends in any case."""
 SESSIONS = 64
 """At once; the oldest goes. A team behind a proxy has fewer people than that."""
+PROXY_KEY = 32
+"""Letters of a reverse proxy's key at least: 128 random bits as hexadecimal digits."""
 LINK_EVERY = 10.0
 """Seconds between new links on the terminal, so that nobody can flood it."""
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from starlette.applications import Starlette
 
-from trueplant.app.jobs import Process
+from trueplant.app.process import Process
 from trueplant.errors import UsageError
 
 MODULE = "trueplant.app.whatif_worker"

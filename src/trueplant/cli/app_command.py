@@ -6,11 +6,10 @@ import re
 from importlib import import_module
 from pathlib import Path
 
+from trueplant.app import levels
 from trueplant.errors import UsageError
 from trueplant.files import contents
 from trueplant.printable import printable
-
-SHORTEST_KEY = 32
 
 
 def app(place: Path, port: int, browser: bool, address: str, proxy_key: Path | None) -> int:
@@ -44,9 +43,9 @@ def _key(file: Path | None, address: str) -> str:
     if not address:
         raise UsageError("--proxy-key goes with --address: it is for an app behind a reverse proxy")
     key = contents(file, UsageError).decode("ascii", "replace").strip()
-    if len(key) < SHORTEST_KEY or not key.isascii() or not key.isprintable():
+    if len(key) < levels.PROXY_KEY or not key.isascii() or not key.isprintable():
         raise UsageError(
-            f"{file} holds no key of {SHORTEST_KEY} characters or more: make one with openssl rand -hex 32"
+            f"{file} holds no key of {levels.PROXY_KEY} characters or more: make one with openssl rand -hex 32"
         )
     return key
 
