@@ -179,6 +179,43 @@ def test_times_and_exclusions_in_the_records_zone(tmp_path: Path) -> None:
     assert "from = 2024-03-04T21:05:00+01:00" in project.read_text(encoding="utf-8")
 
 
+def test_of_several_records_one_is_left_out_of(tmp_path: Path) -> None:
+    parquet(tmp_path / "export.parquet")
+    parquet(tmp_path / "other.parquet", 1200)
+    text = draft_project("export.parquet", look(read_table(tmp_path / "export.parquet")))
+    place = tmp_path / "export.toml"
+    place.write_text(text.replace('["export.parquet"]', '["export.parquet", "other.parquet"]'), encoding="utf-8")
+    visitor = Visitor.inside(tmp_path)
+    assert get(visitor, "record", record=1)["samples"] == 1200
+    assert visitor.post(f"/api/trends/exclude{PROJECT}", {"record": 1, "from": 5, "to": 6}).status == 200
+    assert Project.load(place).data.exclude[0].file == "other.parquet"
+    assert len(get(visitor, "record", record=1)["exclusions"]) == 1
+    assert get(visitor, "record", record=0)["exclusions"] == []
+    page = visitor.ask("GET", f"/trends{PROJECT}").text
+    assert '<option value="1">other.parquet</option>' in page
+
+
+def test_a_historian_without_an_answer_is_one_message(tmp_path: Path) -> None:
+    (tmp_path / "export.toml").write_text(
+        """time_unit = "min"
+[data]
+from = 2026-10-01T00:00:00Z
+to = 2026-10-02T00:00:00Z
+source = {kind = "sqlite", path = "gone.db", query = "select 1 from t where :tags and :from and :to"}
+[[output]]
+name = "y"
+pv = "a"
+[[input]]
+name = "u"
+op = "b"
+"""
+    )
+    visitor = Visitor.inside(tmp_path)
+    answer = visitor.ask("GET", f"/api/trends/record{PROJECT}")
+    assert answer.status == 422 and "gone.db" in answer.json()["error"]
+    assert "trueplant fetch" in visitor.ask("GET", f"/api/tags/columns{PROJECT}").json()["told"]
+
+
 def test_a_clock_change_within_the_record_is_told(tmp_path: Path) -> None:
     clock = [(hour, minute) for hour in range(4) for minute in range(0, 60, 5)]
     rows = [f"2024-03-31T{h:02d}:{m:02d}:00Z,{k % 7},{k % 3},{k % 5}" for k, (h, m) in enumerate(clock)]

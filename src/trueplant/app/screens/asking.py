@@ -51,13 +51,14 @@ class Asked:
         return self.file.version, *(signature(self.project, plan) for plan in self.project.experiments)
 
 
-def asked_by(request: Request, k: Any = None) -> Asked:
+def asked_by(request: Request, k: Any = None, fetched: bool = True) -> Asked:
+    """The record `k`, or that of the query; `fetched`: a snapshot of a historian that is there is taken as it is."""
     file = project_of(request)
     project = file.load()
     plans = project.experiments
     if not plans:
         raise ProjectError(f"{file.name}: names no data: set data.files, or choose a file on the page Start")
-    if project.data.source is not None:
+    if project.data.source is not None and not (fetched and plans[0].path.is_file()):
         ensure(project)
     number = str(request.query_params.get("record", "0") if k is None else k)
     if not number.isdigit() or int(number) >= len(plans):

@@ -52,7 +52,7 @@ async def _record(request: Request) -> Response:
     seen = seen_by(request)
 
     def told() -> dict[str, Any]:
-        asked = asked_by(request)
+        asked = asked_by(request, fetched=False)
         shown = shown_to(seen, asked)
         calendar = shown.calendar
         return {
