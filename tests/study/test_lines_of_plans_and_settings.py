@@ -14,7 +14,7 @@ from trueplant.project.tables import TuningLimits
 from trueplant.study.data import excitation, law_judged, op_law
 from trueplant.study.experiment import open_questions, plans, stand
 from trueplant.study.experiment.moves import Moves
-from trueplant.study.loops import retuning
+from trueplant.study.loops import judging
 from trueplant.study.methods.paper_forms import short_segments
 from trueplant.study.plant import meanwhile
 
@@ -26,14 +26,14 @@ Array = np.ndarray
 
 def test_settings_keep_the_limits_of_simc_on_95_percent_of_the_plants_where_nobody_asks_for_others():
     """Tight SIMC settings have an Ms of 1.59 on a lag with dead time (Skogestad 2003); mu of performance is below 1."""
-    limits = retuning._limits(TuningLimits(), weighted=True, changed=False)
+    limits = judging.limits_of(TuningLimits(), weighted=True, changed=False)
     assert limits.Ms == pytest.approx(1.59, abs=0.01)
     assert 0.94 < limits.share < 0.96
     assert limits.mu == 1.0
     assert limits.sound is not None
     assert 1.8 < limits.sound < 2.2
-    assert retuning._limits(TuningLimits(), weighted=False, changed=True).mu is None
-    asked = retuning._limits(TuningLimits(Ms=1.4, share=0.9, mu=0.8), weighted=True, changed=False)
+    assert judging.limits_of(TuningLimits(), weighted=False, changed=True).mu is None
+    asked = judging.limits_of(TuningLimits(Ms=1.4, share=0.9, mu=0.8), weighted=True, changed=False)
     assert (asked.Ms, asked.share, asked.mu, asked.sound) == (1.4, 0.9, 0.8, 1.4)
 
 

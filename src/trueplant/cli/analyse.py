@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from trueplant.claims import claim, known_to
 from trueplant.errors import UsageError
-from trueplant.output import BESIDE, RESULT, claim_results, prepare_output, repair, write_files, write_results
+from trueplant.output import BESIDE, RESULT, claim_results, prepare_output, repair, write_files
 from trueplant.printable import printable
 from trueplant.project.project import Project
 from trueplant.result.status import Status
@@ -66,14 +66,9 @@ def demo_text(name: str) -> str:
 
 def _analyse(project: Project, folder: Path, json: bool) -> Result:
     with saying() as say:
-        from trueplant.report import render
-        from trueplant.study.pipeline import analyse
+        from trueplant.notebook.saved import analyse_into
 
-        result = analyse(project, say)
-        say("drawing the report")
-        page = render(result)
-        say("writing the files")
-        written = write_results(result, project, folder, page)
+        result, written = analyse_into(project, folder, say)
     if json:
         sys.stdout.write(written[RESULT].read_text(encoding="utf-8"))
     else:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from trueplant.app.levels import PORT
 from trueplant.errors import UsageError
 from trueplant.version import __version__
 
@@ -263,3 +264,19 @@ def paper(out: OutFolder = None, json: PaperJson = False, seeds: Seeds = 20, for
     from trueplant.cli.paper import paper
 
     return paper(out, json, seeds, force)
+
+
+@app.command("app", short_help="The same in the browser, on this machine.")
+def app_command(
+    place: Annotated[Path, typer.Argument(metavar="[PROJECT.toml | FOLDER]", help="What to open.")] = Path(),
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="To listen on; 0: any that is free.")] = PORT,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address only.")] = False,
+    address: Annotated[str, typer.Option("--address", metavar="URL", help="Behind a reverse proxy: its own.")] = "",
+    proxy_key: Annotated[
+        Path | None, typer.Option("--proxy-key", metavar="FILE", help="A secret that the proxy sends along.")
+    ] = None,
+) -> int:
+    """Run the local web application on a folder of projects and data; nothing leaves this machine."""
+    from trueplant.cli.app_command import app
+
+    return app(place, port, not no_browser, address, proxy_key)

@@ -7,33 +7,25 @@ from pathlib import Path
 
 from rich.text import Text
 
-from trueplant.claims import claim_pair
 from trueplant.cli.analyse import REFUSED, saying
 from trueplant.cli.layout import Group, blocks, console, say_lines, text
-from trueplant.output import as_json, prepare_output, write_files
+from trueplant.notebook.errands import TRACK, claim_track, track_into
+from trueplant.output import prepare_output
 from trueplant.project.project import Project
 from trueplant.result import Calendar, Change, ElementHistory, Status, Track, TrackedElement
 from trueplant.result.numbers import counted
 from trueplant.result.track_words import moved_words, off_words, refused_stretches, told_reasons, word_of
-
-JSON, PAGE = "track.json", "track.html"
 
 
 def track(path: Path, out: Path | None, json: bool, precision: float, force: bool) -> int:
     """Follow the plant through the record, write track.json and track.html, and say what came out."""
     project = Project.load(path)
     folder = prepare_output(out or Path(f"{path.stem}-track"))
-    claim_pair(folder, JSON, PAGE, project.files, force)
-    from trueplant.report.track import render
-    from trueplant.tracking.track import track
-
+    claim_track(project, folder, force)
     with saying() as say:
-        found = track(project, precision / 100, progress=say)
-        say("writing the page")
-        document = as_json(found.to_dict())
-        written = write_files(folder, {JSON: document, PAGE: render(found)})
+        found, written = track_into(project, folder, precision / 100, say)
     if json:
-        sys.stdout.write(document)
+        sys.stdout.write(written[TRACK].read_text(encoding="utf-8"))
     else:
         show(found)
         say_lines(*written.values())

@@ -177,6 +177,26 @@ def filtered_setpoint(entry: Entry, r: Array, h: float, start: float) -> Array:
     return out
 
 
+def law_setpoints(controller: Controller, law: Law, r: Array, h: float, y0: Array) -> tuple[Array, Array]:
+    """(n_e, N) each: what every entry sees of set-points r (N, n_y), at rest on y0 (n_y,) before, as mean over the step
+    that it looks at and at its end."""
+    r_mean, r_end = np.empty((2, law.i.size, r.shape[0]))
+    for e, entry in enumerate(controller.entries.values()):
+        own = np.concatenate([[y0[law.j[e]]], r[:, law.j[e]]])
+        if isinstance(entry, PID) and entry.setpoint_filter is not None:
+            if entry.sample_time is None:
+                halves = filtered_setpoint(entry, np.repeat(own, 2), h / 2, own[0])
+                # step k is number k + 1 of `own`: its signals at k - 1/2, k and k + 1/2
+                before, at, after = halves[1:-1:2], halves[2::2], halves[3::2]
+                r_mean[e], r_end[e] = (before + 2 * at + after) / 4, after
+                continue
+            r_end[e] = filtered_setpoint(entry, own[1:], h, own[0])
+        else:
+            r_end[e] = own[1:]
+        r_mean[e] = r_end[e] if entry.sample_time is not None else (own[:-1] + own[1:]) / 2
+    return r_mean, r_end
+
+
 @compiled
 def recursion(a: Array, b: Array, c: Array, d: float, e: Array) -> Array:
     """y[k] = c x + d e[k], x = a x + b e[k] from x = 0."""

@@ -12,7 +12,7 @@ from trueplant.arrays import Array
 from trueplant.errors import LoopError, UnstableLoop
 from trueplant.loop.controller import Controller
 from trueplant.loop.kernel import run_law, run_loop, terms_of
-from trueplant.loop.law import filtered_setpoint, law_of, rest
+from trueplant.loop.law import filtered_setpoint, law_of, law_setpoints, rest
 from trueplant.loop.loads import Grid, Loads, Outside, from_rest, outside_of
 from trueplant.loop.pid import PID
 from trueplant.loop.signals import signal_of
@@ -229,20 +229,7 @@ def _closed(
     if any(isinstance(e, PID) and e.pv_transform is not None for e in controller.entries.values()):
         raise LoopError("a controller with a pv_transform cannot be simulated: use controller.linearised(pv)")
     law = law_of(controller, h)
-    r_mean, r_end = np.empty((2, law.i.size, r.shape[0]))
-    for e, entry in enumerate(controller.entries.values()):
-        own = np.concatenate([[around.y0[law.j[e]]], r[:, law.j[e]]])
-        if isinstance(entry, PID) and entry.setpoint_filter is not None:
-            if entry.sample_time is None:
-                halves = filtered_setpoint(entry, np.repeat(own, 2), h / 2, own[0])
-                # step k is number k + 1 of `own`: its signals at k - 1/2, k and k + 1/2
-                before, at, after = halves[1:-1:2], halves[2::2], halves[3::2]
-                r_mean[e], r_end[e] = (before + 2 * at + after) / 4, after
-                continue
-            r_end[e] = filtered_setpoint(entry, own[1:], h, own[0])
-        else:
-            r_end[e] = own[1:]
-        r_mean[e] = r_end[e] if entry.sample_time is not None else (own[:-1] + own[1:]) / 2
+    r_mean, r_end = law_setpoints(controller, law, r, h, around.y0)
     at_rest = around.y0[law.j]
     x, integral = rest(law, at_rest, at_rest, around.u0, around.limits)
     given = (getattr(around, f.name) for f in fields(around))

@@ -20,6 +20,7 @@ def check_project(project: Declaration) -> None:
     _check_references(project)
     _check_experiments(project)
     _check_controllers(project, project.controllers, ())
+    _check_candidates(project)
     _check_simulation(project)
     _check_tuning(project)
 
@@ -175,16 +176,28 @@ def _check_source(project: Declaration) -> None:
         raise problem(str(error), "data", "from") from None
 
 
-def _check_controllers(project: Declaration, controllers: Iterable[Controller], where: tuple[str | int, ...]) -> None:
+def _check_candidates(project: Declaration) -> None:
+    """Settings to be judged stand for a controller that is there."""
+    _check_controllers(project, project.candidates, (), "candidate")
+    there = {(law.input, law.output) for law in project.controllers}
+    for k, law in enumerate(project.candidates):
+        if (law.input, law.output) not in there:
+            text = f"there is no [[controller]] from {law.output} to {law.input} to be judged beside: declare it too"
+            raise problem(text, "candidate", k)
+
+
+def _check_controllers(
+    project: Declaration, controllers: Iterable[Controller], where: tuple[str | int, ...], table: str = "controller"
+) -> None:
     outputs = {entry.name: entry for entry in project.outputs}
     inputs = {entry.name: entry for entry in project.inputs}
     seen: set[tuple[str, str]] = set()
     for k, law in enumerate(controllers):
-        place = where or ("controller", k)
+        place = where or (table, k)
         _known(law.input, inputs, "[[input]]", *place, "input")
         _known(law.output, outputs, "[[output]]", *place, "output")
         if (law.input, law.output) in seen:
-            raise problem(f"a controller from {law.output} to {law.input} is declared already", *place)
+            raise problem(f"a {table} from {law.output} to {law.input} is declared already", *place)
         seen.add((law.input, law.output))
         if "anti_windup" in law.model_fields_set and law.anti_windup != "none" and inputs[law.input].limits is None:
             text = f'needs the limits of OP: add limits to the input "{law.input}"'

@@ -160,7 +160,7 @@ def as_coefficients(
 
 def _grid(model: Model, sample_time: float | None) -> tuple[float, int]:
     """Sample time and number of coefficients: those given, else so that the slowest element settles."""
-    spans = [_span(one.given) for one in model.elements]
+    spans = [step_span(one.given) for one in model.elements]
     own = [one.given.sample_time for one in model.elements if isinstance(one.given, MeasuredStep)]
     h = sample_time or min(own, default=_round(max(spans) / levels.COEFFICIENTS))
     count = max(int(np.ceil(max(spans) / h - levels.EVEN)), levels.FEWEST_COEFFICIENTS)
@@ -169,8 +169,8 @@ def _grid(model: Model, sample_time: float | None) -> tuple[float, int]:
     return h, count
 
 
-def _span(given: TransferFunction | MeasuredStep) -> float:
-    """How long a step response takes."""
+def step_span(given: TransferFunction | MeasuredStep) -> float:
+    """How long a step response takes; of an integrator, how long its lags and dead time do."""
     if isinstance(given, MeasuredStep):
         return float(given.t[-1])
     slow = max((-1 / p.real for p in given.poles if p.real < 0), default=0.0)

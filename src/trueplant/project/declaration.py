@@ -79,6 +79,8 @@ class Declaration(Table):
     unmeasured: list[Unmeasured] = Field(default_factory=list)
     model: list[ModelElement] = Field(default_factory=list)
     controllers: list[Controller] = Field(default_factory=list, alias="controller")
+    candidates: list[Controller] = Field(default_factory=list, alias="candidate")
+    """Settings that somebody wants judged beside those that are proposed."""
     analysis: Analysis = Analysis()
     robustness: Robustness | None = None
     tuning: Tuning | None = None

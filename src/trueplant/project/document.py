@@ -46,14 +46,10 @@ def edited(text: str, change: Callable[[Tables], None]) -> str:
     """
     parts = []
     for section in sections(text):
-        lines = re.split(r"(?<=\n)", section)
-        # comments after the last entry belong to the next section
-        own = max(
-            (k for k, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")), default=0
-        )
-        document = tomlkit.parse("".join(lines[:own]))
+        own, rest = _cut(section)
+        document = tomlkit.parse(own)
         change(document)
-        parts += [tomlkit.dumps(document), *lines[own:]]
+        parts += [tomlkit.dumps(document), rest]
     return "".join(parts)
 
 
@@ -101,8 +97,8 @@ def with_moved_paths(text: str, move: Callable[[str], str], snapshot: str = "") 
         for k, name in enumerate(files):
             files[k] = move(name)
         plant = simulate.get("plant")
-        elements = (*_entries(tables, "model"), *(plant if isinstance(plant, list) else ()))
-        for entry in (*_entries(tables, "experiment"), *data.get("exclude", []), *elements):
+        elements = (*entries(tables, "model"), *(plant if isinstance(plant, list) else ()))
+        for entry in (*entries(tables, "experiment"), *data.get("exclude", []), *elements):
             for key in ("file", "step", "state_space"):
                 if isinstance(entry.get(key), str):
                     entry[key] = move(entry[key])
@@ -120,7 +116,7 @@ def with_formulas(text: str, formulas: Mapping[tuple[str, str], str]) -> str:
     missing = dict(formulas)
 
     def change(tables: Tables) -> None:
-        for entry in _entries(tables, "model"):
+        for entry in entries(tables, "model"):
             if formula := missing.pop((entry["output"], entry["input"]), None):
                 for key in OF_FILES:
                     entry.pop(key, None)
@@ -139,6 +135,76 @@ def with_formulas(text: str, formulas: Mapping[tuple[str, str], str]) -> str:
     return text
 
 
+def with_entry(text: str, table: str, entry: Mapping[str, Any]) -> str:
+    """The project ``text`` with one entry more in ``[[table]]``: behind its last one, else at the end."""
+    held = [*sections(text)]
+    if isinstance(tomllib.loads(text).get(table), list) and not _own(held, table):
+        waiting = [entry]
+
+        def change(tables: Tables) -> None:
+            if waiting and table in tables:
+                tables[table].append(_inline(waiting.pop()))
+
+        return in_its_lines(text, edited(text, change))
+    added = to_toml({table: [dict(entry)]})
+    if not (own := _own(held, table)):
+        return in_its_lines(text, f"{text.rstrip()}\n\n{added}")
+    body, rest = _cut(held[own[-1]])
+    held[own[-1]] = f"{body.rstrip()}\n\n{added}{rest}"
+    return in_its_lines(text, "".join(held))
+
+
+def without_entries(text: str, table: str, gone: Callable[[Mapping[str, Any]], bool]) -> str:
+    """The project ``text`` without those entries of ``[[table]]`` (or ``[[data.exclude]]``), asked for one by one.
+
+    Comments of the next entry stay; a list that becomes empty goes.
+    """
+    held = [*sections(text)]
+    own = _own(held, table)
+    if own:
+        for k in own:
+            found: Any = tomllib.loads(held[k])
+            for part in table.split("."):
+                found = found[part]
+            if gone(found[0]):
+                held[k] = _of_next(_cut(held[k])[1])
+        return in_its_lines(text, "".join(held))
+    *path, last = table.split(".")
+
+    def change(tables: Tables) -> None:
+        place = tables
+        for part in path:
+            place = place.get(part, {})
+        if not isinstance(listed := place.get(last), list):
+            return
+        for k in reversed([k for k, entry in enumerate([*listed]) if gone(entry)]):
+            del listed[k]
+        if not listed:
+            del place[last]
+
+    return in_its_lines(text, edited(text, change))
+
+
+def _own(held: Sequence[str], table: str) -> list[int]:
+    """Places of the sections that are entries of ``[[table]]``."""
+    header = re.compile(r"\s*\[\[\s*" + r"\s*\.\s*".join(map(re.escape, table.split("."))) + r"\s*\]\]")
+    return [k for k, section in enumerate(held) if header.match(section)]
+
+
+def _cut(section: str) -> tuple[str, str]:
+    """A section up to its last entry, and the comments behind it, which belong to the next one."""
+    lines = re.split(r"(?<=\n)", section)
+    own = max((k for k, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")), default=0)
+    return "".join(lines[:own]), "".join(lines[own:])
+
+
+def _of_next(rest: str) -> str:
+    """Of the comments behind an entry those that belong to the next one: below a blank line, if there is one."""
+    lines = re.split(r"(?<=\n)", rest)
+    blank = next((k for k, line in enumerate(lines) if not line.strip()), 0)
+    return "".join(lines[blank:]).lstrip("\r\n")
+
+
 def with_structures(text: str, structures: Mapping[tuple[str, str], str]) -> str:
     """The project ``text`` with other structures at the model elements (output, input) that name one.
 
@@ -147,14 +213,14 @@ def with_structures(text: str, structures: Mapping[tuple[str, str], str]) -> str
     missing = dict(structures)
 
     def change(tables: Tables) -> None:
-        for entry in _entries(tables, "model"):
+        for entry in entries(tables, "model"):
             structure = missing.pop((entry["output"], entry["input"]), None)
             if structure is not None and entry.get("structure", "auto") != "auto":
                 entry["structure"] = structure
 
     text = edited(text, change)
     more = [{"output": pair[0], "input": pair[1], "structure": structure} for pair, structure in missing.items()]
-    return _in_its_lines(text, f"{text.rstrip()}\n\n{to_toml({'model': more})}") if more else text
+    return in_its_lines(text, f"{text.rstrip()}\n\n{to_toml({'model': more})}") if more else text
 
 
 def with_old_lines(before: str, after: str, old: str, new: str) -> str:
@@ -186,7 +252,7 @@ def with_exclusions(text: str, entries: Sequence[Mapping[str, Any]]) -> str:
     data = tomllib.loads(text).get("data", {})
     if any(part.lstrip().startswith("[[data.exclude]]") for part in sections(text)) or not data:
         more = {"data": {"exclude": [dict(entry) for entry in entries]}}
-        return _in_its_lines(text, f"{text.rstrip()}\n\n{to_toml(more)}")
+        return in_its_lines(text, f"{text.rstrip()}\n\n{to_toml(more)}")
 
     waiting = list(entries)
 
@@ -199,7 +265,7 @@ def with_exclusions(text: str, entries: Sequence[Mapping[str, Any]]) -> str:
             own["exclude"] = _add_lines(tomlkit.array(), waiting, isinstance(own, InlineTable))
             waiting.clear()
 
-    return _in_its_lines(text, edited(text, change))
+    return in_its_lines(text, edited(text, change))
 
 
 def _add_lines(array: Array, entries: Sequence[Mapping[str, Any]], one_line: bool = False) -> Array:
@@ -215,7 +281,7 @@ def _add_lines(array: Array, entries: Sequence[Mapping[str, Any]], one_line: boo
     return array
 
 
-def _in_its_lines(before: str, after: str) -> str:
+def in_its_lines(before: str, after: str) -> str:
     """Line ends as they were."""
     return after.replace("\r\n", "\n").replace("\n", "\r\n") if "\r\n" in before else after
 
@@ -230,7 +296,7 @@ def _inline(entries: Mapping[str, Any]) -> InlineTable:
     return table
 
 
-def _entries(tables: Tables, name: str) -> Sequence[Tables]:
+def entries(tables: Mapping[str, Any], name: str) -> list[Tables]:
     """The entries of ``[[name]]`` in a section; none in that of ``[name.key]``, where ``name`` is a table."""
     found = tables.get(name, [])
     return found if isinstance(found, list) else []

@@ -100,7 +100,7 @@ def _data(file: str, time: str, seen: Seen, spare: Sequence[str]) -> Iterator[Li
         yield "time", _noted(time, 6, "CHECK: numbers in the time unit below, or timestamps")
     else:
         yield "time", time
-    if not seen.stamped:
+    if not seen.stamped and "time_unit" not in seen.said:
         unit = guess_counted_unit(time)
         yield "time_unit", unit or _noted("s", 6, "CHECK: the unit in which this column counts")
     yield from seen.said.items()

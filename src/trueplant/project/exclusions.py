@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
-from trueplant.calendar import unit_seconds
+from trueplant.calendar import Calendar, unit_seconds
 from trueplant.project import levels
 from trueplant.project.project import Project
-from trueplant.result import Check, ExperimentData
+from trueplant.result import Check
 
 Span = tuple[float, float]
 
@@ -28,7 +28,9 @@ def all_but_usable(project: Project, found: Check) -> list[dict[str, Any]]:
         for start, end in _outside([*keep, *gone], one.span):
             beside = max((b - a for a, b in keep if a == end or b == start), default=0.0)
             if end - start > max(h, levels.NO_ENTRY * beside):
-                entries.append(named | {"from": _moment(project, one, start), "to": _moment(project, one, end)})
+                calendar = one.calendar(project.time_unit)
+                ends = (moment_of(project, calendar, moment) for moment in (start, end))
+                entries.append(named | dict(zip(("from", "to"), ends, strict=True)))
     return entries
 
 
@@ -44,9 +46,17 @@ def _outside(spans: Sequence[Span], whole: Span) -> list[Span]:
     return found
 
 
-def _moment(project: Project, one: ExperimentData, time: float) -> datetime | float | int:
-    stamp = one.calendar(project.time_unit).stamp(time)
+def moment_of(project: Project, calendar: Calendar, time: float) -> datetime | float | int:
+    """A time of a record as the project file names it: a time stamp where the record has them, else a number."""
+    stamp = calendar.stamp(time)
     if stamp is not None:
         return datetime.fromisoformat(stamp)
     value = time * unit_seconds(project.time_unit) / unit_seconds(project.data.time_unit or project.time_unit)
     return int(value) if value == int(value) else float(f"{value:.12g}")
+
+
+def time_of(project: Project, calendar: Calendar, moment: datetime | float, late: bool = False) -> float:
+    """The time of a record that a project file names; `late` as in `Calendar.time`. Raises what that raises."""
+    if isinstance(moment, datetime):
+        return calendar.time(moment, late)
+    return moment * unit_seconds(project.data.time_unit or project.time_unit) / unit_seconds(project.time_unit)

@@ -33,6 +33,14 @@ class Seen:
     """Keys of [data] that have to be said for the file to be read as it was."""
     doubt: str = ""
     """What of its time is not understood."""
+    zone: str | None = None
+    """Of its time stamps."""
+    span: str = ""
+    """From when to when, in words."""
+    notes: tuple[str, ...] = ()
+    """What else reading had to say."""
+    long: bool = False
+    """Does it list tags below each other?"""
 
 
 @dataclass(frozen=True)

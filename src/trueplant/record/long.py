@@ -54,11 +54,12 @@ def _find(table: Table, named: str, role: str) -> str | None:
     return next((bare[w] for w in wanted if w in bare), None)
 
 
-def long_parts(table: Table) -> LongParts | None:
-    """The parts of a long export; None for a table that is wide."""
+def long_parts(table: Table, tag_column: str = "tag", value_column: str = "value") -> LongParts | None:
+    """The parts of a long export, the columns found by these names or usual ones; None for a table that is wide."""
     import polars as pl
 
-    tag, value, unit = (_find(table, role, role) for role in ("tag", "value", "unit"))
+    tag, value = _find(table, tag_column, "tag"), _find(table, value_column, "value")
+    unit = _find(table, "unit", "unit")
     if tag is None or value is None or table.frame[tag].dtype.is_numeric():
         return None
     tags = table.frame[tag].cast(pl.String).str.strip_chars()

@@ -68,8 +68,11 @@ def read_modes(table: Table, rows: np.ndarray, column: str, declared: Sequence[o
 
 def _meaning(cell: str, declared: Sequence[object] | None) -> bool | None:
     """Automatic or not; None if nobody knows."""
-    if declared is not None:
-        return any(_same(cell, one) for one in declared)
+    return is_automatic(cell) if declared is None else any(same_mode(cell, one) for one in declared)
+
+
+def is_automatic(cell: str) -> bool | None:
+    """Whether a value of a mode column means automatic in the usual control systems; None if nobody knows."""
     bare = _bare(cell)
     return True if bare in AUTOMATIC else False if bare in MANUAL else None
 
@@ -81,7 +84,8 @@ def _bare(cell: str) -> str:
     return re.sub(r"[^a-z0-9]", "", cell.casefold())
 
 
-def _same(cell: str, one: object) -> bool:
+def same_mode(cell: str, one: object) -> bool:
+    """Is a value of a mode column the one that a project names?"""
     number = _number(cell)
     if number is not None and not isinstance(one, bool) and _number(str(one)) is not None:
         return number == _number(str(one))

@@ -96,9 +96,15 @@ def no_measurements(values: Array) -> BoolArray:
     """Where numbers (N,) are infinite, larger than anything that is measured, or a code far off all others."""
     with np.errstate(invalid="ignore"):
         bad = (values > levels.LARGEST_VALUE) | (values < -levels.LARGEST_VALUE)
-    codes = np.isin(values, levels.SENTINELS)
+    # most signals never come near a code, and to ask each sample for each of them takes longer than to read it
+    far = np.flatnonzero(np.abs(values) >= min(map(abs, levels.SENTINELS)))
+    far = far[np.isin(values[far], levels.SENTINELS)]
+    if not far.size:
+        return np.asarray(bad)
+    codes = np.zeros(values.shape, dtype=bool)
+    codes[far] = True
     others = values[np.isfinite(values) & ~bad & ~codes]
-    if not codes.any() or not others.size:
+    if not others.size:
         return np.asarray(bad)
     low, high = float(others.min()), float(others.max())
     away = max(levels.SENTINEL_AWAY * (high - low), levels.SENTINEL_STEP * max(-low, high))

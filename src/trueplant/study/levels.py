@@ -80,6 +80,9 @@ LAW_SURE = 3.0
 """Standard errors by which a gain or time has to be off to be called wrong: once in 400 where nothing is."""
 LAW_WINDOWS = 20
 """Windows at least, so that their spread is known to a sixth."""
+LAW_TREND_PIECES = 12
+"""Of a record, in each of which the integral of the law that is drawn begins anew: a law that is right stays on OP, one
+that is not leaves it each time. Judgement."""
 LAW_WINDOW = 20
 """Samples of a window at least: several for each part and what it remembers."""
 LAW_BEFORE = 3
@@ -218,6 +221,23 @@ BAND_DRAWS = 60
 """Of these, drawn as the band of the responses."""
 RESPONSE_POINTS = 300
 """Times of a response that is drawn."""
+
+# -- loops/whatif ----------------------------------------------------------------------------------------------------
+
+TRIED_PLANTS = 100
+"""Drawn plants of a what-if's curves, of those that judge: they are to follow a slider (benchmarks: some 20 ms)."""
+TRIED_STEPS = (400, 3000)
+"""Least and most simulation steps of such a curve: smooth on a screen, and what bounds the time."""
+TRIED_SPAN = 2.0
+"""Times the median settling time of what is compared: most of it is seen whole, and the fast ones not as a line."""
+SAME_CROSSOVER = 0.01
+"""By how much a crossover read off a grid may exceed the highest allowed."""
+TRIED_SLOWER = 10.0
+"""How many times today's integral time, or its inverse, the grid of frequencies serves."""
+MOVED_POINTS = 1200
+"""Times of a plan's excursion that are drawn: its moves are corners, which are to stay such."""
+FAR_OFF = 1e12
+"""Stands for a signal that has run away, so that quantiles over plants exist."""
 
 # -- loops/recommendation --------------------------------------------------------------------------------------------
 

@@ -217,7 +217,7 @@ def _stretch(study: Study, k: int, controller: Controller, i: int, segment: Segm
     latest = np.clip(np.searchsorted(record.t, segment.t + 0.25 * segment.h, side="right") - 1, 0, record.t.size - 1)
     good = segment.free[:, i] & np.isfinite(record.u[latest, i])
     good &= np.isfinite(segment.y[:, needed]).all(axis=1) & np.isfinite(segment.r[:, needed]).all(axis=1)
-    r, y, u = _held(segment.r), _held(segment.y), segment.u[:, i]
+    r, y, u = held(segment.r), held(segment.y), segment.u[:, i]
     every, first = _scan(segment, [e.sample_time for e in entries.values()], u)
     at = slice(first, None, every)
     h = every * segment.h
@@ -233,7 +233,7 @@ def _stretch(study: Study, k: int, controller: Controller, i: int, segment: Segm
     return Stretch(segment.t[at], u, r, y, good, h)
 
 
-def _held(x: Array) -> Array:
+def held(x: Array) -> Array:
     """x (N, n) with its last value where it is missing; zero where it is missing throughout."""
     known = np.isfinite(x)
     last = np.maximum.accumulate(np.where(known, np.arange(len(x))[:, None], np.argmax(known, axis=0)), axis=0)

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trueplant.arrays import Array, ComplexArray
+from trueplant.arrays import Array
 from trueplant.errors import LoopError
-from trueplant.loop import PID, Controller, Linear, LinearLoop
-from trueplant.lti import DrawnPlants, TransferMatrix, UncertainPlant
+from trueplant.loop import Controller, Linear, LinearLoop
+from trueplant.lti import UncertainPlant
 from trueplant.mismatch import FrequencyResponse, speaking_band
-from trueplant.project.tables import TuningLimits
 from trueplant.result import (
     KEEP,
     Code,
@@ -20,31 +19,19 @@ from trueplant.result import (
     CurrentSettings,
     Element,
     ElementVerdict,
-    LoopMetrics,
     LoopRetuning,
-    MetricsOfBoth,
     ProposedSettings,
     Reason,
     RetuningCurves,
     RetuningLimits,
 )
 from trueplant.result.recommendation_words import Outlook, Recommendation, recommendation_sentence
-from trueplant.robust import margins
 from trueplant.study import levels
-from trueplant.study.loops.metrics import (
-    Surroundings,
-    band,
-    drawn_peaks,
-    drawn_shares,
-    loop_metrics_of,
-    mu_peak,
-    prediction_errors,
-    recovered,
-    replayed,
-    share_below_mu,
-)
+from trueplant.study.loops.candidates import candidates_of
+from trueplant.study.loops.judging import Judge, judge_of, limits_of, response_span
+from trueplant.study.loops.metrics import Surroundings, band, prediction_errors, recovered, replayed
 from trueplant.study.loops.real_errors import held_against_elements
-from trueplant.study.loops.recommendation import Judged, Limits, recommend
+from trueplant.study.loops.recommendation import Judged, recommend
 from trueplant.study.loops.settings import law_settings, vendor_settings
 from trueplant.study.loops.targets import Target, not_as_declared, target_of
 from trueplant.study.loops.weighted import weights_of
@@ -138,7 +125,7 @@ def _workshop(
     if declared is not None and declared.wI is not None and declared.wP is not None:
         weights = weights_of(declared.wI), weights_of(declared.wP)
     changed = any(e.verdict in (ElementVerdict.CHANGED, ElementVerdict.FOUND) for e in elements)
-    limits = _limits(asked, weights is not None, changed)
+    limits = limits_of(asked, weights is not None, changed)
     usual = (*DEFAULT_METHODS, *(FOR_SEVERAL if len(tasks) > 1 else ()), *(WITH_WEIGHTS if weights else ()))
     methods = list(project.tuning.methods) or usual
     proposals = propose(
@@ -153,38 +140,30 @@ def _workshop(
         seed=seed + 1,
         say=lambda method: say(f"settings for the controllers: {method}"),
     )
+    proposals += candidates_of(study, today, tasks)
     laws = [today.controller, *(p.controller for p in proposals if p.controller is not None)]
     w = max((common_grid(known.nominal, law, highest) for law in laws), key=len)
-    drawn = known.draw(levels.JUDGING_DRAWS, seed + 2)
     return _Workshop(
         study=study,
         known=known,
         today=today,
         targets=targets,
-        limits=limits,
-        mu_limit=asked.mu or levels.LIMIT_MU,
-        around=Surroundings(
-            prediction_errors(study, found.estimates),
-            recovered(study, found, known.nominal),
-            weights,
-            min(study.segments[0].h, levels.FINE_STEP / highest),
+        judge=judge_of(
+            study.inputs_model,
+            known,
+            [target.place for target in targets],
+            limits,
+            Surroundings(
+                prediction_errors(study, found.estimates),
+                recovered(study, found, known.nominal),
+                weights,
+                min(study.segments[0].h, levels.FINE_STEP / highest),
+            ),
+            w,
+            seed,
         ),
         proposals=proposals,
-        w=w,
-        drawn=drawn,
-        response=drawn.response(w),
-        seed=seed + 2,
         say=say,
-    )
-
-
-def _limits(asked: TuningLimits, weighted: bool, changed: bool) -> Limits:
-    """What the loops have to keep: as asked, else the usual; mu where weights are declared."""
-    return Limits(
-        asked.Ms or levels.LIMIT_MS,
-        asked.share or levels.LIMIT_SHARE,
-        (asked.mu or levels.LIMIT_MU) if weighted else None,
-        None if changed else asked.Ms or levels.HIGHEST_MS,
     )
 
 
@@ -206,17 +185,8 @@ class _Workshop:
     today: LinearLoop
     targets: Sequence[Target]
     """Every loop of today's controller."""
-    limits: Limits
-    mu_limit: float
-    around: Surroundings
+    judge: Judge
     proposals: Sequence[Proposal]
-    w: Array
-    """Frequencies that serve all proposals."""
-    drawn: DrawnPlants
-    response: ComplexArray
-    """(count, n_w, n_y, n_u) of the drawn plants."""
-    seed: int
-    """Of the draws that judge; the proposals were made on others."""
     say: Progress
 
     @property
@@ -226,20 +196,21 @@ class _Workshop:
 
     def retuning(self) -> Retuning:
         """The table, the curves and the notes."""
-        today = self._judged(self.today.controller)
+        today = self.judge.of(self.today.controller)
         judged = {}
         for p in self.proposals:
             if p.controller is not None:
                 self.say(f"settings for the controllers: judging {p.method}")
-                judged[p.method] = self._judged(p.controller)
-        names = self.study.project.input_names
-        loops = {loop.place: names[loop.place[0]] for loop in self.targets}
-        unit = self.study.project.time_unit
+                judged[p.method] = self.judge.of(p.controller)
+        project = self.study.project
+        assert project.tuning is not None  # nothing is retuned without it
+        loops = {loop.place: project.input_names[loop.place[0]] for loop in self.targets}
 
         def choose(left: Mapping[str, Judged]) -> Recommendation:
-            return recommend(self.proposals, left, today, loops, self.limits, unit)
+            return recommend(self.proposals, left, today, loops, self.judge.limits, project.time_unit)
 
-        found = held_against_elements(self.study, self.today, self.proposals, judged, choose, self.mu_limit, self.say)
+        limit = project.tuning.limits.mu or levels.LIMIT_MU
+        found = held_against_elements(self.study, self.today, self.proposals, judged, choose, limit, self.say)
         self.say("settings for the controllers: responses")
         table = tuple(self._loop(loop, today, judged, found) for loop in self.targets)
         drawn = found.method or next((p.method for p in self.proposals if p.controller is not None), None)
@@ -247,27 +218,8 @@ class _Workshop:
         curves = () if chosen is None or chosen.controller is None else self._curves(chosen)
         return Retuning(table, curves)
 
-    def _judged(self, controller: Controller) -> Judged:
-        """Metrics and drawn plants of every loop under one set of controllers."""
-        found = drawn_peaks(self.response, controller, self.w)
-        places = [loop.place for loop in self.targets]
-        inputs = [i for i, _ in places]
-        mu_share = None
-        if found is not None:
-            mu_share = share_below_mu(self.drawn, controller, found.stable, self.w, self.mu_limit, self.around)
-
-        def on(system: TransferMatrix) -> list[LoopMetrics]:
-            mu = mu_peak(system, controller, self.around)
-            return [loop_metrics_of(system, controller, place, self.around, mu) for place in places]
-
-        both = zip(places, on(self.study.inputs_model), on(self.known.nominal), strict=True)
-        return Judged(
-            {place: MetricsOfBoth(model, plant) for place, model, plant in both},
-            {(i, j): drawn_shares(found, i, inputs, self.limits.Ms, self.seed, mu_share) for i, j in places},
-        )
-
     def _loop(self, loop: Target, today: Judged, judged: Mapping[str, Judged], found: Recommendation) -> LoopRetuning:
-        project, k = self.study.project, self.study.loop_experiment
+        project, k, limits = self.study.project, self.study.loop_experiment, self.judge.limits
         assert k is not None  # nothing is retuned without today's loop,
         assert project.tuning is not None  # or unasked
         i, j = loop.place
@@ -283,7 +235,7 @@ class _Workshop:
             gain_unit=loop.shown.gain_unit,
             time_unit=project.time_unit,
             notation=loop.shown.notation,
-            limits=RetuningLimits(self.limits.Ms, self.limits.mu, self.limits.share, crossover, loop.why),
+            limits=RetuningLimits(limits.Ms, limits.mu, limits.share, crossover, loop.why),
             assumptions=loop.assumptions,
             current=CurrentSettings(
                 law_settings(loop.entry, loop.shown, 1.0),
@@ -344,17 +296,19 @@ class _Workshop:
         assert chosen.controller is not None
         laws = {"before": self.today.controller, "after": chosen.controller}
         tail = (1 - self.study.project.analysis.confidence) / 2
-        plants = [self.known.nominal, *(self.drawn.plant(k) for k in range(levels.BAND_DRAWS))]
-        replays = {name: replayed(self.known.nominal, law, self.around) for name, law in laws.items()}
-        seen = self.around.disturbance
+        plants = [self.known.nominal, *(self.judge.drawn.plant(k) for k in range(levels.BAND_DRAWS))]
+        replays = {name: replayed(self.known.nominal, law, self.judge.around) for name, law in laws.items()}
+        seen = self.judge.around.disturbance
         found = []
         for loop in self.targets:
             if loop.task is None:
                 continue
             names = self.study.project
-            t = np.linspace(0, self._span(loop.place, laws), levels.RESPONSE_POINTS)
+            least = 20 * self.judge.around.step
+            span = response_span(self.known.nominal, laws.values(), loop.place, least)
+            t = np.linspace(0, span, levels.RESPONSE_POINTS)
             bands = {
-                (kind, name): band(plants, law, loop.place, kind, t, self.around.step, (tail, 1 - tail))
+                (kind, name): band(plants, law, loop.place, kind, t, self.judge.around.step, (tail, 1 - tail))
                 for kind in ("set-point", "load")
                 for name, law in laws.items()
             }
@@ -381,18 +335,3 @@ class _Workshop:
                 )
             )
         return tuple(found)
-
-    def _span(self, place: Place, laws: Mapping[str, Controller]) -> float:
-        """Long enough for the slower of the loops to settle, up to a hundred times the inverse crossover."""
-        slowest = []
-        for law in laws.values():
-            try:
-                crossover = margins(self.known.nominal, law, place[0]).phase_margin_frequency
-            except LoopError:
-                continue
-            _, ki, *_ = entry.parallel if isinstance(entry := law.entries[place], PID) else (0.0, 0.0)
-            gain = abs(self.known.nominal[place[1], place[0]].dc_gain)
-            rate = min(crossover, abs(ki) * gain) if ki and np.isfinite(gain) else crossover
-            slowest.append(rate if np.isfinite(rate) else crossover)
-        finite = [rate for rate in slowest if np.isfinite(rate) and rate > 0]
-        return 12 / min(finite) if finite else 20 * self.around.step

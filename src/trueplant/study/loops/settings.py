@@ -10,8 +10,10 @@ from trueplant.errors import LoopError
 from trueplant.loop import PID, Linear
 from trueplant.lti import to_formula
 from trueplant.project import Project
+from trueplant.project.tables import Tuning
 from trueplant.result import ControllerSettings, FaceplateSettings
-from trueplant.tune import Notation, Settings, settings_of
+from trueplant.tune import Notation, Settings, pid_of, settings_of
+from trueplant.tune.levels import ALPHA
 from trueplant.tune.vendors import vendor_of
 
 
@@ -31,8 +33,7 @@ class Shown:
     @classmethod
     def of(cls, project: Project, entry: PID | Linear, i: int, j: int) -> Shown:
         """As [tuning] says, else as the controller is declared."""
-        tuning = project.tuning
-        assert tuning is not None
+        tuning = project.tuning or Tuning()
         ranges = (project.inputs[i].span, project.outputs[j].span)
         spans = tuple(None if span is None else span[1] - span[0] for span in ranges)
         own = entry if isinstance(entry, PID) else None
@@ -78,6 +79,33 @@ def _unlinearised(law: PID, slope: float) -> PID:
     if law.form == "parallel":
         return replace(law, Kp=(law.Kp or 0.0) / slope, Ki=law.Ki / slope, Kd=law.Kd / slope)
     return replace(law, Kc=(law.Kc or 0.0) / slope)
+
+
+def slope_of(declared: PID | Linear, linear: PID | Linear) -> float:
+    """Of the declared law's pv_transform, from the law linearised at the mean PV; 1 without one."""
+    if not (isinstance(declared, PID) and isinstance(linear, PID)) or declared.pv_transform is None:
+        return 1.0
+    return next(a / b for a, b in zip(linear.parallel, declared.parallel, strict=True) if b)
+
+
+def law_of_settings(given: ControllerSettings, like: PID, shown: Shown, slope: float) -> PID:
+    """`law_settings` backwards: the linearised law of these keys, all else as in `like`. Raises LoopError."""
+    form = given.form or "ideal"
+    notation = replace(shown.in_notation(form, False), shows_action=given.action is not None)
+    if form == "parallel":
+        kp, kd = given.Kp or 0.0, given.Kd or 0.0
+        usual = ALPHA * abs(kd / kp) if kp else 0.0
+        settings = Settings(kp, given.Ki, kd, usual if given.Tf is None else given.Tf, given.action)
+    else:
+        if not given.Kc:
+            raise LoopError("Kc is needed and must not be 0")
+        alpha = ALPHA if given.alpha is None else given.alpha
+        settings = Settings(given.Kc, given.Ti, given.Td or 0.0, alpha, given.action)
+    law = pid_of(settings, notation, shown.time_unit, like)
+    factor = slope if slope else 1.0
+    if form == "parallel":
+        return replace(law, Kp=(law.Kp or 0.0) * factor, Ki=law.Ki * factor, Kd=law.Kd * factor)
+    return replace(law, Kc=(law.Kc or 0.0) * factor)
 
 
 def law_settings(law: PID | Linear, shown: Shown, slope: float) -> ControllerSettings:

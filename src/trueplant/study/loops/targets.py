@@ -12,7 +12,7 @@ from trueplant.loop import PID, Controller, Linear, LinearLoop
 from trueplant.lti import TransferFunction
 from trueplant.result import Code, ControllerCheck, Reason
 from trueplant.study import levels
-from trueplant.study.loops.settings import Shown
+from trueplant.study.loops.settings import Shown, slope_of
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Place, Study
 from trueplant.tune import LoopTask, unseen_dead_time
@@ -70,9 +70,7 @@ def target_of(
     assert tuning is not None  # nothing is retuned without it
     estimates, plant = identified.estimates, today.plant
     now = today.controller.entries[place]
-    slope = 1.0
-    if isinstance(entry, PID) and isinstance(now, PID) and entry.pv_transform is not None:
-        slope = next(a / b for a, b in zip(now.parallel, entry.parallel, strict=True) if b)
+    slope = slope_of(entry, now)
     shown = Shown.of(study.project, entry, i, j)
     g = plant[j, i]
     closed = _not_known(study, identified, i, j, g)
@@ -156,19 +154,23 @@ def _crossover_limit(
     speed = study.project.tuning.limits.speed or levels.SPEED
     i, j = place
     g = today.plant[j, i]
-    now = crossover(g, today.controller, place)
-    if now is None:
-        lags = sum(-1 / p.real for p in g.poles if p.real < 0)
-        now = 1 / (lags + max(term.dead_time for term in g.terms) or 1.0)
-        said = "the inverse of the element's lags and dead time (today's loop gain is below 1 throughout)"
-    else:
-        said = f"today's crossover ({now:.3g} {unit})"
+    now, said = pace(g, today.controller, place, unit)
     if speaks is not None and now <= speaks[1] < speed * now:
         return float(speaks[1]), f"the record shows this response up to {speaks[1]:.3g} {unit}, no further"
     if speaks is not None and speaks[1] < now:
         why = f"{said}: the loop runs with it, but the record shows the response only up to {speaks[1]:.3g} {unit}"
         return now, why
     return speed * now, f"{speed:g} times {said}, the largest change made in one step"
+
+
+def pace(g: TransferFunction, today: Controller, place: Place, unit: str) -> tuple[float, str]:
+    """Today's crossover, or what stands for it, and what that is; `unit` of a frequency."""
+    now = crossover(g, today, place)
+    if now is not None:
+        return now, f"today's crossover ({now:.3g} {unit})"
+    lags = sum(-1 / p.real for p in g.poles if p.real < 0)
+    now = 1 / (lags + max(term.dead_time for term in g.terms) or 1.0)
+    return now, "the inverse of the element's lags and dead time (today's loop gain is below 1 throughout)"
 
 
 def crossover(g: TransferFunction, today: Controller, place: Place) -> float | None:
