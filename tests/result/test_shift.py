@@ -61,8 +61,12 @@ def test_a_loop_that_changed_and_its_tuning(tmp_path, plant, words, does):
 
 def test_without_a_controller_nobody_is_told_that_nothing_is_to_be_done(tmp_path):
     result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)", None)
-    unknown = "; whether today's tuning suits that is not known, as no controller is declared."
-    assert result.shift.endswith(f"stronger than the model says{unknown}")
+    unknown = "; whether today's tuning suits that is not known, as no controller is declared"
+    # only the gain has changed: that may be the instrument's
+    assert result.shift.endswith(
+        f"stronger than the model says{unknown}; check the transmitter of y and the valve of u."
+    )
+    assert replace(result, notes=()).shift.endswith(f"stronger than the model says{unknown}.")
     assert said(tmp_path, law=None).shift == "Y answers as the model says; no action now."
 
 

@@ -146,7 +146,9 @@ def _to_do(result: Outcome) -> str:
         simple = any(note.code is Code.UNDERMODELLED for note in result.notes)
         also = ", or try a richer structure of the model," if simple and result.status == Status.REFUSED else ""
         return f"get more data{also} before anything is changed"
-    return "" if _is_another(result) or (result.robustness is None and _has_changed(result)) else "no action now"
+    if result.robustness is None and _has_changed(result):
+        return f"check {_and(_suspects(result))}" if _suspects(result) else ""
+    return "" if _is_another(result) else "no action now"
 
 
 def _suspects(result: Outcome) -> list[str]:

@@ -46,15 +46,15 @@ def trade_off_words(found: TradeOff, time_unit: str) -> str:
         said.append(f"Ms {shown(found.Ms)}")
     for change, what in ((found.op_moves, "OP moves"), (found.op_noise, "noise moves OP")):
         if change is not None and change.ratio is not None:
-            said.append(f"{what} {change.ratio:.2g} times as much")
+            times = f"{change.ratio:.2g}"
+            said.append(f"{what} as much" if times == "1" else f"{what} {times} times as much")
     if found.mu is not None:
         said.append(f"mu {shown(found.mu)}")
     return ", ".join(said) or "unstable with one of the two"
 
 
 def shown(change: BeforeAfter, factor: float = 1.0) -> str:
-    """Rounded alike: three digits of the larger, no more than a hundredth."""
-    low, high = (factor * value for value in (change.before, change.after))
-    digits = 0 if max(abs(low), abs(high)) >= 10 else 2 if factor == 1 else 0
-    before, after = f"{low:.{digits}f}", f"{high:.{digits}f}"
+    """Per cent whole; else whole from 10 on, and to a hundredth below: or 1.5 beside 46 were 2."""
+    both = (factor * value for value in (change.before, change.after))
+    before, after = (f"{value:.{0 if factor != 1 or abs(value) >= 10 else 2}f}" for value in both)
     return f"stays {after}" if before == after else f"{before} -> {after}"

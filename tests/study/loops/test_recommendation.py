@@ -8,9 +8,9 @@ import pytest
 
 from trueplant.loop import PID, Controller
 from trueplant.result import DrawnShares, LoopMetrics, MetricsOfBoth
-from trueplant.result.controllers import MsQuantiles, MuPeak, NoiseMetrics, StepResponseMetrics
+from trueplant.result.controllers import BeforeAfter, MsQuantiles, MuPeak, NoiseMetrics, StepResponseMetrics
 from trueplant.result.recommendation_words import Outlook, recommendation_sentence
-from trueplant.result.trade_off import trade_off, trade_off_words
+from trueplant.result.trade_off import shown, trade_off, trade_off_words
 from trueplant.study.loops.recommendation import Judged, Limits, recommend
 from trueplant.tune import Proposal
 
@@ -123,6 +123,15 @@ def test_margin_does_not_pay_for_a_load_step_on_an_unchanged_plant():
     for iae, Ms, expected in cases:
         assert said({"simc": with_peak(iae, Ms)}, today, UNCHANGED).method == expected
         assert said({"simc": with_peak(iae, Ms)}, today, ASKED).method == "simc"
+
+
+def test_a_trade_off_rounds_each_number_by_its_own_size():
+    assert shown(BeforeAfter(46.4, 1.52)) == "46 -> 1.52"
+    assert shown(BeforeAfter(1644.0, 57.0)) == "1644 -> 57"
+    assert shown(BeforeAfter(1.301, 1.299)) == "stays 1.30"
+    assert shown(BeforeAfter(0.084, 0.187), 100) == "8 -> 19"
+    moves = LoopMetrics(True, noise=NoiseMetrics(pv_std=1.0, op_std=1.0, op_variation=2.0))
+    assert trade_off_words(trade_off("u", moves, moves), "min") == "noise moves OP as much"
 
 
 def test_mu_decides_where_it_is_limited():

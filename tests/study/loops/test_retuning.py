@@ -139,6 +139,15 @@ def test_the_recovered_disturbance_reproduces_the_record(splitter):
         assert curves.replay_t.shape == curves.replay["after"].shape
 
 
+def test_table_and_drawing_say_the_same_of_the_record_again(splitter):
+    result = splitter[0].result
+    assert result.curves is not None
+    for loop, curves in zip(result.controllers, result.curves.retuning, strict=True):
+        chosen = next(p for p in loop.proposals if p.method == curves.method)
+        for metrics, drawn in ((loop.current.metrics, "before"), (chosen.metrics, "after")):
+            assert metrics.plant.replay.pv_rms == pytest.approx(np.sqrt(np.mean(curves.replay[drawn] ** 2)), rel=1e-9)
+
+
 def test_bands_hold_the_curve_of_the_plant_and_end_at_rest(splitter):
     result, _ = splitter
     assert len(result.result.curves.retuning) == 2
