@@ -5,8 +5,9 @@
 The loops are small (600 simulated samples; a quarter of their plants changed). A scheduler and two workers of Dask run
 on this machine; each kill takes the client, a worker or the scheduler, in random order, so many of each kind. What was
 killed is started again, and what is missing is audited again; between kills a few rows are taken away, so that there is
-work to do. In the end the table is compared with that of the undisturbed audit. With --seconds the kills end earlier,
-and their number is said. POSIX only.
+work to do. One kill in four falls at any moment of the start, the others after the audit has written a row of its own,
+since on a busy machine they would all hit processes that have not begun. In the end the table is compared with that of
+the undisturbed audit. With --seconds the kills end earlier, and their number is said. POSIX only.
 """
 
 from __future__ import annotations
@@ -31,7 +32,11 @@ from fleet.conftest import CHANGED, MODEL, SITE, write_loop
 MEASURED = ["cpu_s", "memory_mb", "since"]
 """What two audits of the same data may differ in."""
 TAKEN = 8
-"""Rows that are taken away before each kill."""
+"""Rows that are taken away before each kill, but never more than half of them."""
+STARTING = 0.25
+"""Share of the kills that may fall before any work."""
+PATIENCE = 180.0
+"""Seconds to wait for a row."""
 
 
 class Cluster:
@@ -87,6 +92,16 @@ def last(site: Path, out: str) -> pl.DataFrame:
     return pl.read_parquet(file, hive_partitioning=False).drop(MEASURED).sort("loop")
 
 
+def at_work(process: subprocess.Popen[str], site: Path, before: set[Path]) -> bool:
+    """Wait until the audit has written a row; False where it ended, or wrote none for long."""
+    end = time.monotonic() + PATIENCE
+    while process.poll() is None and time.monotonic() < end:
+        if set((site.parent / "killed" / "loops").glob("*.json")) - before:
+            return True
+        time.sleep(0.05)
+    return False
+
+
 def disturbed(site: Path, cluster: Cluster, kills: list[str], chance: random.Random, end: float) -> Counter[str]:
     """How many of each kind were killed while an audit ran, and how audits ended that lost their scheduler."""
     done: Counter[str] = Counter()
@@ -95,12 +110,17 @@ def disturbed(site: Path, cluster: Cluster, kills: list[str], chance: random.Ran
         if time.monotonic() > end:
             break
         rows = sorted((site.parent / "killed" / "loops").glob("*.json"))
-        for row in chance.sample(rows, k=min(TAKEN, len(rows))):
+        for row in chance.sample(rows, k=min(TAKEN, len(rows) // 2)):
             row.unlink(missing_ok=True)
         cluster.ready()
         if process is None or process.poll() is not None:
             process = begun(site, "killed", "--dask", cluster.address)
-        time.sleep(chance.uniform(1.0, 6.0))
+        there = set((site.parent / "killed" / "loops").glob("*.json"))
+        if chance.random() < STARTING:
+            done["killed at the start"] += 1
+        else:
+            done["killed at work"] += at_work(process, site, there)
+        time.sleep(chance.uniform(0.0, 6.0))
         if process.poll() is not None:
             done[f"audit over before the kill, status {process.returncode}"] += 1
         elif victim == "client":

@@ -9,6 +9,8 @@ EXCITED = 1e-3
 FILLED_IN = 0.3
 """Share of a signal that its historian may fill in before the reader is told that the estimate suffers. Half of it
 does not show yet in simulated Wood-Berry records, two thirds are a bias (benchmarks/bench_compression.py)."""
+BETWEEN = ((0.0, 1 / 6), (0.5, 4 / 6), (1.0, 1 / 6))
+"""Places from 0 to 1, each with its weight, that have mean and variance of what lies anywhere between (Simpson)."""
 MOSTLY_MANUAL = 0.5
 """Share of a record of closed loops in manual from which that is said beside the answer."""
 REACHED = 0.01

@@ -20,11 +20,9 @@ from trueplant.identify.row import placed
 from trueplant.record import Segment
 from trueplant.record.compression import drawn
 from trueplant.result.budget import Source
+from trueplant.study import levels
 from trueplant.study.data.excitation import mostly_filled_in
 from trueplant.study.study import Study
-
-_PLACES, _SHARES = np.array([0.0, 0.5, 1.0]), np.array([1.0, 4.0, 1.0]) / 6
-"""Simpson's rule: they have mean and variance of what is spread evenly from 0 to 1."""
 
 
 def drawn_outputs(study: Study) -> tuple[int, ...]:
@@ -62,5 +60,6 @@ def widened_for_drawn(
         own, other = estimates[i], held[i]
         theta, both = placed(np.array([other.theta, np.ones(other.theta.size)]), other.row, own.row)
         shift = np.where(both > 0, theta - own.theta, 0.0)
-        out[i] = averaged(own, np.outer(_PLACES, shift), _SHARES, confidence, Source.HISTORIAN)
+        places, shares = np.array(levels.BETWEEN).T
+        out[i] = averaged(own, np.outer(places, shift), shares, confidence, Source.HISTORIAN)
     return out
