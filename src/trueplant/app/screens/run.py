@@ -13,6 +13,7 @@ from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 
+from trueplant.app import levels
 from trueplant.app.checked import told_check
 from trueplant.app.command_lines import command, run_line
 from trueplant.app.folder import ProjectFile
@@ -25,9 +26,6 @@ from trueplant.app.screens.records import signature
 from trueplant.errors import OutputError, TrueplantError
 from trueplant.output import claim_results
 from trueplant.project import ExperimentPlan, Project
-
-LOOKED_EVERY = 0.1
-"""Seconds between looks at whether the check is done."""
 
 
 async def run(request: Request) -> Response:
@@ -56,7 +54,7 @@ async def check(request: Request) -> Response:
     except TrueplantError as error:
         return ok({"error_said": plain(str(error))})
     while not asked.ended.is_set():
-        await asyncio.sleep(LOOKED_EVERY)
+        await asyncio.sleep(levels.LOOKED_EVERY)
     if asked.answer is None:
         given_up = "The look at the data was given up for another one: load the page again."
         return ok({"error_said": plain(asked.error) or given_up})
