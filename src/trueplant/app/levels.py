@@ -63,10 +63,10 @@ QUARTER = 900.0
 CLOCK = 500_000
 """Samples by which the interval and what counts as a gap are told for drawing: all ten million take 0.8 s."""
 BLOCK = 128
-"""Samples of a trend of which the extremes are kept. Judgement: 1/64 of the memory of a signal, and a view of 2,000 stretches is made from raw samples
-as long as it holds less than some 500,000, which takes 2 ms."""
+"""Samples of a trend of which the extremes are kept. Judgement: 1/64 of the memory of a signal, and a view of 2,000
+stretches is made from raw samples as long as it holds less than some 500,000, which takes 2 ms."""
 BLOCKS = 2
-"""Of these that a stretch must have at least to be made from them: its ends are then off by less than a quarter of it."""
+"""Of these that a stretch must have at least to be made from them: its ends are then off by less than a quarter."""
 UNSEEN = 1e-5
 """Share of the range of a signal that is less than a pixel, also of a part of it."""
 HEAD = 10_000
