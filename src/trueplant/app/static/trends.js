@@ -362,7 +362,8 @@ async function check() {
   }
   if (!found || mine !== asking) return;
   if (found.state !== "done") {
-    $("checking").textContent = found.error ? `The data cannot be used as they are: ${found.error}` : "The check was given up.";
+    const why = found.error ? `The data cannot be used as they are: ${found.error}` : "The check was given up for another question.";
+    $("checking").replaceChildren(why, " ", el("button", { type: "button", onclick: check }, "Check again"));
     return;
   }
   answer = found;
@@ -392,6 +393,7 @@ $("find").addEventListener("click", async () => {
     if (mine === finding) {
       $("find").disabled = false;
       $("stop").hidden = true;
+      if (!answer) check(); // which was given up for this
     }
   }
 });
