@@ -138,7 +138,8 @@ start.addEventListener("click", async () => {
 
 cancel.addEventListener("click", async () => {
   try {
-    follow(await api("/api/run/cancel", { id: job.id }));
+    const told = await api("/api/run/cancel", { id: job.id });
+    if (told.id === job.id) follow(told); // the stream may have said it before, and another may run by now
   } catch {
     // the message is shown
   }
