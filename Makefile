@@ -60,7 +60,7 @@ docs: .venv/ready-docs
 lowest: .venv/ready-dev
 	$(PIP) install uv
 	$(BIN)/uv venv --quiet --clear --python $(BIN)/python .venv-lowest
-	$(BIN)/uv pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct -e '.[test,opcua,sql]'
+	$(BIN)/uv pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct -e '.[test,app,opcua,sql]'
 	.venv-lowest/bin/python -m pytest -q -n 2
 
 # What slycot, which is GPL and so in no other venv here, says of mu and of H-infinity design.

@@ -34,7 +34,7 @@ def chromium_path() -> str:
     named = os.environ.get("TRUEPLANT_CHROMIUM")
     if named:
         if not Path(named).is_file():
-            pytest.fail(f"TRUEPLANT_CHROMIUM={named} is not there: install Chromium, or correct the path", pytrace=False)
+            pytest.fail(f"TRUEPLANT_CHROMIUM={named} is not there: install it, or correct the path", pytrace=False)
         return named
     found = next((path for name in CHROMIUM if (path := shutil.which(name))), None)
     if found is None:

@@ -42,9 +42,12 @@ def server(demo_folder: Path) -> Iterator[Server]:
     running.end()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """A browser; each test has its own profile in it."""
+    """A browser; each test has its own profile in it.
+
+    It ends with its module: as long as it is there no other test of this process can run an event loop.
+    """
     path = chromium_path()
     from playwright.sync_api import sync_playwright
 

@@ -176,6 +176,18 @@ def test_windows_are_found_and_all_else_is_left_out(page: Any, server: Server, e
     assert len(Project.load(server.folder / "one.toml").data.exclude) >= 1
 
 
+def test_a_search_is_given_up_and_the_check_goes_on(page: Any, server: Server, elsewhere: Path) -> None:
+    page.set_input_files("#file", german_csv(elsewhere / "one.csv"))
+    to_trends(page)
+    page.click("#find")
+    page.click("#stop")
+    page.locator("#finding", has_text="Given up").wait_for()
+    assert page.is_enabled("#find") and page.is_hidden("#stop")
+    page.reload()
+    page.wait_for_selector("body[data-checked]")
+    assert page.text_content(".light") == "✓set-point moves enough"
+
+
 def test_nothing_is_overwritten_without_asking(page: Any, server: Server, elsewhere: Path, problems: Problems) -> None:
     problems.expect("422")  # the file that is kept is no record
     path = german_csv(elsewhere / "export.csv")

@@ -7,7 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from trueplant.app.screens.decimate import BLOCK, BLOCKS, Signal, breaks, coarse, edges_of
+from trueplant.app.levels import BLOCK, BLOCKS
+from trueplant.app.screens.decimate import Signal, breaks, coarse, edges_of
 from trueplant.arrays import Array, IntArray
 
 

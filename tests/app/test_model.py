@@ -162,6 +162,7 @@ def test_a_controller_is_changed_in_its_lines(visitor: Visitor, demo_folder: Pat
     file = demo_folder / "project.toml"
     before = file.read_text()
     keys = {"way": "ideal", "Kc": "1.0", "Ti": "6", "Td": "0.5", "alpha": "0.1", "action": "direct", "sample_time": 0.1}
+    keys |= {key: str(value) for key, value in laws.DEFAULTS.items() if key not in keys} | {"setpoint_weight": "1"}
     found = post(visitor, "check-law", **CELL, keys=keys).json()
     assert found == {"right": True, "told": "ideal: Kc 1, Ti 6 min, Td 0.5 min, alpha 0.1"}
     assert post(visitor, "controller", **CELL, keys=keys).status == 200

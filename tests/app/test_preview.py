@@ -89,6 +89,19 @@ def test_a_long_export_with_unusual_columns(tmp_path: Path) -> None:
     assert (project.data.tag, project.data.value) == ("who", "how much")
 
 
+def test_a_long_export_on_an_even_grid(tmp_path: Path) -> None:
+    path = pi_export(tmp_path / "pi.txt")
+    hints = Hints.of({"sample_time": "0,5", "max_gap": " 5 "})
+    assert preview(path, hints).to_dict()["grid_unit"] == "min"
+    project = Project.from_toml(project_text(path, tmp_path / "pi.toml", hints), tmp_path)
+    assert (project.data.sample_time, project.data.max_gap, project.time_unit) == (0.5, 5.0, "min")
+    with pytest.raises(DataError, match="go together"):
+        preview(path, Hints.of({"max_gap": "5"}))
+    for wrong in ("often", "-1", "nan"):
+        with pytest.raises(DataError, match="no length of time"):
+            Hints.of({"sample_time": wrong})
+
+
 def test_what_cannot_be_long_is_said(tmp_path: Path) -> None:
     path = german_csv(tmp_path / "export.csv")
     with pytest.raises(DataError, match="long export"):

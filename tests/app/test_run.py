@@ -67,8 +67,8 @@ def visitor(tmp_path: Path) -> Any:
     found = Visitor.inside(tmp_path)
     yield found
     found.app.state.jobs.close()
-    if hasattr(found.app.state, "aside"):
-        found.app.state.aside.close()
+    if hasattr(found.app.state, "trends"):
+        found.app.state.trends.aside.close()
 
 
 @pytest.mark.slow
@@ -146,6 +146,9 @@ def test_the_check_is_told_before_a_run(visitor: Visitor, tmp_path: Path) -> Non
     assert told["usable"] is True and told["reasons"] == []
     assert told["records"][0]["said"].startswith("601 samples, 0 to 300 s")
     assert "sp moved" in told["records"][0]["moves"][0]
+    (tmp_path / "record.csv").rename(tmp_path / "elsewhere.csv")
+    said = visitor.ask("GET", "/api/run/check?project=project.toml").json()["error_said"]
+    assert "record.csv does not exist" in said and str(tmp_path) not in said
     (tmp_path / "project.toml").write_text("time_unit = 1")
     said = visitor.ask("GET", "/api/run/check?project=project.toml").json()["error_said"]
     assert "project.toml" in said and str(tmp_path) not in said

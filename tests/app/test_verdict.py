@@ -182,3 +182,27 @@ def test_names_from_the_project_are_text(tmp_path: Path) -> None:
     text = visitor.ask("GET", PAGE).text
     assert "<b>" not in text and "&lt;b&gt;u" in text
     assert "<b>" not in opened(visitor, "y", "<b>u</b>")["html"]
+
+
+def test_without_curves_the_numbers_stand(tmp_path: Path) -> None:
+    with_result(tmp_path)
+    (tmp_path / "project-result" / "curves.json").unlink()
+    visitor = Visitor.inside(tmp_path)
+    page = visitor.ask("GET", PAGE)
+    assert page.status == 200 and result_json(tmp_path)["shift"] in words(page.text)
+    found = opened(visitor, "y", "u")
+    assert found["figures"] == {} and "Nothing is drawn of it" in words(found["html"])
+    gain = read_results(tmp_path / "project-result").elements[0].parameters[0]
+    assert tables.parameter_row(gain, 100.0).plant in words(found["html"])
+
+
+def test_the_way_out_is_that_of_the_same_result(tmp_path: Path) -> None:
+    with_result(tmp_path)
+    (tmp_path / "project-result").rename(tmp_path / "kept")
+    visitor = Visitor.inside(tmp_path)
+    asked = "project=project.toml&result=kept"
+    assert f'href="/out/report?{asked.replace("&", "&amp;")}"' in visitor.ask("GET", f"/verdict?{asked}").text
+    out = visitor.ask("GET", f"/out?{asked}").text
+    assert f'href="/verdict?{asked.replace("&", "&amp;")}"' in out and "trueplant report kept" in words(out)
+    assert visitor.ask("GET", f"/out/file?{asked}&name=result.json").status == 200
+    assert visitor.ask("GET", "/out/file?project=project.toml&name=result.json").status == 404

@@ -158,10 +158,10 @@ class Jobs:
         with self._lock:
             if self._closed:
                 raise UsageError("the app is ending")
-            running = self.of(project)
-            if running is not None and not running.finished:
+            last = self.of(project)
+            if last is not None and not last.finished:
                 raise UsageError(f"an analysis of {project.name} is running already: wait for it, or cancel it first")
-            job = Job(secrets.token_hex(8), project.name, out, known=_known(out))
+            job = Job(secrets.token_hex(8), project.name, out, known=_took(last) or _known(out))
             self._jobs[job.id] = job
             for old in [one.id for one in self._jobs.values() if one.finished][: -levels.KEPT_JOBS]:
                 del self._jobs[old]
@@ -245,9 +245,14 @@ def _known(out: Path) -> dict[str, float]:
         return {}
 
 
-def _keep(job: Job) -> None:
+def _took(job: Job | None) -> dict[str, float]:
+    """Seconds of each stage of one that came to its end."""
     took: dict[str, float] = {}
-    for name, seconds in job.stages:
+    for name, seconds in job.stages if job is not None and job.state in ("done", "refused") else ():
         took[name] = round(took.get(name, 0.0) + seconds, 3)
+    return took
+
+
+def _keep(job: Job) -> None:
     with contextlib.suppress(OSError):
-        (job.out / STAGES).write_text(json.dumps(took), encoding="utf-8")
+        (job.out / STAGES).write_text(json.dumps(_took(job)), encoding="utf-8")

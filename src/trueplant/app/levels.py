@@ -48,3 +48,26 @@ KEPT_JOBS = 50
 """Analyses that are remembered, finished ones included."""
 NICE = 5
 """Steps that an analysis stands back behind the app, so that pages answer while it runs on all cores."""
+
+# -- screens ---------------------------------------------------------------------------------------------------------
+
+WHATIF_LONGEST = 120.0
+"""Seconds after which a what-if is given up: the first one of a large loop, on a busy machine, takes some ten."""
+SMALL_MOVE = 3.0
+"""Times the noise of PV: smaller moves do not show by eye, and it takes many of them. Judgement; whether moves can be
+told from chance is what `check` asks of all loops together."""
+LOOKED_EVERY = 0.1
+"""Seconds between looks at whether the check is done."""
+QUARTER = 900.0
+"""Seconds: the clock changes at whole quarters of an hour only."""
+CLOCK = 500_000
+"""Samples by which the interval and what counts as a gap are told for drawing: all ten million take 0.8 s."""
+BLOCK = 128
+"""Samples of a trend of which the extremes are kept. Judgement: 1/64 of the memory of a signal, and a view of 2,000
+stretches is made from raw samples as long as it holds less than some 500,000, which takes 2 ms."""
+BLOCKS = 2
+"""Of these that a stretch must have at least to be made from them: its ends are then off by less than a quarter."""
+UNSEEN = 1e-5
+"""Share of the range of a signal that is less than a pixel, also of a part of it."""
+HEAD = 10_000
+"""Rows by which most columns are known to hold no modes."""

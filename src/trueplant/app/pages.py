@@ -79,7 +79,7 @@ def sandboxed(content: str | bytes) -> Response:
     return HTMLResponse(content, headers={"content-security-policy": policy})
 
 
-def events(source: AsyncIterator[Mapping[str, Any]]) -> StreamingResponse:
+def streamed(source: AsyncIterator[Mapping[str, Any]]) -> StreamingResponse:
     """A stream for an EventSource, which `stream` of app.js reads."""
 
     async def lines() -> AsyncIterator[bytes]:

@@ -13,12 +13,11 @@ from typing import Any
 
 from starlette.applications import Starlette
 
+from trueplant.app import levels
 from trueplant.app.process import Process
 from trueplant.errors import UsageError
 
 MODULE = "trueplant.app.whatif_worker"
-LONGEST = 120.0
-"""Seconds after which a question is given up: the first one of a large loop, on a busy machine, takes some ten."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class Warm:
                 self._open.pop(number, None)
                 raise UsageError("the process of the what-ifs has ended: try again") from None
         try:
-            said = await asyncio.wait_for(asyncio.wrap_future(future), LONGEST)
+            said = await asyncio.wait_for(asyncio.wrap_future(future), levels.WHATIF_LONGEST)
         except TimeoutError:
             self.close()
             raise UsageError("this what-if took too long and was given up: try again") from None

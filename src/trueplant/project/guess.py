@@ -29,7 +29,7 @@ class Seen:
     units: Mapping[str, str] = field(default_factory=dict)
     modes: Mapping[str, str] = field(default_factory=dict)
     """By column: the values found there, and which of them count as automatic."""
-    said: Mapping[str, str] = field(default_factory=dict)
+    said: Mapping[str, str | float] = field(default_factory=dict)
     """Keys of [data] that have to be said for the file to be read as it was."""
     doubt: str = ""
     """What of its time is not understood."""

@@ -19,7 +19,7 @@ from trueplant.record.times import find_time, parse_times
 
 
 def look(
-    table: Table, time: str | None = None, said: Mapping[str, str] | None = None, long: bool | None = None
+    table: Table, time: str | None = None, said: Mapping[str, str | float] | None = None, long: bool | None = None
 ) -> Seen:
     """What a table shows; `time` names its time column, `said` are keys of [data] that it is read by.
 
@@ -27,9 +27,10 @@ def look(
     for a table that cannot be long.
     """
     said = dict(said or {})
+    words = {key: value for key, value in said.items() if isinstance(value, str)}
     if time is not None:
         table.column(time, "time")
-    parts = None if long is False else long_parts(table, said.get("tag", "tag"), said.get("value", "value"))
+    parts = None if long is False else long_parts(table, words.get("tag", "tag"), words.get("value", "value"))
     if parts is None and long:
         raise DataError(
             f"{table.source} has no columns of tags and values as a long export has: name them as `tag` and `value`. "
@@ -38,7 +39,7 @@ def look(
     names = table.names if parts is None else parts.tags
     if time is None:
         time = _time(table, names if parts is None else (parts.tag, parts.value))
-    clock = _clock(table, time, parts, said)
+    clock = _clock(table, time, parts, words)
     modes = {}
     for loop in guess_loops(name for name in names if name != time):
         if loop.mode:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,10 +30,15 @@ class Seen:
     """By project and record: what `check` struck last, without what the user excludes."""
 
 
+_FIRST = threading.Lock()
+
+
 def seen_by(request: Request) -> Seen:
+    """What the app keeps for all its pages; two that ask for it at once get the same."""
     state = request.app.state
-    if not hasattr(state, "trends"):
-        state.trends = Seen()
+    with _FIRST:
+        if not hasattr(state, "trends"):
+            state.trends = Seen()
     seen: Seen = state.trends
     return seen
 

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import polars as pl
 
+from trueplant.app import levels as app_levels
 from trueplant.app.screens.decimate import Signal, edges_of
 from trueplant.project import Project
 from trueplant.project.look import of_tag
@@ -25,8 +26,6 @@ from trueplant.record.table import Table
 POINTS = 90
 """Stretches of a small trend."""
 KEPT = 4
-HEAD = 10_000
-"""Rows by which most columns are known to hold no modes."""
 MOST_COLUMNS = 400
 """Whose trends are drawn; the others can be chosen by their names."""
 
@@ -88,7 +87,7 @@ def _column(table: Table, name: str, unit: str) -> Column:
 def _modes(series: pl.Series) -> Mapping[str, int] | None:
     if series.dtype.is_temporal() or series.dtype.is_nested():
         return None
-    if series.head(HEAD).n_unique() > levels.MOST_MODES:  # of ten million numbers that is told in no time
+    if series.head(app_levels.HEAD).n_unique() > levels.MOST_MODES:  # of ten million numbers that is told in no time
         return None
     cells = series.cast(pl.String).str.strip_chars().drop_nulls()
     counts = Counter(dict(cells.value_counts(sort=True, name="n").head(levels.MOST_MODES + 1).rows()))

@@ -1,8 +1,8 @@
 """A signal of any length as few points: of each stretch of time its lowest and its highest sample.
 
 Ten million samples are reduced in some 30 ms, too long for every step of a zoom over several signals. So the extremes
-of blocks of `BLOCK` samples are kept (the second level of a pyramid), and what shows more than a few blocks a point is
-made from them.
+of blocks of samples are kept (the second level of a pyramid), and what shows more than a few blocks a point is made
+from them.
 """
 
 from __future__ import annotations
@@ -12,15 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueplant.app import levels
 from trueplant.arrays import Array, BoolArray, IntArray
-
-BLOCK = 128
-"""Samples of a block. Judgement: 1/64 of the memory of a signal, and a view of 2,000 stretches is made from raw samples
-as long as it holds less than some 500,000, which takes 2 ms."""
-BLOCKS = 2
-"""Blocks that a stretch must have at least to be made from them: its ends are then off by less than a quarter of it."""
-UNSEEN = 1e-5
-"""Share of the range of a signal that is less than a pixel, also of a part of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +23,7 @@ class Signal:
     x: NDArray[np.floating]
     """(N,) NaN where it is missing; in single precision where that cannot be seen."""
     low: NDArray[np.floating]
-    """(ceil(N / BLOCK),) NaN where a block holds no number."""
+    """(ceil(N / levels.BLOCK),) NaN where a block holds no number."""
     high: NDArray[np.floating]
     struck: BoolArray | None = None
     """(N,) samples that are not shown."""
@@ -49,10 +42,10 @@ class Signal:
         if not struck.any():
             return Signal(self.x, *_blocks(self.x)) if self.struck is not None else self
         low, high = (self.low.copy(), self.high.copy()) if self.struck is None else _blocks(self.x)
-        padded = np.zeros(low.size * BLOCK, dtype=bool)
+        padded = np.zeros(low.size * levels.BLOCK, dtype=bool)
         padded[: struck.size] = struck
-        touched = np.flatnonzero(padded.reshape(-1, BLOCK).any(axis=1))
-        index = touched[:, None] * BLOCK + np.arange(BLOCK)
+        touched = np.flatnonzero(padded.reshape(-1, levels.BLOCK).any(axis=1))
+        index = touched[:, None] * levels.BLOCK + np.arange(levels.BLOCK)
         known = np.minimum(index, self.x.size - 1)
         part = np.where(padded[index] | (index >= self.x.size), np.nan, self.x[known])
         low[touched], high[touched] = np.fmin.reduce(part, axis=1), np.fmax.reduce(part, axis=1)
@@ -66,9 +59,9 @@ class Signal:
     def extremes(self, edges: IntArray) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """(n,) lowest and highest sample from each edge to before the next one; (n + 1,) edges that increase."""
         if coarse(edges, self.x.size):
-            at = edges[:-1] // BLOCK
-            return np.fmin.reduceat(self.low[: -(-edges[-1] // BLOCK)], at), np.fmax.reduceat(
-                self.high[: -(-edges[-1] // BLOCK)], at
+            at = edges[:-1] // levels.BLOCK
+            return np.fmin.reduceat(self.low[: -(-edges[-1] // levels.BLOCK)], at), np.fmax.reduceat(
+                self.high[: -(-edges[-1] // levels.BLOCK)], at
             )
         part = self.shown(int(edges[0]), int(edges[-1]))
         at = edges[:-1] - edges[0]
@@ -82,15 +75,17 @@ def _single(low: NDArray[np.floating], high: NDArray[np.floating]) -> bool:
         return True
     bottom, top = float(low[known].min()), float(high[known].max())
     largest = max(-bottom, top)
-    return bool(largest < np.finfo(np.float32).max and largest * np.finfo(np.float32).eps <= UNSEEN * (top - bottom))
+    return bool(
+        largest < np.finfo(np.float32).max and largest * np.finfo(np.float32).eps <= levels.UNSEEN * (top - bottom)
+    )
 
 
 def _blocks(x: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """The lowest and the highest sample of each block."""
-    whole = x.size // BLOCK
-    body = x[: whole * BLOCK].reshape(whole, BLOCK)
+    whole = x.size // levels.BLOCK
+    body = x[: whole * levels.BLOCK].reshape(whole, levels.BLOCK)
     low, high = np.fmin.reduce(body, axis=1), np.fmax.reduce(body, axis=1)
-    if rest := x[whole * BLOCK :].size:
+    if rest := x[whole * levels.BLOCK :].size:
         tail = x[-rest:]
         low, high = np.append(low, np.fmin.reduce(tail)), np.append(high, np.fmax.reduce(tail))
     return low, high
@@ -98,8 +93,8 @@ def _blocks(x: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.f
 
 def coarse(edges: IntArray, size: int) -> bool:
     """Are these edges those of blocks, but for the end of the signal?"""
-    inner = edges[:-1] % BLOCK
-    return bool(edges.size > 1 and not inner.any() and (edges[-1] % BLOCK == 0 or edges[-1] == size))
+    inner = edges[:-1] % levels.BLOCK
+    return bool(edges.size > 1 and not inner.any() and (edges[-1] % levels.BLOCK == 0 or edges[-1] == size))
 
 
 def edges_of(t: Array, start: float, end: float, points: int) -> IntArray:
@@ -117,9 +112,9 @@ def edges_of(t: Array, start: float, end: float, points: int) -> IntArray:
         return np.arange(first, stop + 1)
     inner = first + np.searchsorted(t[first:stop], np.linspace(t[first], t[stop - 1], points + 1)[1:-1])
     edges = np.concatenate([[first], inner, [stop]])
-    if stop - first > BLOCKS * BLOCK * points:
-        edges = edges // BLOCK * BLOCK
-        edges[-1] = min(-(-stop // BLOCK) * BLOCK, t.size)
+    if stop - first > levels.BLOCKS * levels.BLOCK * points:
+        edges = edges // levels.BLOCK * levels.BLOCK
+        edges[-1] = min(-(-stop // levels.BLOCK) * levels.BLOCK, t.size)
     return np.unique(edges)
 
 

@@ -139,11 +139,11 @@ def keys_of(tables: Mapping[str, Any], place: Place, said: Mapping[str, Any]) ->
         new["form"] = way
     for key in ALL:
         value = said.get(key)
-        if value in (None, "") or (value == DEFAULTS.get(key) and key not in own):
+        if value in (None, "") or (way == "tf" and key in MORE):
             continue
-        if way == "tf" and key in MORE:
-            continue
-        new[key] = _typed(key, value)
+        typed = _typed(key, value)
+        if typed != DEFAULTS.get(key) or key in own:
+            new[key] = typed
     kept = {key: value for key, value in own.items() if key not in (*ALL, "input", "output", "form", "vendor")}
     return {**new, **kept}
 

@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+from trueplant.app import levels
 from trueplant.result import Check, Code, ExperimentData, SetpointMoves
-
-SMALL = 3.0
-"""Times the noise of PV: smaller moves do not show by eye, and it takes many of them. Judgement; whether moves can be
-told from chance is what `check` asks of all loops together."""
 
 Look = Literal["good", "doubt", "bad"]
 
@@ -52,7 +49,7 @@ def light_of(found: Check, record: ExperimentData, output: str) -> Light:
 
 
 def _small(moves: SetpointMoves) -> bool:
-    return moves.largest is not None and moves.largest < SMALL * moves.noise
+    return moves.largest is not None and moves.largest < levels.SMALL_MOVE * moves.noise
 
 
 def _open(record: ExperimentData) -> Light:

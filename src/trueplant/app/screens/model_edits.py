@@ -155,7 +155,7 @@ def _checked(before: str, after: str, wanted: dict[str, Any]) -> str:
     after = in_its_lines(before, after)
     if same_toml(after, wanted):
         return after
-    shown = {key: wanted[key] for key in ("model", "controller", "analysis") if key in wanted}
+    shown: dict[str, Any] = {key: wanted[key] for key in ("model", "controller", "analysis") if key in wanted}
     raise ProjectError(
         "this cannot be written into the form that the project file has; make the change by hand, so that it says:\n"
         f"{to_toml(shown)}"

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from trueplant.errors import DataError
 from trueplant.project.draft import draft_project
-from trueplant.project.guess import Seen, guess_loops
+from trueplant.project.guess import Seen, guess_counted_unit, guess_loops, guess_time_unit
 from trueplant.project.look import look
 from trueplant.record.readers import read_table
 from trueplant.record.table import Table
@@ -27,6 +29,8 @@ READING = ("separator", "encoding", "sheet")
 """What is said to the reader; the rest to the first look."""
 SAID = (*READING, "time_format", "time_zone", "time_unit", "tag", "value")
 """Keys of [data] that can be corrected, beside the column of the time."""
+GRID = ("sample_time", "max_gap")
+"""Of the even grid that a long export may be put on: numbers in the unit of time."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +39,14 @@ class Hints:
 
     time: str | None = None
     long: bool | None = None
-    said: Mapping[str, str] = field(default_factory=dict)
-    """Some of `SAID`."""
+    said: Mapping[str, str | float] = field(default_factory=dict)
+    """Some of `SAID` and `GRID`."""
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Hints:
-        """From the fields of a form; empty ones are not said."""
-        said = {key: str(given[key]) for key in SAID if given.get(key)}
+        """From the fields of a form; empty ones are not said. Raises DataError for numbers that are none."""
+        said: dict[str, str | float] = {key: str(given[key]) for key in SAID if given.get(key)}
+        said |= {key: _number(str(given[key])) for key in GRID if str(given.get(key) or "").strip()}
         shape = {"long": True, "wide": False}.get(str(given.get("shape", "")))
         return cls(str(given["time"]) if given.get("time") else None, shape, said)
 
@@ -60,6 +65,13 @@ class Preview:
         head = self.table.frame.head(ROWS)
         return [[_cell(value) for value in row[:COLUMNS]] for row in head.iter_rows()]
 
+    @property
+    def grid_unit(self) -> str:
+        """In which the project will count the time between samples."""
+        seen = self.seen
+        counted = str(self.hints.said.get("time_unit") or guess_counted_unit(seen.time or "") or "s")
+        return guess_time_unit(seen.interval) if seen.stamped else counted
+
     def to_dict(self) -> dict[str, Any]:
         """What the page shows."""
         table, seen = self.table, self.seen
@@ -77,6 +89,7 @@ class Preview:
             "long": seen.long,
             "time": seen.time,
             "stamped": seen.stamped,
+            "grid_unit": self.grid_unit,
             "interval": None if seen.interval is None else _duration(seen.interval),
             "zone": seen.zone,
             "span": seen.span,
@@ -91,6 +104,8 @@ class Preview:
 def preview(path: Path, hints: Hints) -> Preview:
     """Read a file as `trueplant init` does. Raises DataError."""
     reading = {key: value for key, value in hints.said.items() if key in READING}
+    if any(key in hints.said for key in GRID) and not all(key in hints.said for key in GRID):
+        raise DataError("the time between samples and the longest gap go together: give both, or none")
     table = read_table(path, **reading)
     return Preview(table, look(table, hints.time, dict(hints.said), hints.long), hints)
 
@@ -106,7 +121,7 @@ def command(path: str, project: str, hints: Hints) -> str:
     import shlex
 
     options = [("--separator", hints.said.get("separator")), ("--encoding", hints.said.get("encoding"))]
-    given = [part for option, value in [*options, ("--time", hints.time)] if value for part in (option, value)]
+    given = [part for option, value in [*options, ("--time", hints.time)] if value for part in (option, str(value))]
     return shlex.join(["trueplant", "init", path, "--out", project, *given])
 
 
@@ -115,6 +130,16 @@ def _cell(value: Any) -> str:
         return ""
     text = f"{value:.10g}" if isinstance(value, float) else str(value)
     return text if len(text) <= CELL else f"{text[: CELL - 1]}…"
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text.replace(",", "."))
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise DataError(f"{text[:40]!r} is no length of time: give a number above 0")
+    return value
 
 
 def _duration(seconds: float) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trueplant.app import levels
 from trueplant.app.screens.decimate import Signal, breaks, edges_of
 from trueplant.arrays import Array, BoolArray
 from trueplant.calendar import Calendar
@@ -19,8 +20,6 @@ from trueplant.result import Exclusion
 
 KEPT = 2
 """Records that are kept: ten million samples of two loops take 0.3 GB."""
-CLOCK = 500_000
-"""Samples by which the interval and what counts as a gap are told for drawing: all ten million take 0.8 s."""
 ALL = "all"
 """What an exclusion names where it is of every signal."""
 
@@ -105,7 +104,7 @@ def read_shown(project: Project, plan: ExperimentPlan, say: Callable[[str], None
             signals["sp", name] = Signal.of(record.r[:, i])
     for j, name in enumerate(record.inputs):
         signals["op", name] = Signal.of(record.u[:, j])
-    clock = clock_of(record.t[:CLOCK])
+    clock = clock_of(record.t[: levels.CLOCK])
     return Shown(record.t, signals, record.calendar, clock.gap, clock.h)
 
 

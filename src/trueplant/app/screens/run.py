@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import AsyncIterator, Hashable
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import Response, StreamingResponse
+from starlette.responses import Response
 from starlette.routing import Route
 
+from trueplant.app import levels
 from trueplant.app.checked import told_check
 from trueplant.app.command_lines import command, run_line
 from trueplant.app.folder import ProjectFile
 from trueplant.app.jobs import Job, Jobs
-from trueplant.app.pages import body, folder_of, ok, page, project_of
+from trueplant.app.pages import body, folder_of, ok, page, project_of, streamed
 from trueplant.app.saved import read_saved
 from trueplant.app.screens.aside import Question
 from trueplant.app.screens.asking import seen_by
@@ -25,9 +25,6 @@ from trueplant.app.screens.records import signature
 from trueplant.errors import OutputError, TrueplantError
 from trueplant.output import claim_results
 from trueplant.project import ExperimentPlan, Project
-
-LOOKED_EVERY = 0.1
-"""Seconds between looks at whether the check is done."""
 
 
 async def run(request: Request) -> Response:
@@ -56,7 +53,7 @@ async def check(request: Request) -> Response:
     except TrueplantError as error:
         return ok({"error_said": plain(str(error))})
     while not asked.ended.is_set():
-        await asyncio.sleep(LOOKED_EVERY)
+        await asyncio.sleep(levels.LOOKED_EVERY)
     if asked.answer is None:
         given_up = "The look at the data was given up for another one: load the page again."
         return ok({"error_said": plain(asked.error) or given_up})
@@ -82,11 +79,11 @@ async def events(request: Request) -> Response:
     """The stages as they pass, as server-sent events."""
     job = _asked_job(request, request.query_params.get("id", ""))
 
-    async def lines() -> AsyncIterator[str]:
+    async def told() -> AsyncIterator[dict[str, Any]]:
         async for _ in job.events():
-            yield f"data: {json.dumps(_told(request, job))}\n\n"
+            yield _told(request, job)
 
-    return StreamingResponse(lines(), media_type="text/event-stream")
+    return streamed(told())
 
 
 def _jobs(request: Request) -> Jobs:

@@ -13,6 +13,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
+from trueplant.app import levels
 from trueplant.app.pages import ok, page, project_of
 from trueplant.app.screens import answers, stretches
 from trueplant.app.screens.asking import asked_by, seen_by, shown_to
@@ -23,8 +24,6 @@ from trueplant.errors import DataError
 
 POINTS = 4000
 """Stretches of a view at most: a wide screen has that many pixels."""
-QUARTER = 900.0
-"""Seconds: the clock changes at whole quarters of an hour only."""
 
 
 async def _page(request: Request) -> Response:
@@ -85,7 +84,7 @@ def _offsets(calendar: Calendar, first: float, last: float) -> list[tuple[float,
     if start is None or calendar.zone is None:
         return []
     zone, per_unit = zone_of(calendar.zone), unit_seconds(calendar.unit)
-    lowest = math.floor((start + first * per_unit) / QUARTER) * QUARTER
+    lowest = math.floor((start + first * per_unit) / levels.QUARTER) * levels.QUARTER
     highest = start + last * per_unit
 
     def offset(at: float) -> float:
@@ -97,7 +96,9 @@ def _offsets(calendar: Calendar, first: float, last: float) -> list[tuple[float,
     at = lowest
     while at < highest:
         if offset(at + day) != found[-1][1]:
-            change = next(q for q in np.arange(at, at + day + QUARTER, QUARTER) if offset(float(q)) != found[-1][1])
+            change = next(
+                q for q in np.arange(at, at + day + levels.QUARTER, levels.QUARTER) if offset(float(q)) != found[-1][1]
+            )
             found.append((float(change), offset(float(change))))
         at += day
     return found

@@ -56,7 +56,8 @@ async def verdict(request: Request) -> Response:
     found = await run_in_threadpool(saved_of, request)
     if found is None:
         return page(request, "verdict.html.j2", screen="verdict", body=None, saved=None, said={})
-    links = {screen: url(request, screen) for screen in ("run", "trends", "whatif", "plan", "out")}
+    links = {screen: url(request, screen) for screen in ("run", "trends", "whatif", "plan")}
+    links["out"] = url(request, "out", **_named(request))
     report = url(request, "out/report", **_named(request))
     ready = request.app.state.screens
     body = await run_in_threadpool(_body, found, {k: v for k, v in links.items() if k in ready}, report)

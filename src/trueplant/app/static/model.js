@@ -21,10 +21,12 @@ function picture(svg) {
 
 function later(fn, wait = WAIT) {
   let timer;
-  return (...all) => {
+  const soon = (...all) => {
     clearTimeout(timer);
     timer = setTimeout(() => fn(...all), wait);
   };
+  soon.not = () => clearTimeout(timer); // what is saved is checked at once
+  return soon;
 }
 
 // -- elements -------------------------------------------------------------------------------------------------------
@@ -118,7 +120,7 @@ async function check() {
   const now = ++asked;
   try {
     const got = await api("/api/model/check", said(), "POST", { quiet: true });
-    if (now !== asked) return false;
+    if (now !== asked) return got.right;
     fields.tf.removeAttribute("aria-invalid");
     if (!got.right) {
       wrong(got.why);
@@ -144,6 +146,7 @@ editor.addEventListener("input", (event) => {
 });
 editor.addEventListener("submit", async (event) => {
   event.preventDefault();
+  typed.not();
   if (!(await check())) {
     say("Not saved: see what is wrong.");
     return;
@@ -212,7 +215,7 @@ function card(law) {
     } catch (error) {
       got = { right: false, why: error.message };
     }
-    if (now !== number) return false;
+    if (now !== number) return got.right;
     told.textContent = got.right ? got.told : got.why;
     told.className = got.right ? "told quiet" : "told wrong";
     return got.right;
@@ -226,6 +229,7 @@ function card(law) {
   });
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
+    soon.not();
     if (!(await test())) return say("Not saved: see what is wrong.");
     await api("/api/model/controller", { ...gathered(), version: shownVersion() });
     say(`Controller of ${spoken(law.input)}: saved`);

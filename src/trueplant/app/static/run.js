@@ -56,10 +56,11 @@ function show(told) {
   job = told;
   heard = performance.now();
   const runs = !told.finished;
+  const left = !runs && document.activeElement === cancel; // which is about to go
   start.disabled = runs;
   start.textContent = runs ? "Running …" : "Run again";
+  if (left) start.focus();
   cancel.hidden = !runs;
-  cancel.disabled = false;
   progress.hidden = !runs && !told.stages.length;
   bar.hidden = !runs;
   const rows = folded(told.stages).map((one) => line(one.name, took(one.seconds), false));
@@ -136,12 +137,11 @@ start.addEventListener("click", async () => {
 });
 
 cancel.addEventListener("click", async () => {
-  cancel.disabled = true;
   try {
-    follow(await api("/api/run/cancel", { id: job.id }));
-    start.focus();
+    const told = await api("/api/run/cancel", { id: job.id });
+    if (told.id === job.id) follow(told); // the stream may have said it before, and another may run by now
   } catch {
-    cancel.disabled = false;
+    // the message is shown
   }
 });
 

@@ -165,6 +165,7 @@ function show(seen) {
     ].filter(Boolean),
   );
   for (const one of document.querySelectorAll(".of-long")) one.hidden = !seen.long && $("shape").value !== "long";
+  for (const one of document.querySelectorAll("#hints .unit")) one.textContent = seen.grid_unit;
   document.querySelector(".of-book").hidden = !/\.xls[xm]?$/i.test(shown);
   $("name").value = seen.project;
   $("command").textContent = seen.command;

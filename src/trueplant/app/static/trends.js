@@ -174,12 +174,12 @@ async function show(from, to) {
 
 const gaps = (values) => Array.from(values, (v) => (Number.isNaN(v) ? null : v));
 
-/** What is drawn as a table: the lowest, the highest and the last value of each signal. */
+/** What is drawn as a table: the lowest and the highest value of each signal. */
 function numbers(of) {
   for (const loop of document.querySelectorAll(".loop")) {
     const rows = JSON.parse(loop.dataset.signals).map(([key, label, unit]) => {
       const known = (of.get(key) ?? []).filter((v) => v !== null);
-      const cells = known.length ? [known.reduce((a, b) => Math.min(a, b)), known.reduce((a, b) => Math.max(a, b)), known[0], known.at(-1)] : [null, null, null, null];
+      const cells = known.length ? [known.reduce((a, b) => Math.min(a, b)), known.reduce((a, b) => Math.max(a, b))] : [null, null];
       return el("tr", {}, el("th", { scope: "row" }, `${label}${unit ? ` (${unit})` : ""}`), cells.map((v) => el("td", { class: "n" }, short(v))));
     });
     loop.querySelector(".numbers tbody").replaceChildren(...rows);
@@ -207,7 +207,7 @@ function build() {
         el("p", { class: "told", id: `told-${k}` }), above, below,
         el("details", {}, el("summary", {}, "Numbers of what is shown"),
           el("div", { class: "scroll" }, el("table", { class: "numbers" }, el("caption"),
-            el("thead", {}, el("tr", {}, el("td"), ["lowest", "highest", "first", "last"].map((name) => el("th", { scope: "col", class: "n" }, name)))), el("tbody"))))));
+            el("thead", {}, el("tr", {}, el("td"), ["lowest", "highest"].map((name) => el("th", { scope: "col", class: "n" }, name)))), el("tbody"))))));
     queueMicrotask(() => {
       const own = [loop.output, "all"];
       if (above) plot(above, loop, upper, 230, own);
@@ -362,7 +362,8 @@ async function check() {
   }
   if (!found || mine !== asking) return;
   if (found.state !== "done") {
-    $("checking").textContent = found.error ? `The data cannot be used as they are: ${found.error}` : "The check was given up.";
+    const why = found.error ? `The data cannot be used as they are: ${found.error}` : "The check was given up for another question.";
+    $("checking").replaceChildren(why, " ", el("button", { type: "button", onclick: check }, "Check again"));
     return;
   }
   answer = found;
@@ -392,6 +393,7 @@ $("find").addEventListener("click", async () => {
     if (mine === finding) {
       $("find").disabled = false;
       $("stop").hidden = true;
+      if (!answer) check(); // which was given up for this
     }
   }
 });

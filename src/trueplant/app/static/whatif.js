@@ -365,7 +365,7 @@ function table(got) {
     const side = element("td", { className: word ? "over" : "quiet", textContent: word ? word : change(own.today[key], own.tried[key]) });
     return element("tr", {}, element("th", { scope: "row", textContent: label }), element("td", { className: "n", textContent: words(own.today[key]) }), cell, side);
   });
-  if (own.beyond.crossover) rows.unshift(element("tr", {}, element("th", { scope: "row", textContent: "Speed" }), element("td"), element("td", { className: "n over", textContent: "too fast" }), element("td", { className: "over", textContent: own.beyond.crossover })));
+  if (own.beyond.crossover) rows.unshift(element("tr", {}, element("th", { scope: "row", textContent: "Speed" }), element("td"), element("td", { className: "n over", textContent: "too fast" }), element("td", { className: "over", textContent: "faster than the record vouches for" })));
   $("numbers").tBodies[0].replaceChildren(...rows);
   $("numbers").caption.textContent = `${spoken(loopOf(shown).output)} by ${spoken(shown)}, on the plant as estimated`;
   const others = found.loops.filter((loop) => loop.input !== shown);
