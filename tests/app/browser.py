@@ -78,7 +78,7 @@ class Server:
 
         server._reader = threading.Thread(target=read, daemon=True)
         server._reader.start()
-        if not said.wait(60) or not server.link:
+        if not said.wait(120) or not server.link:
             server.end()
             pytest.fail(f"the app did not start: {server.lines}")
         return server
@@ -99,12 +99,12 @@ class Server:
         children = self.children() if self.process.poll() is None else []
         if self.process.poll() is None:
             self.process.send_signal(number)
-        status = self.process.wait(30)
+        status = self.process.wait(60)
         if self._reader is not None:
             self._reader.join(10)
         assert self.process.stdout is not None
         self.process.stdout.close()
-        _, left = psutil.wait_procs(children, timeout=10)
+        _, left = psutil.wait_procs(children, timeout=30)
         assert not left, f"processes are left: {left}"
         return status
 
