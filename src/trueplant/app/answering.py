@@ -41,7 +41,7 @@ def _read(given: IO[bytes], asked: queue.SimpleQueue[tuple[Kind, str]]) -> None:
 
 
 def _answered(kind: Kind, path: Path, out: IO[bytes]) -> tuple[str, Any]:
-    from trueplant.app.details import write_details
+    from trueplant.details import write_details
     from trueplant.project import Project
 
     def say(stage: str) -> None:

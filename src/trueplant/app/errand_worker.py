@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from trueplant.app import levels
-from trueplant.app.details import write_details
 from trueplant.app.worker import _Teller as Teller
+from trueplant.details import write_details
 from trueplant.errors import TrueplantError
 from trueplant.threads import ask_for_one
 

@@ -19,8 +19,8 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from trueplant.app import levels
-from trueplant.app.details import write_details
 from trueplant.app.refusals import Answer, link_said, refused, welcome
+from trueplant.details import write_details
 
 CSRF = "x-csrf-token"
 SAFE = ("GET", "HEAD")

@@ -13,9 +13,9 @@ import time
 import warnings
 from typing import Any
 
-from trueplant.app.details import write_details
 from trueplant.app.mailbox import Mailbox
 from trueplant.app.worker import _Teller as Teller
+from trueplant.details import write_details
 from trueplant.errors import TrueplantError
 from trueplant.threads import ask_for_one
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from trueplant.app import levels
-from trueplant.app.details import write_details
+from trueplant.details import write_details
 from trueplant.errors import TrueplantError
 from trueplant.threads import ask_for_one
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import atexit
 import contextlib
 import gc
-import os
 import signal
 import sys
 import threading
@@ -16,7 +15,6 @@ from collections.abc import Iterator, Sequence
 from types import FrameType
 
 from trueplant.errors import OutputError, TrueplantError
-from trueplant.version import __version__
 
 INTERNAL_ERROR, INTERRUPTED = 70, 130
 
@@ -39,7 +37,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if hasattr(error, "format_message"):
                 _say(f"{error.format_message().rstrip('.')}; see trueplant --help")
                 return 2
-            _say(f"internal error ({type(error).__name__}); the details were written to {_write_details()}")
+            from trueplant.details import write_details
+
+            details = write_details(" ".join(sys.argv))
+            _say(f"internal error ({type(error).__name__}); the details were written to {details}")
             return INTERNAL_ERROR
 
 
@@ -115,17 +116,3 @@ def _say(message: str) -> None:
 
     with contextlib.suppress(OSError, OutputError):  # nobody is left to be told
         print(folded(printable(f"trueplant: {message}").replace("\n", "\\n"), sys.stderr), file=sys.stderr)
-
-
-def _write_details() -> str:
-    import tempfile
-    import traceback
-
-    text = f"trueplant {__version__}, Python {sys.version}\n{' '.join(sys.argv)}\n\n{traceback.format_exc()}"
-    try:
-        handle, name = tempfile.mkstemp(prefix="trueplant-error-", suffix=".txt")
-        with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
-            file.write(text)
-    except OSError:
-        return f"no file, since none could be written: {traceback.format_exc(limit=-1)}"
-    return name

@@ -10,9 +10,10 @@ import traceback
 from trueplant.version import __version__
 
 
-def write_details() -> str:
-    """Put the traceback of the present error into a file; its name."""
-    text = f"trueplant {__version__}, Python {sys.version}\n\n{traceback.format_exc()}"
+def write_details(command: str = "") -> str:
+    """Put the traceback of the present error into a file, below the command that met it; its name."""
+    said = f"{command}\n" if command else ""
+    text = f"trueplant {__version__}, Python {sys.version}\n{said}\n{traceback.format_exc()}"
     try:
         handle, name = tempfile.mkstemp(prefix="trueplant-error-", suffix=".txt")
         with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
