@@ -135,3 +135,10 @@ class Problems(list[str]):
     def _failed(self, request: Any) -> None:
         if request.failure != "net::ERR_ABORTED":  # a page that was left while something was still coming
             self.append(f"request: {request.url} {request.failure}")
+
+
+def enter(page: Any, server: Server) -> None:
+    """Through the link into the app, until the first page has all its scripts."""
+    page.goto(server.link)
+    page.wait_for_url(lambda url: "token=" not in url)
+    page.wait_for_selector("header.frame")

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from app.browser import ARGUMENTS, Problems, Server, chromium_path
+from app.browser import ARGUMENTS, Problems, Server, chromium_path, enter
 from trueplant.cli.analyse import demo_text
 from trueplant.notebook.saved import analyse_into
 from trueplant.project import Project
@@ -70,8 +70,7 @@ def page(chromium: Any, server: Server, problems: Problems) -> Iterator[Any]:
     page = context.new_page()
     page.set_default_timeout(60_000)
     problems.watch(page)
-    page.goto(server.link)
-    page.wait_for_selector("header.frame")
+    enter(page, server)
     yield page
     context.close()
     assert not problems.unexpected()

@@ -7,7 +7,7 @@ from typing import Any
 
 from playwright.sync_api import expect
 
-from app.browser import Problems, Server
+from app.browser import Problems, Server, enter
 
 
 def test_the_link_opens_the_app_once(page: Any, server: Server, chromium: Any) -> None:
@@ -28,8 +28,7 @@ def test_who_is_out_gets_in_by_a_new_link_on_the_terminal(server: Server, chromi
     page.goto(server.address + "/")
     page.click("button")
     page.get_by_text("stands on the terminal now").wait_for()
-    page.goto(server.link)
-    page.wait_for_selector("header.frame")
+    enter(page, server)
     context.close()
 
 
@@ -37,7 +36,7 @@ def test_the_link_opens_the_project_that_was_named(demo_folder: Path, chromium: 
     running = Server.start(demo_folder / "project.toml", demo_folder)
     context = chromium.new_context()
     page = context.new_page()
-    page.goto(running.link)
+    enter(page, running)
     page.wait_for_url("**project=project.toml**")
     assert page.locator("header.frame .of").inner_text() == "project.toml"
     context.close()
@@ -103,8 +102,7 @@ def test_who_was_away_for_too_long_is_told_how_to_get_in(page: Any, server: Serv
     page.get_by_text("not logged in").wait_for()
     page.get_by_role("button", name="Show a new link").click()
     page.get_by_text("stands on the terminal now").wait_for()
-    page.goto(server.link)
-    page.wait_for_selector("header.frame")
+    enter(page, server)
 
 
 def test_an_app_that_has_ended_is_said(page: Any, server: Server, problems: Problems) -> None:

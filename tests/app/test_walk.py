@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import TimeoutError as TooLate
 
-from app.browser import Problems, Server
+from app.browser import Problems, Server, enter
 from trueplant.app.pages import SCREENS
 from trueplant.app.screens import ROUTES
 
@@ -42,7 +42,7 @@ def test_no_page_has_a_problem(
     context = chromium.new_context(**LOOKS[look])
     page, problems, found = context.new_page(), Problems(), []
     problems.watch(page)
-    page.goto(server.link)
+    enter(page, server)
     for path in PAGES:
         problems.clear()
         answer = page.goto(server.url(path))

@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 from playwright.sync_api import expect
 
-from app.browser import Problems, Server
+from app.browser import Problems, Server, enter
 from trueplant.cli import main
 
 LONG = 240_000
@@ -35,8 +35,7 @@ def visit(chromium: Any, folder: Path, problems: Problems) -> Iterator[tuple[Any
     page = context.new_page()
     page.set_default_timeout(60_000)
     problems.watch(page)
-    page.goto(running.link)
-    page.wait_for_selector("header.frame")
+    enter(page, running)
     yield page, running
     context.close()
     running.end()
@@ -106,7 +105,7 @@ def test_the_demo_from_its_record_to_other_settings(
     again = Server.start(file, folder)
     context = chromium.new_context()
     page = context.new_page()
-    page.goto(again.link)
+    enter(page, again)
     page.get_by_role("link", name="Verdict", exact=True).click()
     expect(page.get_by_role("heading", level=1)).to_contain_text("25 %")
     context.close()
@@ -135,7 +134,7 @@ def test_a_messy_export_without_a_model_by_the_keyboard_alone(
     page = context.new_page()
     page.set_default_timeout(60_000)
     problems.watch(page)
-    page.goto(server.link)
+    enter(page, server)
     reach(page, page.get_by_role("button", name="export märz.csv"))
     page.keyboard.press("Enter")
     expect(page.locator("#facts")).to_contain_text("comma", timeout=LONG)
