@@ -49,8 +49,9 @@ def chromium() -> Iterator[Any]:
     It ends with its module: as long as it is there no other test of this process can run an event loop.
     """
     path = chromium_path()
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import expect, sync_playwright
 
+    expect.set_options(timeout=60_000)  # milliseconds, for a busy machine
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
         yield browser
