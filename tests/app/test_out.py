@@ -16,13 +16,13 @@ import pytest
 from app.asking import Visitor
 from app.results import CHANGED, SAME, STILL, TUNED, UNSAFE, result_json, with_result, words
 from trueplant.app.downloads import as_csv, download, safe_name
-from trueplant.app.faceplates import faceplates, shown_by, vendor_names
+from trueplant.app.faceplates import Faceplate, faceplates, shown_by, vendor_names
 from trueplant.cli import main
 from trueplant.errors import LoopError
 from trueplant.loop import PID
 from trueplant.output import read_results
 from trueplant.project import Project
-from trueplant.result import LoopRetuning
+from trueplant.result import ControllerSettings, LoopRetuning, ProposedSettings
 from trueplant.tune import Notation, Settings, pid_of
 from trueplant.tune.vendors import VENDORS, Vendor, vendor_of
 
@@ -122,6 +122,23 @@ def test_every_system_of_the_room_can_be_chosen(tuned: Path) -> None:
     assert [bool(one.problem) for one in faceplates(result, project, "DeltaV")] == [False]
     answer = Visitor.inside(tuned).ask("GET", "/api/out/faceplate?project=project.toml&vendor=Acme")
     assert answer.status == 422 and "Acme" in answer.json()["error"]
+
+
+def test_a_candidate_stands_beside_what_is_recommended_in_the_same_form(tuned: Path) -> None:
+    result, project = read_results(tuned / "project-result"), Project.load(tuned / "project.toml")
+    (loop,) = result.controllers
+    assert loop.current.settings is not None and loop.current.settings.Kc is not None
+    tried = replace(loop.current.settings, Kc=2 * loop.current.settings.Kc)
+
+    def shown(settings: ControllerSettings) -> list[Faceplate]:
+        more = (*loop.proposals, ProposedSettings("by hand", "", settings))
+        return faceplates(replace(result, controllers=(replace(loop, proposals=more),)), project, "Foxboro")
+
+    first, own = shown(tried)
+    assert (first.own, own.own, first.problem, own.problem) == (False, True, "", "")
+    (band,) = (one for one in own.shown.settings if one.label == "Proportional band (%)")
+    assert float(band.new) == pytest.approx(float(band.now) / 2, rel=2e-3)
+    assert len(shown(loop.current.settings)) == 1  # as today
 
 
 def test_settings_are_asked_for_and_that_can_be_undone(tmp_path: Path) -> None:

@@ -163,3 +163,77 @@ def test_a_messy_export_without_a_model_by_the_keyboard_alone(
     context.close()
     server.end()
     assert not problems.unexpected()
+
+
+@pytest.mark.slow
+def test_a_real_record_cut_by_hand_and_retuned_by_slider(
+    visit: tuple[Any, Server], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, real_data: Path
+) -> None:
+    """Two heaters under PID, with a spike written into one PV and a stretch in manual into one OP."""
+    record = pl.read_csv(real_data / "tclab_pid" / "pid_short_01.csv", infer_schema_length=None)
+    t = pl.col("t")
+    record = record.with_columns(
+        pv1=pl.col("pv1").cast(float) + pl.when(t == 700).then(25.0).otherwise(0.0),
+        op2=pl.when(t.is_between(1480, 1530)).then(20.0).otherwise(pl.col("op2").cast(float)),
+    )
+    record.write_csv(folder / "heaters.csv")
+    example = Path(__file__).parents[2] / "examples" / "tclab_pid_short_01.toml"
+    file = folder / "heaters.toml"
+    text = example.read_text().replace("dataset:tclab_pid/pid_short_01.csv", "heaters.csv")
+    text = text.replace('unit = "degC"', 'unit = "degC"\nspan = [0, 120]').replace(
+        "limits =", "span = [0, 100]\nlimits ="
+    )
+    file.write_text(text + "\n[tuning]\n")
+
+    page, server = visit
+    page.goto(server.url("/trends", file.name))
+    page.locator("#tools").wait_for()
+    for first, last in (("699.5", "700.5"), ("1480", "1530")):
+        page.fill("#from", first)
+        page.fill("#to", last)
+        page.get_by_role("button", name="Leave it out").click()
+        expect(page.locator("#excluded")).to_contain_text(f"{first} to {last}")
+    assert file.read_text().count("1480") == 1
+
+    page.get_by_role("link", name="Run", exact=True).click()
+    page.get_by_role("button", name="Run").click()
+    page.get_by_role("link", name="See the verdict").click(timeout=LONG)
+    shift = page.get_by_role("heading", level=1).inner_text()
+    out = folder / "heaters-result"
+    result = json.loads((out / "result.json").read_text())
+    assert result["shift"] == shift
+    own = [one for one in result["elements"] if one["input"][-1] == one["output"][-1]]
+    for element, fits in zip(own, ({"gain": 0.917, "tau1": 167.5}, {"gain": 0.55, "tau1": 182}), strict=True):
+        for parameter in element["parameters"]:
+            if parameter["name"] in fits:  # what output-error fits of both runs of the rig say
+                low, high = parameter["ci"]
+                assert low < fits[parameter["name"]] < high
+
+    page.get_by_role("link", name="What if", exact=True).click()
+    page.locator("#desk").wait_for(timeout=LONG)
+    slider = page.get_by_label("heater 1 Kp", exact=True)
+    slider.focus()
+    for _ in range(10):
+        page.keyboard.press("ArrowLeft")
+    expect(page.locator("#verdict")).not_to_contain_text("Move a slider", timeout=LONG)
+    tried = float(page.locator("#heater_1-Kp").input_value())
+    page.locator("#save").click()
+    expect(page.get_by_role("status").filter(has_text="andidate")).to_be_visible()
+
+    page.get_by_role("link", name="Run", exact=True).click()
+    page.get_by_role("button", name="Run").first.click()
+    page.get_by_role("link", name="See the verdict").click(timeout=LONG)
+    page.get_by_role("link", name="Out", exact=True).click()
+    page.select_option("#vendor", "Rockwell PIDE independent")
+    mine = page.locator("#settings .loop").filter(has_text="Your own settings")
+    expect(mine).to_contain_text(f"{tried * 120 / 100:.4g}")  # in per cent of span over per cent of span
+    expect(mine).to_contain_text(f"{0.016388661803 * 120 / 100 * 60:.4g}")  # per minute
+
+    other = Path(shutil.copytree(folder, tmp_path / "other"))
+    shutil.rmtree(other / out.name)
+    monkeypatch.chdir(other)
+    assert main(["run", file.name]) == 0
+    for name in ("result.json", "plant.toml", "curves.json"):
+        assert (other / out.name / name).read_bytes() == (out / name).read_bytes()
+    loop = json.loads((out / "result.json").read_text())["controllers"][0]
+    assert next(one for one in loop["proposals"] if one["method"] == "by hand")["settings"]["Kp"] == tried

@@ -10,6 +10,7 @@ from trueplant.project import Project
 from trueplant.report.retuned import Retuned, retuned
 from trueplant.result import ControllerSettings, FaceplateSettings, LoopRetuning, Result
 from trueplant.result import Notation as ShownNotation
+from trueplant.study.loops.candidates import BY_HAND
 from trueplant.tune import Notation, settings_of
 from trueplant.tune.vendors import VENDORS, Vendor, vendor_of
 
@@ -28,6 +29,8 @@ class Faceplate:
     shown: Retuned
     problem: str = ""
     note: str = ""
+    own: bool = False
+    """Are these the engineer's own settings, a candidate of the project, and not what is recommended?"""
 
 
 def vendor_names() -> list[str]:
@@ -36,12 +39,26 @@ def vendor_names() -> list[str]:
 
 
 def faceplates(result: Result, project: Project | None, vendor: str = DECLARED) -> list[Faceplate]:
-    """Every loop that was retuned. `project` says the spans, without which no other system can be shown.
+    """Every loop that was retuned, and after it the candidate for it. `project` says the spans, without which no other
+    system can be shown.
 
     Raises LoopError for an unknown system.
     """
     system = vendor_of(vendor) if vendor else None
-    return [_faceplate(result, loop, project, system) for loop in result.controllers]
+    found = []
+    for loop in result.controllers:
+        found.append(_faceplate(result, loop, project, system))
+        if tried := _candidate(loop):
+            found.append(replace(_faceplate(result, tried, project, system), own=True))
+    return found
+
+
+def _candidate(loop: LoopRetuning) -> LoopRetuning | None:
+    """The loop as if its candidate were recommended; None where it has none, keeps today's settings, or really is."""
+    tried = next((one for one in loop.proposals if one.method == BY_HAND), None)
+    if tried is None or loop.recommended == BY_HAND or tried.settings in (None, loop.current.settings):
+        return None
+    return replace(loop, recommended=BY_HAND, trade_off=None, price=None, reason=tried.note)
 
 
 def _faceplate(result: Result, loop: LoopRetuning, project: Project | None, system: Vendor | None) -> Faceplate:
