@@ -37,7 +37,8 @@ def trade_off_words(found: TradeOff, time_unit: str) -> str:
     """All of it in one line."""
     said = []
     if found.load_error is not None and (ratio := found.load_error.ratio) is not None:
-        said.append(f"error of a load step {100 * (ratio - 1):+.0f} %")
+        percent = f"{100 * (ratio - 1):+.0f}"
+        said.append("error of a load step " + ("stays" if percent in ("+0", "-0") else f"{percent} %"))
     if found.overshoot is not None:
         said.append(f"overshoot {shown(found.overshoot, 100)} %")
     if found.settling is not None:

@@ -331,15 +331,15 @@ function judge(got) {
   if (got.state === "same") {
     const loop = loopOf(shown);
     const reason = loop.reason || "Move a slider, or choose where to start from.";
-    box.append(element("p", { textContent: loop.reason ? `The analysis: ${reason}` : reason }));
+    box.append(element("p", { textContent: loop.reason ? `The analysis: ${plain(reason)}` : reason }));
   } else {
-    box.append(element("p", { textContent: capital(got.sentence) }));
-  }
-  if (got.state === "recommended") {
-    const prices = Object.entries(got.loops).map(([name, one]) => `${spoken(name)}: ${one.price}`);
-    box.append(element("p", { className: "quiet", textContent: `What changes, with its price: ${prices.join("; ")}` }));
+    box.append(element("p", { textContent: capital(plain(got.sentence)) }));
   }
 }
+
+/** A sentence of the analysis as it is read on a page: no line ends between a number and its per cent. */
+const plain = (text) => found.loops.reduce((said, { input }) => said.replaceAll(input, spoken(input)), text)
+  .replaceAll("->", "→").replaceAll(" %", "\u00a0%");
 
 const capital = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}.` : "");
 
@@ -373,7 +373,7 @@ function table(got) {
     ...others.map((loop) => {
       const one = got.loops[loop.input];
       const words = Object.values(one.beyond).length ? ` Beyond limits: ${Object.entries(one.beyond).map(([key, word]) => (key === "crossover" ? word : `${key} ${word}`)).join(", ")}.` : "";
-      const line = element("p", {}, element("strong", { textContent: `${spoken(loop.input)}: ` }), `${one.price}.`);
+      const line = element("p", {}, element("strong", { textContent: `${spoken(loop.input)}: ` }), `${plain(one.price)}.`);
       if (words) line.append(element("span", { className: "over", textContent: words }));
       return line;
     }),
