@@ -38,7 +38,7 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.parquet"
-        _written(path, options.samples)
+        written(path, options.samples)
         peer, _ = _timed(lambda: pl.read_parquet(path))
         project = path.with_suffix(".toml")
         project.write_text(draft_project(path.name, look(read_table(path))), encoding="utf-8")
@@ -72,7 +72,7 @@ def _raw(shown: Shown, width: float, points: int) -> Any:
     return [(np.fmin.reduceat(x, edges), np.fmax.reduceat(x, edges)) for x in parts]
 
 
-def _written(path: Path, samples: int) -> None:
+def written(path: Path, samples: int) -> None:
     columns: dict[str, Any] = {"time": pl.Series(np.arange(samples) * 1_000_000).cast(pl.Datetime("us", "UTC"))}
     for k in (1, 2):
         rng = np.random.default_rng(k)
