@@ -81,6 +81,7 @@ def test_an_instrument_that_may_be_wrong_comes_before_new_settings(tmp_path):
         (Code.CAUSE_SENSOR_SPAN, "Y", "the transmitter of Y"),
         (Code.CAUSE_ACTUATOR_GAIN, "u", "the valve of u"),
         (Code.CAUSE_UNKNOWN, "u -> Y", "the transmitter of Y and the valve of u"),
+        (Code.CAUSE_ACTUATOR_GAIN, "steam_valve", "the steam valve"),
     ):
         doubtful = replace(result, notes=(Reason(code, "why", where),))
         assert doubtful.shift.endswith(f"; check {first} {then}")

@@ -56,7 +56,7 @@ def _what(result: Outcome) -> str:
         more = f", and {counted(len(changed) - 1, 'other answer')} changed too" if len(changed) > 1 else ""
         return f"{_answer(changed[0], _several_inputs(result))}{more}"
     if stuck := _sticking(result):
-        return f"the valve of {' and '.join(map(spoken, stuck))} sticks"
+        return f"{' and '.join(map(_valve, stuck))} {'sticks' if len(stuck) == 1 else 'stick'}"
     if found := by_verdict[ElementVerdict.FOUND]:
         named = list(dict.fromkeys(spoken(e.output) for e in found))
         return f"a first model of {_and(named[: levels.SHOWN_FIRST])} was found"
@@ -135,7 +135,7 @@ def _to_do(result: Outcome) -> str:
     """Empty where nothing can be said of it, because nobody knows what the loops do now."""
     does = action(result)
     if does is Action.CHECK_VALVE:
-        return f"check the valve of {_and([spoken(name) for name in _sticking(result)])} first"
+        return f"check {_and([_valve(name) for name in _sticking(result)])} first"
     if does is Action.RETUNE:
         chosen = [spoken(loop.input) for loop in result.controllers if loop.chosen]
         tune = f"enter the new settings of {_and(chosen)}" if chosen else "the controllers need new settings"
@@ -151,6 +151,11 @@ def _to_do(result: Outcome) -> str:
     return "" if _is_another(result) else "no action now"
 
 
+def _valve(name: str) -> str:
+    """An input that is called a valve needs no other word for it."""
+    return f"the {spoken(name)}" if "valve" in name.lower() else f"the valve of {spoken(name)}"
+
+
 def _suspects(result: Outcome) -> list[str]:
     """Instruments that may be all that has changed: settings for a wrong one are wrong once it is mended."""
     named = []
@@ -159,7 +164,7 @@ def _suspects(result: Outcome) -> list[str]:
             if note.code in (Code.CAUSE_SENSOR_SPAN, Code.CAUSE_UNKNOWN):
                 named.append(f"the transmitter of {where.split(' -> ')[-1]}")
             if note.code in (Code.CAUSE_ACTUATOR_GAIN, Code.CAUSE_UNKNOWN):
-                named.append(f"the valve of {where.split(' -> ')[0]}")
+                named.append(_valve(where.split(" -> ")[0]))
     return list(dict.fromkeys(named))
 
 
