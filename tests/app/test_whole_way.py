@@ -118,7 +118,12 @@ def test_the_demo_from_its_record_to_other_settings(
 
 @pytest.mark.slow
 def test_a_messy_export_without_a_model_by_the_keyboard_alone(
-    folder: Path, demo_files: Path, chromium: Any, problems: Problems
+    folder: Path,
+    demo_files: Path,
+    chromium: Any,
+    problems: Problems,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     columns = {"pv1": "TIC101.PV", "sp1": "TIC101.SP", "op1": "TIC101.OP"}
     record = pl.read_csv(demo_files / "record.csv").rename(columns).select("t", *columns.values())
@@ -160,6 +165,12 @@ def test_a_messy_export_without_a_model_by_the_keyboard_alone(
     (element,) = result["elements"]
     gain = next(one for one in element["parameters"] if one["name"] == "gain")
     assert -0.75 < gain["plant"] < -0.45, "of -0.58, with the other loop's moves as a load that was not recorded"
+    out = f"{project.stem}-result"
+    other = Path(shutil.copytree(folder, tmp_path / "other"))
+    shutil.rmtree(other / out)
+    monkeypatch.chdir(other)
+    assert main(["run", project.name]) == 0
+    assert (other / out / "result.json").read_bytes() == (folder / out / "result.json").read_bytes()
     context.close()
     server.end()
     assert not problems.unexpected()
