@@ -142,3 +142,22 @@ def enter(page: Any, server: Server) -> None:
     page.goto(server.link)
     page.wait_for_url(lambda url: "token=" not in url)
     page.wait_for_selector("header.frame")
+
+
+def follow(page: Any, link: str, screen: str, timeout: float | None = None) -> None:
+    """By a link of the page to another screen, until that one has all its scripts; `timeout` (ms) for the link."""
+    page.get_by_role("link", name=link, exact=True).click(timeout=timeout)
+    page.wait_for_url(f"**/{screen}?project=*")
+
+
+def change(page: Any, unit: str) -> None:
+    """As the screens change a project: through app.js, with the version that the page shows."""
+    page.evaluate(
+        """async (unit) => {
+            const { api, shownVersion } = await import("/static/app.js");
+            const keys = { unit };
+            const asked = { table: "output", name: "top_temperature", keys, version: shownVersion() };
+            await api("/api/tags/set", asked).catch(() => {});
+        }""",
+        unit,
+    )

@@ -7,7 +7,7 @@ from typing import Any
 
 from playwright.sync_api import expect
 
-from app.browser import Problems, Server, enter
+from app.browser import Problems, Server, change, enter
 
 
 def test_the_link_opens_the_app_once(page: Any, server: Server, chromium: Any) -> None:
@@ -41,19 +41,6 @@ def test_the_link_opens_the_project_that_was_named(demo_folder: Path, chromium: 
     assert page.locator("header.frame .of").inner_text() == "project.toml"
     context.close()
     running.end()
-
-
-def change(page: Any, unit: str) -> None:
-    """As the screens change a project: through app.js, with the version that the page shows."""
-    page.evaluate(
-        """async (unit) => {
-            const { api, shownVersion } = await import("/static/app.js");
-            const keys = { unit };
-            const asked = { table: "output", name: "top_temperature", keys, version: shownVersion() };
-            await api("/api/tags/set", asked).catch(() => {});
-        }""",
-        unit,
-    )
 
 
 def test_a_change_is_undone_and_made_again_by_the_keyboard(page: Any, server: Server, demo_folder: Path) -> None:

@@ -49,6 +49,7 @@ def test_from_the_demo_to_a_new_model(
     assert document["headline"].replace("->", "→") in page.inner_text("#outcome")
 
     page.click("#outcome a")
+    page.wait_for_url("**/verdict?*")
     assert page.inner_text("#shift") == document["shift"]
     assert page.inner_text("#headline") == document["headline"].replace("->", "→")
     for element in document["elements"]:
@@ -83,7 +84,6 @@ def test_from_the_demo_to_a_new_model(
     accepted = (demo_folder / "project.toml").read_text()
     assert accepted != before and (demo_folder / "project.toml.bak").read_text() == before
     page.click("#undo")
-    page.wait_for_load_state()
     page.wait_for_selector("#accept-ways:not([hidden])")
     assert (demo_folder / "project.toml").read_text() == before
 

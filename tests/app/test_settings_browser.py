@@ -81,7 +81,7 @@ def test_what_is_tried_is_saved_and_undone(desk: Any, demo_folder: Path) -> None
     assert [(one.input, one.Ti) for one in Project.load(file).candidates] == [("fuel_gas", 2.5)]
     assert "[[candidate]]" in desk.locator("#text").text_content()
     desk.click("#undo")
-    desk.wait_for_selector("#desk:not([hidden])", timeout=60_000)
+    desk.wait_for_selector("#redo:enabled", timeout=60_000)
     assert file.read_text() == before
 
 

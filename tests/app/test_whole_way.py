@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 from playwright.sync_api import expect
 
-from app.browser import Problems, Server, enter
+from app.browser import Problems, Server, enter, follow
 from trueplant.cli import main
 
 LONG = 240_000
@@ -63,7 +63,7 @@ def test_the_demo_from_its_record_to_other_settings(
     out = file.parent / f"{file.stem}-result"
     assert file.is_file()
 
-    page.get_by_role("link", name="Trends", exact=True).click()
+    follow(page, "Trends", "trends")
     page.locator("#tools").wait_for()
     page.fill("#from", "0")
     page.fill("#to", "4")
@@ -71,14 +71,14 @@ def test_the_demo_from_its_record_to_other_settings(
     expect(page.locator("#excluded")).not_to_contain_text("Nothing")
     assert "exclude" in file.read_text()
 
-    page.get_by_role("link", name="Run", exact=True).click()
+    follow(page, "Run", "run")
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#stages li.now")).to_contain_text("estimating", timeout=LONG)
     page.get_by_role("button", name="Cancel").click()
     expect(page.locator("#outcome")).to_contain_text("Cancelled", timeout=30_000)
     assert not out.exists()
     page.get_by_role("button", name="Run again").click()
-    page.get_by_role("link", name="See the verdict").click(timeout=LONG)
+    follow(page, "See the verdict", "verdict", LONG)
     expect(page.get_by_role("heading", level=1)).to_contain_text("25 %")
 
     other = Path(shutil.copytree(file.parent, tmp_path / "other"))
@@ -88,7 +88,7 @@ def test_the_demo_from_its_record_to_other_settings(
     for result in ("result.json", "plant.toml", "curves.json"):
         assert (other / out.name / result).read_bytes() == (out / result).read_bytes()
 
-    page.get_by_role("link", name="What if", exact=True).click()
+    follow(page, "What if", "whatif")
     page.locator("#desk").wait_for(timeout=LONG)
     slider = page.locator("#desk input[type=range]").first
     slider.focus()
@@ -106,7 +106,7 @@ def test_the_demo_from_its_record_to_other_settings(
     context = chromium.new_context()
     page = context.new_page()
     enter(page, again)
-    page.get_by_role("link", name="Verdict", exact=True).click()
+    follow(page, "Verdict", "verdict")
     expect(page.get_by_role("heading", level=1)).to_contain_text("25 %")
     context.close()
     again.end()
@@ -206,9 +206,9 @@ def test_a_real_record_cut_by_hand_and_retuned_by_slider(
         expect(page.locator("#excluded")).to_contain_text(f"{first} to {last}")
     assert file.read_text().count("1480") == 1
 
-    page.get_by_role("link", name="Run", exact=True).click()
+    follow(page, "Run", "run")
     page.get_by_role("button", name="Run").click()
-    page.get_by_role("link", name="See the verdict").click(timeout=LONG)
+    follow(page, "See the verdict", "verdict", LONG)
     shift = page.get_by_role("heading", level=1).inner_text()
     out = folder / "heaters-result"
     result = json.loads((out / "result.json").read_text())
@@ -220,7 +220,7 @@ def test_a_real_record_cut_by_hand_and_retuned_by_slider(
                 low, high = parameter["ci"]
                 assert low < fits[parameter["name"]] < high
 
-    page.get_by_role("link", name="What if", exact=True).click()
+    follow(page, "What if", "whatif")
     page.locator("#desk").wait_for(timeout=LONG)
     slider = page.get_by_label("heater 1 Kp", exact=True)
     slider.focus()
@@ -231,10 +231,10 @@ def test_a_real_record_cut_by_hand_and_retuned_by_slider(
     page.locator("#save").click()
     expect(page.get_by_role("status").filter(has_text="andidate")).to_be_visible()
 
-    page.get_by_role("link", name="Run", exact=True).click()
+    follow(page, "Run", "run")
     page.get_by_role("button", name="Run").first.click()
-    page.get_by_role("link", name="See the verdict").click(timeout=LONG)
-    page.get_by_role("link", name="Out", exact=True).click()
+    follow(page, "See the verdict", "verdict", LONG)
+    follow(page, "Out", "out")
     page.select_option("#vendor", "Rockwell PIDE independent")
     mine = page.locator("#settings .loop").filter(has_text="Your own settings")
     expect(mine).to_contain_text(f"{tried * 120 / 100:.4g}")  # in per cent of span over per cent of span

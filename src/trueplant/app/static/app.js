@@ -76,11 +76,15 @@ function failed(message, quiet) {
   return new Error(message);
 }
 
+const [undo, redo] = ["undo", "redo"].map((id) => document.getElementById(id));
+let stepping = false; // back or forth: the page is about to be loaded again
+
 /** After a change of the project: its version, and what can be undone. */
-export function noteVersion({ version: now, can_undo: undo, can_redo: redo }) {
+export function noteVersion({ version: now, can_undo: back, can_redo: forth }) {
   version = now;
-  if (undo !== undefined) document.getElementById("undo").disabled = !undo;
-  if (redo !== undefined) document.getElementById("redo").disabled = !redo;
+  if (stepping) return;
+  if (back !== undefined) undo.disabled = !back;
+  if (forth !== undefined) redo.disabled = !forth;
 }
 
 /** Call `fn` with each event of a stream (parsed), until the returned function is called or `fn` returns false. */
@@ -111,22 +115,30 @@ export const color = (role) => getComputedStyle(document.documentElement).getPro
 /** What the template left for the script. */
 export const data = (id = "data") => JSON.parse(document.getElementById(id)?.textContent || "null");
 
-async function step(verb) {
-  const button = document.getElementById(verb);
+async function step(button) {
   if (!project || button.disabled) return;
-  await api(`/api/project/${verb}`, {});
-  location.reload();
+  const before = [undo.disabled, redo.disabled];
+  stepping = undo.disabled = redo.disabled = true;
+  try {
+    await api(`/api/project/${button.id}`, {});
+    location.reload();
+  } catch {
+    stepping = false; // the message is shown
+    [undo.disabled, redo.disabled] = before;
+  }
 }
 
 const ofText = (element) => element?.closest?.("input, textarea, select, [contenteditable]");
 
-document.getElementById("undo").addEventListener("click", () => step("undo").catch(() => {}));
-document.getElementById("redo").addEventListener("click", () => step("redo").catch(() => {}));
+for (const button of [undo, redo]) {
+  button.addEventListener("click", () => step(button));
+  button.disabled = !("can" in button.dataset); // from here on it is listened to
+}
 document.addEventListener("keydown", (event) => {
   if (!(event.ctrlKey || event.metaKey) || event.altKey || ofText(event.target)) return;
   const key = event.key.toLowerCase();
   if (key === "z" || key === "y") {
     event.preventDefault();
-    step(key === "y" || event.shiftKey ? "redo" : "undo").catch(() => {});
+    step(key === "y" || event.shiftKey ? redo : undo);
   }
 });

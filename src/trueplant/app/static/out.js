@@ -17,16 +17,25 @@ function line(text, kind = "") {
   return found;
 }
 
-$("vendor")?.addEventListener("change", async (event) => {
-  const place = $("settings");
+const vendor = $("vendor");
+
+/** The settings in the form that is chosen; where they cannot be had, none: never those of another form. */
+async function showSettings() {
+  const [place, chosen] = [$("settings"), vendor.value];
   place.setAttribute("aria-busy", "true");
+  let html = "";
   try {
-    place.innerHTML = (await api(asked("/api/out/faceplate", { vendor: event.target.value }))).html;
+    ({ html } = await api(asked("/api/out/faceplate", { vendor: chosen })));
   } catch {
-    // the message is shown, and what was there stays
+    // the message is shown
   }
+  if (vendor.value !== chosen) return; // the answer to a later choice comes
+  place.innerHTML = html;
   place.removeAttribute("aria-busy");
-});
+}
+
+vendor?.addEventListener("change", showSettings);
+if (vendor?.value) showSettings(); // chosen before the script was there, or kept by the browser over a reload
 
 $("tuning")?.addEventListener("click", async (event) => {
   event.target.disabled = true;

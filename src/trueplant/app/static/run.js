@@ -127,12 +127,15 @@ function follow(told) {
 
 start.addEventListener("click", async () => {
   start.disabled = true;
+  outcome.replaceChildren(); // of the last run: its link leads to what is about to be replaced
   try {
     follow(await api("/api/run/start", { force: Boolean(force?.checked) }));
     $("blocked")?.closest("section").querySelectorAll("#blocked, label").forEach((one) => { one.hidden = true; });
     cancel.focus();
   } catch {
-    start.disabled = false; // the message is shown; another tab may have begun it
+    // the message is shown; another tab may have begun it
+    if (job) show(job);
+    else start.disabled = false;
   }
 });
 
@@ -192,6 +195,7 @@ function showCheck(found) {
   place.replaceChildren(...parts);
 }
 
+start.disabled = false; // from here on it is listened to
 if (job) follow(job);
 setInterval(tick, 1000);
 api("/api/run/check", undefined, "GET", { quiet: true })
