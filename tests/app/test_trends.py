@@ -110,11 +110,12 @@ def test_what_check_struck_is_a_gap_with_its_reason_and_can_be_overruled(visitor
     assert found["state"] == "done" and not found["refused"]
     rows = {row["reason"]: row for row in found["struck"]}
     assert set(rows) == {"missing", "out-of-range", "frozen"}
-    assert rows["missing"]["overrule"] is None and rows["frozen"]["overrule"] is None
+    assert rows["missing"]["overrule"] is None and rows["missing"]["never"] == "there is no value to use"
     assert rows["frozen"]["spans"][0][2] == "2024-03-05 03:30:00 to 05:09:30"
     whole = view(visitor, points=4000)["pv fic101_pv"]
     assert np.isnan(whole[900:1100]).all() and np.nanmax(whole) < 70
-    assert visitor.post(f"/api/trends/overrule{PROJECT}", {"signal": "fic101_pv", "reason": "frozen"}).status == 422
+    for nonsense in ({"signal": "fic101_pv", "reason": "missing"}, {"signal": "nobody", "reason": "frozen"}):
+        assert visitor.post(f"/api/trends/overrule{PROJECT}", nonsense).status == 422
     assert "overrule" in rows["out-of-range"]["words"] or rows["out-of-range"]["overrule"].startswith("Use them")
     assert (
         visitor.post(f"/api/trends/overrule{PROJECT}", {"signal": "fic101_pv", "reason": "out-of-range"}).status == 200
@@ -122,6 +123,24 @@ def test_what_check_struck_is_a_gap_with_its_reason_and_can_be_overruled(visitor
     assert Project.load(place).outputs[0].limits is None
     again = {row["reason"]: row["samples"] for row in answered(visitor)["struck"]}
     assert "out-of-range" not in again and again["spike"] == 2  # what was beyond the range is a spike, too
+
+
+def test_what_looks_frozen_is_used_if_somebody_says_so_and_no_longer_if_not(visitor: Visitor, place: Path) -> None:
+    before = place.read_text()
+    overrule = {"signal": "fic101_pv", "reason": "frozen"}
+
+    def row() -> dict[str, Any]:
+        (found,) = (one for one in answered(visitor)["struck"] if one["reason"] == "frozen")
+        return dict(found)
+
+    assert row()["overrule"] == "Use them all the same"
+    assert visitor.post(f"/api/trends/overrule{PROJECT}", overrule).status == 200
+    assert Project.load(place).outputs[0].keep == ["frozen"]
+    assert row()["overrule"] == "Leave them out again" and "used" in row()["words"]
+    whole = view(visitor, points=4000)["pv fic101_pv"]
+    assert np.isfinite(whole[900:1100]).all()
+    assert visitor.post(f"/api/trends/overrule{PROJECT}", overrule).status == 200
+    assert place.read_text() == before
 
 
 def test_a_stretch_is_left_out_and_used_again(visitor: Visitor, place: Path) -> None:

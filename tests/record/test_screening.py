@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -168,6 +169,23 @@ def test_a_frozen_pv_is_left_out(begin: int) -> None:
     result = screened(data)
     assert kinds(result) == ["frozen"]
     assert np.flatnonzero(~result.usable_y[:, 0]).tolist() == list(range(begin, begin + 200))
+
+
+def test_what_a_channel_keeps_is_reported_and_used() -> None:
+    data = loop()
+    data["pv"][600:800] = data["pv"][600]
+    data["pv"][1200] += 30.0
+    kept = {"frozen": slice(600, 800), "spike": slice(1200, 1201)}
+    for keep in ((), ("frozen",), ("spike",), ("frozen", "spike")):
+        layout = replace(LAYOUT, outputs=(replace(LAYOUT.outputs[0], keep=keep),))
+        result = screened(data, layout)
+        assert kinds(result) == ["frozen", "spike"]
+        for finding in result.findings:
+            if finding.kind in kept:
+                own = finding.kind in keep
+                assert result.usable_y[kept[finding.kind], 0].all() == own and finding.excludes is not own
+                assert finding.message.endswith("used, as the project says." if own else "left out.")
+        assert np.sum(~result.usable_y) == 201 - sum(kept[one].stop - kept[one].start for one in keep)
 
 
 def test_a_held_pv_is_not_frozen() -> None:

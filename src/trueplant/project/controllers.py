@@ -110,7 +110,10 @@ def layout_of(project: Declaration) -> Layout:
     data = project.data
     return Layout(
         outputs=tuple(
-            Channel(e.name, e.pv, sp=e.sp, unit=e.unit, limits=e.limits, status=e.status) for e in project.outputs
+            Channel(
+                e.name, e.pv, sp=e.sp, unit=e.unit, limits=e.limits, status=e.status, keep=tuple(dict.fromkeys(e.keep))
+            )
+            for e in project.outputs
         ),
         inputs=tuple(
             Channel(

@@ -130,6 +130,7 @@ class Output(Table):
     limits: Limits | None = None
     span: Limits | None = None
     status: Name | None = None
+    keep: list[Literal["frozen", "spike"]] = Field(default_factory=list)
 
 
 class Input(Table):

@@ -24,6 +24,8 @@ class Channel:
     mode: str | None = None
     automatic_values: tuple[object, ...] | None = None
     """Of the mode; None: those that control systems use (`modes.AUTOMATIC`)."""
+    keep: tuple[str, ...] = ()
+    """Kinds of findings ("frozen", "spike") in spite of which samples of the PV of an output are used."""
     status: str | None = None
     """Column of the quality of the PV of an output, or the OP of an input."""
     hold: str | None = None

@@ -31,8 +31,8 @@ def screen(
     """Find what must not be used and cut the rest into segments on a uniform grid.
 
     exclude: (from, to) in the record's time, left out by the user. limits: by name of input or output, instead of the
-    layout's. PV samples that are missing, out of range, frozen or spikes are left out; while OP is at a limit or in
-    manual it is still the true input, so that those samples stay, marked not free.
+    layout's. PV samples that are missing, out of range, frozen or spikes are left out, but for the kinds that a channel
+    keeps; while OP is at a limit or in manual it is still the true input, so that those samples stay, marked not free.
     """
     recorded = record
     record, settled = without_rounding(recorded)
@@ -92,6 +92,13 @@ class _Log:
         spans = spans_of(self.t, mask) if mask is not None else ()
         samples = int(np.sum(mask)) if mask is not None else 0
         self.findings.append(Finding(kind, signal, message, spans, samples, excludes, value))
+
+    def struck(self, kind: Kind, channel: Channel, message: str, mask: BoolArray) -> BoolArray:
+        """Which of the PV samples in `mask` are left out: all, or none where the project keeps them."""
+        kept = kind in channel.keep
+        end = "used, as the project says" if kept else "left out"
+        self.add(kind, channel.name, f"{message}; {end}.", mask, not kept, float(np.mean(mask)))
+        return mask & (not kept)
 
     def missing(self, x: Array, name: str, excludes: bool = False) -> None:
         lost = np.isnan(x)
@@ -224,8 +231,7 @@ def _output(
     if np.ptp(v) == 0:
         if np.any(np.nanmax(record.u, axis=0) > np.nanmin(record.u, axis=0)):
             stuck = np.isfinite(y)
-            log.add(Kind.FROZEN, name, f"{name} never changes although OP moves; left out.", stuck, True, 1.0)
-            return bad | stuck, clock.h
+            bad |= log.struck(Kind.FROZEN, channel, f"{name} never changes although OP moves", stuck)
         return bad, clock.h
     every, q = sensor.update_every(v), sensor.quantum(v)
     _report_sensor(every, q, name, clock, record.time_unit, log)
@@ -243,14 +249,13 @@ def _output(
     stuck, spike = np.zeros(y.size, dtype=bool), np.zeros(y.size, dtype=bool)
     stuck[at] = sensor.frozen(v, record.u, at)
     if stuck.any():
-        message = f"{name} stood still for {_count(stuck)} while OP moved: frozen; left out."
-        log.add(Kind.FROZEN, name, message, stuck, True, float(np.mean(stuck)))
+        bad |= log.struck(Kind.FROZEN, channel, f"{name} stood still for {_count(stuck)} while OP moved: frozen", stuck)
     spike[at] = sensor.spikes(v, every, q)
     if spike.any():
-        message = f"{name} has {counted(true_runs(spike)[0].size, 'short spike')}, {_count(spike)}; left out."
-        log.add(Kind.SPIKE, name, message, spike, True, float(np.mean(spike)))
+        message = f"{name} has {counted(true_runs(spike)[0].size, 'short spike')}, {_count(spike)}"
+        bad |= log.struck(Kind.SPIKE, channel, message, spike)
     _report_outliers(y, record.r[:, i], bad | stuck | spike, name, log)
-    return bad | stuck | spike, every * clock.h
+    return bad, every * clock.h
 
 
 def _report_sensor(every: float, q: float, name: str, clock: Clock, unit: str, log: _Log) -> None:

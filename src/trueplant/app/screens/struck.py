@@ -28,6 +28,18 @@ WORDS = {
     Kind.OVERLAP: "in another record, too",
     Kind.DUPLICATE: "time of the row before",
 }
+KEPT = (Kind.FROZEN, Kind.SPIKE)
+"""Kinds that `keep` of an output overrules."""
+NEVER: dict[str, str] = {
+    Kind.MISSING: "there is no value to use",
+    Kind.TEXT: "there is no number to use",
+    Kind.CODE: "such a number is no measurement",
+    Kind.COMPRESSED: "what was measured there is not in the record",
+    Kind.BAD_QUALITY: "the historian says so in the record itself",
+    Kind.OVERLAP: "they count once, in the other record",
+    Kind.DUPLICATE: "they count once",
+}
+"""Why samples of other kinds cannot be used."""
 
 
 def struck_list(project: Project, record: ExperimentData) -> list[dict[str, Any]]:
@@ -35,26 +47,30 @@ def struck_list(project: Project, record: ExperimentData) -> list[dict[str, Any]
     calendar = record.calendar(project.time_unit)
     rows = []
     for finding in record.findings:
-        if not finding.excludes or finding.kind == Kind.EXCLUDED:
+        kept = finding.kind in KEPT and not finding.excludes
+        if finding.kind == Kind.EXCLUDED or not (finding.excludes or kept):
             continue
         spans = [span for span in finding.spans if span[1] >= span[0]]
         rows.append(
             {
                 "signal": finding.signal,
                 "reason": finding.kind,
-                "words": WORDS.get(Kind(finding.kind), finding.kind),
+                "words": WORDS.get(Kind(finding.kind), finding.kind) + (": used all the same" if kept else ""),
                 "message": finding.message,
                 "samples": finding.samples,
                 "count": len(spans),
                 "spans": [[*span, calendar.span(*span)] for span in spans[:SHOWN]],
-                "overrule": _overrule(project, finding.signal, finding.kind),
+                "overrule": "Leave them out again" if kept else _overrule(project, finding.signal, finding.kind),
+                "never": NEVER.get(finding.kind, ""),
             }
         )
     return rows
 
 
 def _overrule(project: Project, signal: str, reason: str) -> str | None:
-    """What the button says; None where the project file has no key for it."""
+    """What the button says; None where there is nothing to use, or the project file does not say it."""
+    if reason in KEPT:
+        return "Use them all the same"
     if reason == Kind.OUT_OF_RANGE and any(one.name == signal and one.limits for one in project.outputs):
         return "Use them: take the limits out"
     if reason == Kind.BAD_QUALITY and _of_status(project, signal) is not None:
@@ -70,12 +86,16 @@ def _of_status(project: Project, column: str) -> tuple[str, str] | None:
 
 
 def overruled(project: Project, signal: str, reason: str) -> Callable[[str], str]:
-    """The edit that lets such samples be used. Raises ProjectError where the project file has no key for it."""
+    """The edit that lets such samples be used, or no longer. Raises ProjectError where there is none."""
+    output = next((one for one in project.outputs if one.name == signal), None)
+    if reason in KEPT and output is not None:
+        keep = [one for one in KEPT if (one in output.keep) != (one == reason)]
+        return lambda text: edits.set_keys(text, "output", signal, {"keep": keep or None})
     if reason == Kind.OUT_OF_RANGE:
         return lambda text: edits.set_keys(text, "output", signal, {"limits": None})
     place = _of_status(project, signal) if reason == Kind.BAD_QUALITY else None
     if place is None:
-        raise ProjectError("these samples cannot be used: the project file has no key that overrules this reason")
+        raise ProjectError(f"these samples cannot be used: {NEVER.get(reason, 'nothing overrules this reason')}")
     return lambda text: edits.set_keys(text, *place, {"status": None})
 
 

@@ -34,7 +34,7 @@ function struck(rows, go, overrule) {
       el("td", { class: "n" }, one.samples.toLocaleString("en")), el("td", {}, one.message, one.spans.length ? places(one, go) : null),
       el("td", {}, one.overrule
         ? el("button", { type: "button", onclick: () => overrule(one) }, one.overrule)
-        : el("span", { class: "quiet" }, "no key of the project file overrules this")));
+        : el("span", { class: "quiet" }, one.never)));
   return scroll("Struck out", el("table", {}, heads(["Signal", "Reason", "Samples", "Where", "Overrule"], "Samples"), el("tbody", {}, rows.map(row))));
 }
 
