@@ -1,11 +1,14 @@
 """Measured step responses: what they say of any input, time and frequency."""
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
+from scipy.signal import lfilter
 
 from trueplant.errors import FormulaError
 from trueplant.lti import MeasuredStep, largest_difference, sampled_response, tf
@@ -79,6 +82,21 @@ def test_a_response_that_was_cut_off_has_not_settled():
     assert MeasuredStep.of_system(tf("1/(10 s + 1)"), 1.0, 30).settled
     assert not MeasuredStep.of_system(tf("1/(10 s + 1)"), 1.0, 10).settled
     assert not MeasuredStep.of_system(RAMP, 1.0, 50).settled
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.8])
+def test_noise_of_a_step_test_does_not_pass_for_a_response_that_still_moves(colour: float):
+    """Slow noise of 2.5 % of the gain: hardly any settled response is taken for one that surely moves."""
+    rng = np.random.default_rng(8)
+    exact = MeasuredStep.of_system(tf("exp(-3 s)/(12 s + 1)"), 1.0, 90)
+    cut = MeasuredStep.of_system(tf("exp(-3 s)/(12 s + 1)"), 1.0, 15)
+    white = rng.standard_normal((1000, 150))
+    noise = 0.025 * np.sqrt(1 - colour**2) * lfilter([1], [1, -colour], white)[:, -90:]
+    noisy = [replace(exact, values=exact.values + np.r_[0.0, one]) for one in noise]
+    assert sum(not one.settled and not one.settled_is_unclear for one in noisy) <= 20
+    assert not cut.settled and not cut.settled_is_unclear
+    ramp = MeasuredStep.of_system(RAMP, 1.0, 90)
+    assert not ramp.settled and not ramp.settled_is_unclear
 
 
 def test_difference_is_a_share_of_the_gain_and_counts_what_was_cut_off():

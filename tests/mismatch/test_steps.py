@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from trueplant.errors import FormulaError
 from trueplant.lti import MeasuredStep, Structure, structure_of, tf
@@ -92,12 +93,14 @@ def test_nothing_stays_nothing():
     assert fitted.system.is_zero and fitted.error == 0.0
 
 
-def test_scatter_of_the_coefficients_says_how_far_the_parameters_are_off():
-    """95 % intervals from the covariance, over simulated step tests with independent errors."""
-    exact = MeasuredStep.of_system(tf("2 exp(-3.4 s)/(10 s + 1)"), 1.0, 60)
+@pytest.mark.parametrize("follows", [0.0, 0.8])
+def test_scatter_of_the_coefficients_says_how_far_the_parameters_are_off(follows):
+    """95 % intervals from the covariance, over simulated step tests with independent errors, and with slow ones."""
+    exact = MeasuredStep.of_system(tf("2 exp(-3.4 s)/(10 s + 1)"), 1.0, 90)
     rng, inside = np.random.default_rng(1), []
     for _ in range(150):
-        noise = np.concatenate([[0.0], 0.02 * rng.standard_normal(60)])
+        slow = lfilter([np.sqrt(1 - follows**2)], [1, -follows], rng.standard_normal(190))[-90:]
+        noise = np.concatenate([[0.0], 0.02 * slow])
         fitted = fit_step(MeasuredStep(exact.values + noise, 1.0), Structure.parse("fopdt"))
         assert fitted.covariance is not None
         off = structure_of(fitted.system)[1] - [2.0, 10.0, 3.4]

@@ -47,6 +47,9 @@ MOST_DRAW_ROUNDS = 500
 UNSETTLED = 0.05
 """Change from one tenth of a step response to the next, relative to its largest value, from which it has not come to
 rest: a ramp changes by a tenth, a first-order response cut off after three time constants by 0.02."""
+END_SCATTER = 2.0
+"""Of that change in units of the scatter of the coefficients there: below it may be noise. Noise of step tests is
+slow, so that means over a tenth scatter hardly less than single coefficients."""
 REST = 1e-5
 """Share of its mode to which the slowest pole of a discrete model falls before its step response is cut off."""
 AT_ONE = 1e-9

@@ -91,9 +91,21 @@ class MeasuredStep:
     @property
     def settled(self) -> bool:
         """Whether the end is at rest: its last tenth lies where the tenth before does."""
-        tenth = self._tenth
-        last, before = self.values[-tenth:].mean(), self.values[-2 * tenth : -tenth].mean()
-        return bool(abs(last - before) <= levels.UNSETTLED * self.size)
+        return self._end[0] <= levels.UNSETTLED * self.size
+
+    @property
+    def settled_is_unclear(self) -> bool:
+        """Whether noise of the coefficients could make `settled` what it is."""
+        change, scatter = self._end
+        return abs(change - levels.UNSETTLED * self.size) <= levels.END_SCATTER * scatter
+
+    @property
+    def _end(self) -> tuple[float, float]:
+        """How far apart the last two tenths lie, and how the values there scatter around a straight line."""
+        tail = self.values[-2 * self._tenth :]
+        before, last = np.split(tail, 2)
+        line = np.polynomial.Polynomial.fit(np.arange(tail.size), tail, 1)
+        return float(abs(last.mean() - before.mean())), float(np.std(tail - line(np.arange(tail.size))))
 
     def __call__(self, t: ArrayLike) -> Array:
         """The response at any time t, of the shape of t: straight lines between the coefficients."""

@@ -93,6 +93,8 @@ is taken for a step response. Judgement: inverse responses and overshoots fifty 
 STEP_CORRELATION = 0.95
 """Of neighbouring errors of coefficients, at most: what is left of a misfit looks like a walk, whose size over the
 whole response nobody knows."""
+STEP_CORRELATIONS = 39
+"""How many correlations up to that one are weighed."""
 STEP_USELESS = 2
 """Numbers of parameters in succession that did not help, after which no more are tried: a lead is often of use only
 beside a second lag."""

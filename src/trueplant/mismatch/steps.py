@@ -133,23 +133,44 @@ def _fitted(measured: MeasuredStep, structure: Structure, p: Array) -> Fitted:
 
 
 def _covariance(measured: MeasuredStep, system: TransferFunction) -> Array | None:
-    """That of least squares whose errors are correlated (first order): misfit counts as scatter does."""
-    from scipy.signal import lfilter
+    """That of least squares whose errors are correlated (first order): misfit counts as scatter does.
+
+    By how much they are is known only so well: the covariance is the mean over all correlations, each weighted by its
+    restricted likelihood, which allows for what the parameters have taken out of the errors.
+    """
+    from scipy.linalg import matmul_toeplitz
 
     try:
         structure, p = structure_of(system)
     except FormulaError:
         return None
-    rows = structure.response_and_gradient(p, np.ones(measured.values.size), measured.sample_time)
-    e, J = rows[0] - measured.values, rows[1:].T
-    power, free = float(e @ e), max(e.size - p.size, 1)
-    follows = min(_correlation(e), levels.STEP_CORRELATION)
-    forwards = lfilter([1.0], [1.0, -follows], J, axis=0)
-    backwards = lfilter([1.0], [1.0, -follows], J[::-1], axis=0)[::-1]
+    rows = structure.response_and_gradient(p, np.ones(measured.values.size), measured.sample_time)[:, 1:]
+    e, J = rows[0] - measured.values[1:], rows[1:].T
     scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-    inverse = np.linalg.pinv(J.T @ J / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
-    middle = power / free * (J.T @ (forwards + backwards - J))
-    return np.asarray(inverse @ (middle + middle.T) / 2 @ inverse, dtype=float)
+    J = J / scale
+    inverse = np.linalg.pinv(J.T @ J, rcond=1e-12)
+    middle = J.T @ matmul_toeplitz(_autocovariance(e, J), J)
+    return np.asarray(inverse @ (middle + middle.T) / 2 @ inverse / np.outer(scale, scale), dtype=float)
+
+
+def _autocovariance(e: Array, J: Array) -> Array:
+    """(n,) of the errors behind what is left of them, e (n,), beside parameters with the gradient J (n, n_p)."""
+    n, count = J.shape
+    follows = np.linspace(0.0, levels.STEP_CORRELATION, levels.STEP_CORRELATIONS)
+    first = np.sqrt(1 - follows**2)[:, None]
+    given = np.column_stack([e, J])
+    later = given[1:] - follows[:, None, None] * given[:-1]
+    white = np.concatenate([(first * given[0])[:, None], later], axis=1)
+    left, jacobian = white[..., 0], white[..., 1:]
+    q, r = np.linalg.qr(jacobian)
+    left = left - np.einsum("fnp,fp->fn", q, np.einsum("fnp,fn->fp", q, left))
+    free = max(n - count, 1)
+    power = np.maximum(np.sum(left**2, axis=1) / free, 1e-300)
+    size = np.sum(np.log(np.maximum(np.abs(np.diagonal(r, axis1=1, axis2=2)), 1e-12)), axis=1)
+    unlikely = free * np.log(power) / 2 - np.log(first[:, 0]) + size
+    weight = np.exp(unlikely.min() - unlikely)
+    variance = weight / np.sum(weight) * power / (1 - follows**2)
+    return np.asarray(variance @ follows[:, None] ** np.arange(n), dtype=float)
 
 
 def _correlation(e: Array) -> float:

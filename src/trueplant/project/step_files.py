@@ -59,7 +59,7 @@ def checked_step(
         )
     values = np.concatenate([[direct], coefficients])
     measured = MeasuredStep(np.cumsum(values) if kind == "fir" else values, sample_time, ramp)
-    if measured.settled == ramp and measured.size > 0:
+    if measured.settled == ramp and not measured.settled_is_unclear and measured.size > 0:
         raise DataError(
             "the response comes to rest, and ramp = true says that it does not: leave ramp out"
             if ramp
