@@ -52,6 +52,11 @@ def result_json(folder: Path) -> dict[str, Any]:
     return document
 
 
+def unbroken(text: str) -> str:
+    """As headings show it: an arrow, and no line that ends between a number and its per cent."""
+    return text.replace("->", "→").replace(" %", "\u00a0%")
+
+
 def words(html: str) -> str:
     """The text of a page, its tags and marks aside, with single spaces."""
     import html as entities

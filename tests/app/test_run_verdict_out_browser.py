@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from app.browser import Server
-from app.results import demo, result_json
+from app.results import demo, result_json, unbroken
 from trueplant.cli import main
 from trueplant.output import read_results
 
@@ -50,8 +50,8 @@ def test_from_the_demo_to_a_new_model(
 
     page.click("#outcome a")
     page.wait_for_url("**/verdict?*")
-    assert page.inner_text("#shift") == document["shift"]
-    assert page.inner_text("#headline") == document["headline"].replace("->", "→")
+    assert page.inner_text("#shift") == unbroken(document["shift"])
+    assert page.inner_text("#headline") == unbroken(document["headline"])
     for element in document["elements"]:
         button = page.locator(f"#matrix button[data-output={element['output']}][data-input={element['input']}]")
         assert element["verdict"] in button.inner_text()
@@ -74,7 +74,7 @@ def test_from_the_demo_to_a_new_model(
         page.click("tr:has-text('report.html') a:has-text('Open')")
     report = opening.value
     report.wait_for_selector(".plot .plot-container")  # its own script runs under its own policy
-    assert report.inner_text("h1") == document["shift"].replace(" %", "\u00a0%")  # no line ends between the two
+    assert report.inner_text("h1") == unbroken(document["shift"])
     report.close()
 
     page.wait_for_selector("#accept:not([disabled])")
@@ -182,5 +182,5 @@ class TestOfTheMill:
 
     def test_the_sheet_for_the_shift_is_one_page(self, page: Any, server: Server, demo_folder: Path) -> None:
         page.goto(server.url("/out/shift"))
-        assert page.inner_text("h1") == result_json(demo_folder)["shift"]
+        assert page.inner_text("h1") == unbroken(result_json(demo_folder)["shift"])
         assert page.pdf(format="A4", prefer_css_page_size=True).count(b"/Type /Page\n") == 1

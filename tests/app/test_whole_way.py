@@ -14,6 +14,7 @@ import pytest
 from playwright.sync_api import expect
 
 from app.browser import Problems, Server, enter, follow
+from app.results import unbroken
 from trueplant.cli import main
 
 LONG = 240_000
@@ -212,7 +213,7 @@ def test_a_real_record_cut_by_hand_and_retuned_by_slider(
     shift = page.get_by_role("heading", level=1).inner_text()
     out = folder / "heaters-result"
     result = json.loads((out / "result.json").read_text())
-    assert result["shift"] == shift
+    assert unbroken(result["shift"]) == shift
     own = [one for one in result["elements"] if one["input"][-1] == one["output"][-1]]
     for element, fits in zip(own, ({"gain": 0.917, "tau1": 167.5}, {"gain": 0.55, "tau1": 182}), strict=True):
         for parameter in element["parameters"]:

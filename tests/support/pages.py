@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 
 from trueplant.report.frame import HARMLESS
 
-VOID = {"meta", "br", "hr", "img", "input", "link", "path", "circle", "rect"}
+VOID = {"meta", "br", "wbr", "hr", "img", "input", "link", "path", "circle", "rect"}
 
 
 class Page(HTMLParser):

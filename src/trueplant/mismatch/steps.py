@@ -124,7 +124,9 @@ def _parameters(measured: MeasuredStep, structure: Structure) -> Array:
         gtol=1e-13,
         max_nfev=levels.STEP_SEARCH,
     )
-    return np.asarray(found.x[structure.sorted(found.x)], dtype=float)
+    # the search only comes near a bound, and a dead time of 1e-16 is none
+    p = np.where(found.x - low < 1e-9 * h, low, found.x)
+    return np.asarray(p[structure.sorted(p)], dtype=float)
 
 
 def _fitted(measured: MeasuredStep, structure: Structure, p: Array) -> Fitted:

@@ -21,6 +21,7 @@ from trueplant.result import Curves, Reason, Residuals, Result, RetuningCurves, 
 
 if TYPE_CHECKING:
     import jinja2
+    from markupsafe import Markup
 
 
 def render(result: Result) -> str:
@@ -111,6 +112,7 @@ def environment(*packages: str) -> jinja2.Environment:
         finalize=lambda value: printable(value) if type(value) is str else value,
     )
     made.filters |= {"number": number, "probability": probability, "label": label, "sentence": _sentence}
+    made.filters |= {"unbroken": _unbroken, "breakable": _breakable}
     made.filters |= {"entries": walk.entries, "as_table": walk.as_table}
     made.tests |= {"missing": walk.is_missing, "record": walk.is_record}
     made.tests |= {"records": walk.is_records, "spans": walk.is_spans}
@@ -120,6 +122,13 @@ def environment(*packages: str) -> jinja2.Environment:
 def _unbroken(text: str) -> str:
     """No line breaks inside an arrow, or between a number and its per cent."""
     return text.replace("->", "→").replace(" %", "\u00a0%")
+
+
+def _breakable(name: str) -> Markup:
+    """A name that may go on in the next line behind an underscore, where there is no room for all of it."""
+    from markupsafe import Markup
+
+    return Markup("_<wbr>").join(printable(name).split("_"))
 
 
 def _confidence(result: Result) -> float:

@@ -38,7 +38,8 @@ class Check:
             why = self.reasons[0].message if self.reasons else "no usable data are left after screening"
             return f"These data cannot answer: {why}."
         whole = "" if len(usable) == len(self.data) else f" of {len(self.data)}"
-        return f"{counted(len(usable), 'record')}{whole} can be used, and the moves in them can be told from noise."
+        inside = "it" if len(usable) == 1 else "them"
+        return f"{counted(len(usable), 'record')}{whole} can be used, and the moves in {inside} can be told from noise."
 
     def to_dict(self) -> dict[str, Any]:
         """check.json as plain Python; numbers that are not finite become None."""

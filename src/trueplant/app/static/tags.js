@@ -152,7 +152,7 @@ function card(loop, k) {
   const status = [];
   if (output) status.push(signal(`status-${k}`, "Status of PV", "status", output.status, certainty.status_output, false, (one) => set("output", output.name, { status: one })));
   if (input) status.push(signal(`op-status-${k}`, "Status of OP", "status", input.status, certainty.status_input, false, (one) => set("input", input.name, { status: one })));
-  const title = [output?.name, input?.name].filter(Boolean).join(" with ");
+  const title = [output?.name, input?.name].filter(Boolean).map((name) => name.replaceAll("_", " ")).join(" with ");
   return el("section", { class: "loop card", "aria-label": `Loop ${title}` },
     el("header", {}, el("h2", {}, title), el("button", { type: "button", id: `remove-${k}`, onclick: () => remove(loop, title) }, "Remove")),
     el("div", { class: "signals" }, parts),

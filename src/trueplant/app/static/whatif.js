@@ -368,7 +368,7 @@ function table(got) {
   if (own.beyond.crossover) rows.unshift(element("tr", {}, element("th", { scope: "row", textContent: "Speed" }), element("td"), element("td", { className: "n over", textContent: "too fast" }), element("td", { className: "over", textContent: "faster than the record vouches for" })));
   $("numbers").tBodies[0].replaceChildren(...rows);
   $("numbers").caption.textContent = `${spoken(loopOf(shown).output)} by ${spoken(shown)}, on the plant as estimated`;
-  const others = found.loops.filter((loop) => loop.input !== shown);
+  const others = got.state === "same" ? [] : found.loops.filter((loop) => loop.input !== shown);
   $("others").replaceChildren(
     ...others.map((loop) => {
       const one = got.loops[loop.input];
