@@ -1,10 +1,10 @@
 """An audit of the demo site beside its truth, and what its workers cost beside a plain loop.
 
-    python benchmarks/bench_audit.py [--whole] [--loops N] [--out FOLDER]
+    python benchmarks/bench_audit.py [--site small|whole|none] [--loops N] [--long N] [--out FOLDER]
 
-Without --whole the site has 24 loops over 10 days (60 over 30 otherwise). N quick loops (20; 600 samples each) measure
-the workers: all ratios are taken in one run on warm caches. Bytes are those of the machine's loopback meanwhile, so
-they are at most what the audit sent.
+The small site has 24 loops over 10 days, the whole one 60 over 30. N quick loops (20; 600 samples each) measure the
+workers: all ratios are taken in one run on warm caches. Bytes are those of the machine's loopback meanwhile, so they
+are at most what the audit sent. With --long one worker goes over as many loops, and what it holds is said by quarters.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from trueplant.fleet import Audited, Options, Site, audit
 from trueplant.fleet.demo import END, START, judge, write_site
 from trueplant.fleet.demo import SITE as DEMO
 from trueplant.fleet.demo.judge import lines
+from trueplant.fleet.row import Outcome
 
 
 def timed(site: Path, out: Path, workers: int) -> tuple[float, float, Audited]:
@@ -52,11 +53,7 @@ def against_truth(folder: Path, whole: bool) -> None:
 
 def workers(folder: Path, number: int) -> None:
     """Two workers against one, one against a plain loop, memory, bytes."""
-    for k in range(number):
-        write_loop(folder / "units", f"loop{k:03}", CHANGED if k % 4 == 0 else MODEL, k)
-    site = folder / "site.toml"
-    site.write_text(SITE, encoding="utf-8")
-    out = folder / "out"
+    site, out = quick_site(folder, number), folder / "out"
     timed(site, out, 0)
     plain, cpu, _ = timed(site, out, 0)
     before = loopback()
@@ -66,13 +63,36 @@ def workers(folder: Path, number: int) -> None:
     nothing = time.perf_counter()
     audit(Site.load(site), out, Options(workers=2))
     nothing = time.perf_counter() - nothing
-    memory = [row.row.memory_mb or 0.0 for row in sorted(found.loops, key=lambda row: row.name)]
     print(f"{number} loops of 600 samples: plain {plain:.1f} s, one worker {one:.1f} s, two workers {two:.1f} s")
     print(f"CPU of the loops: plain {cpu:.1f} s, one worker {cpu_one:.1f} s, two workers {cpu_two:.1f} s")
     print(f"two workers are {one / two:.2f} times one; one worker takes {one - plain:.1f} s more than a plain loop")
-    first, last = max(memory[: number // 4]), max(memory[-number // 4 :])
-    print(f"memory of a worker: {first:.0f} MB in the first quarter, {last:.0f} MB in the last")
+    print(f"memory of a worker, by quarters: {by_quarters(found)}")
     print(f"at most {sent / number / 1024:.0f} kB over the wire a loop; an audit with nothing new: {nothing:.2f} s")
+
+
+def long(folder: Path, number: int) -> None:
+    """Does a worker hold more after many loops than after few?"""
+    wall, _, found = timed(quick_site(folder, number), folder / "out", 1)
+    failed = sum(one.row.outcome is Outcome.FAILED for one in found.loops)
+    print(
+        f"one worker over {number} loops, {wall:.0f} s, {failed} failed; its memory, by quarters: {by_quarters(found)}"
+    )
+
+
+def quick_site(folder: Path, number: int) -> Path:
+    """A site file, and small loops of which a quarter have changed."""
+    for k in range(number):
+        write_loop(folder / "units", f"loop{k:03}", CHANGED if k % 4 == 0 else MODEL, k)
+    site = folder / "site.toml"
+    site.write_text(SITE, encoding="utf-8")
+    return site
+
+
+def by_quarters(found: Audited) -> str:
+    """The largest memory of a worker in each quarter of the loops, in their order."""
+    memory = [row.row.memory_mb or 0.0 for row in sorted(found.loops, key=lambda row: row.name)]
+    quarters = [memory[k * len(memory) // 4 : (k + 1) * len(memory) // 4] for k in range(4)]
+    return ", ".join(f"{max(quarter, default=0.0):.0f}" for quarter in quarters) + " MB"
 
 
 def loopback() -> int:
@@ -86,14 +106,18 @@ def loopback() -> int:
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--whole", action="store_true")
+    parser.add_argument("--site", choices=["small", "whole", "none"], default="small")
     parser.add_argument("--loops", type=int, default=20)
+    parser.add_argument("--long", type=int, default=0)
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = given.out or Path(scratch)
         workers(folder / "workers", given.loops)
-        against_truth(folder / "site", given.whole)
+        if given.long:
+            long(folder / "long", given.long)
+        if given.site != "none":
+            against_truth(folder / "site", given.site == "whole")
 
 
 if __name__ == "__main__":  # workers import this file
