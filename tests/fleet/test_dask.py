@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 import pytest
@@ -123,6 +124,15 @@ def test_killed_at_random_moments_it_comes_to_the_same(site: Path) -> None:
     subprocess.run(command(site, "killed", "--workers", "2"), env=both, check=True, capture_output=True)
     assert rows(site, "killed").equals(rows(site, "whole"), null_equal=True)
     assert not list((site.parent / "killed" / "loops").glob(".*"))
+
+
+def test_a_worker_keeps_nothing_of_what_it_has_done() -> None:
+    def kept(dask_worker: Any) -> int:
+        return len(dask_worker.profile_history) + int(dask_worker.profile_recent["count"])
+
+    with on_this_machine(1) as workers:
+        workers._client.submit(time.sleep, 2.5).result()
+        assert list(workers._client.run(kept).values()) == [0]
 
 
 @pytest.mark.skipif(not Path("/proc/self/net/tcp").is_file(), reason="reads /proc")

@@ -26,6 +26,7 @@ _SETTINGS: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": levels.ALLOWED_DEATHS,
     "distributed.scheduler.worker-saturation": 1.0,
     "distributed.worker.daemon": True,
+    "distributed.worker.profile.enabled": False,  # its samples of the last hour would take a GB or two
     "distributed.admin.tick.limit": "1h",  # a loop keeps its worker busy, and that is nothing to warn of
     **{f"distributed.nanny.pre-spawn-environ.{name}": 1 for name in (*VARIABLES, "POLARS_MAX_THREADS")},
 }
