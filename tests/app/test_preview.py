@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from app.plant_files import german_csv, parquet, pi_export, workbook
 from trueplant.app.screens.historian import source_text
-from trueplant.app.screens.preview import Hints, command, preview, project_text
-from trueplant.cli.data import Hints as InitHints
-from trueplant.cli.data import init
+from trueplant.app.screens.preview import command, preview, project_text
+from trueplant.cli import main
 from trueplant.errors import DataError, ProjectError
 from trueplant.project import Project
+from trueplant.project.hints import Hints
 
 
 def test_german_csv(tmp_path: Path) -> None:
@@ -96,7 +98,7 @@ def test_a_long_export_on_an_even_grid(tmp_path: Path) -> None:
     project = Project.from_toml(project_text(path, tmp_path / "pi.toml", hints), tmp_path)
     assert (project.data.sample_time, project.data.max_gap, project.time_unit) == (0.5, 5.0, "min")
     with pytest.raises(DataError, match="go together"):
-        preview(path, Hints.of({"max_gap": "5"}))
+        Hints.of({"max_gap": "5"})
     for wrong in ("often", "-1", "nan"):
         with pytest.raises(DataError, match="no length of time"):
             Hints.of({"sample_time": wrong})
@@ -109,20 +111,28 @@ def test_what_cannot_be_long_is_said(tmp_path: Path) -> None:
     assert not preview(pi_export(tmp_path / "pi.txt"), Hints.of({"shape": "wide"})).seen.long
 
 
-def test_the_project_is_the_one_that_init_writes(tmp_path: Path) -> None:
-    path = german_csv(tmp_path / "a plant.csv")
-    for given in ({}, {"separator": "semicolon"}, {"encoding": "cp1252", "time": "Zeitstempel"}):
-        hints = Hints.of(given)
-        init(path, None, True, InitHints(given.get("separator"), given.get("encoding"), given.get("time")))
-        assert (tmp_path / "a plant.toml").read_text(encoding="utf-8") == project_text(
-            path, tmp_path / "a plant.toml", hints
-        )
-        assert command("a plant.csv", "a plant.toml", hints).startswith(
-            "trueplant init 'a plant.csv' --out 'a plant.toml'"
-        )
-    assert (
-        command("x.csv", "x.toml", Hints.of({"separator": ";"})) == "trueplant init x.csv --out x.toml --separator ';'"
-    )
+@pytest.mark.parametrize(
+    ("make", "given"),
+    [
+        (german_csv, {}),
+        (german_csv, {"separator": "semicolon"}),
+        (german_csv, {"encoding": "cp1252", "time": "Zeitstempel", "shape": "wide"}),
+        (german_csv, {"time_zone": "Europe/Berlin", "time_format": "dmy"}),
+        (workbook, {"sheet": "Data"}),
+        (pi_export, {"sample_time": "0,5", "max_gap": "5", "shape": "long"}),
+    ],
+)
+def test_the_command_that_is_shown_writes_the_same_project(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[Path], Path], given: dict[str, str]
+) -> None:
+    path = make(tmp_path / f"a plant.{'xlsx' if make is workbook else 'csv'}")
+    hints = Hints.of(given)
+    shown = command(path.name, "a project.toml", hints)
+    assert shown.startswith(f"trueplant init '{path.name}' --out 'a project.toml'")
+    monkeypatch.chdir(tmp_path)
+    assert main(shlex.split(shown)[1:]) == 0
+    written = (tmp_path / "a project.toml").read_text(encoding="utf-8")
+    assert written == project_text(path, tmp_path / "a project.toml", hints)
 
 
 HISTORIAN = {

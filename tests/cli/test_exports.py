@@ -9,7 +9,7 @@ import pytest
 
 from support.exports import EXPORTS, FOUND, KINDS, UNITS, Export, Signals, signals
 from trueplant import Project
-from trueplant.cli.data import Hints, init
+from trueplant.cli.data import init
 from trueplant.project.controllers import layout_of
 from trueplant.record import read_record
 from trueplant.result import Status
@@ -26,7 +26,7 @@ def begun(export: Export, record: Signals, folder: Path) -> Project:
     """The project that `init` writes for the export."""
     export.write(folder / export.file, record)
     place = folder / "project.toml"
-    assert init(folder / export.file, place, False, Hints()) == 0
+    assert init(folder / export.file, place, False, {}) == 0
     return Project.load(place)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 
 from trueplant.claims import claim
@@ -54,22 +54,6 @@ def show_check(found: Check) -> None:
             say_lines(f"{reason.where}: {reason.message}" if reason.where else reason.message)
 
 
-@dataclass(frozen=True)
-class Hints:
-    """What cannot always be known of a data file."""
-
-    separator: str | None = None
-    encoding: str | None = None
-    time: str | None = None
-    """The column of the time."""
-
-    @property
-    def said(self) -> dict[str, str]:
-        """Those that a project file has to say too."""
-        keys = {"separator": self.separator, "encoding": self.encoding}
-        return {key: value for key, value in keys.items() if value is not None}
-
-
 def _where(finding: DataFinding, calendar: Calendar) -> str:
     """Where a finding is: its longest stretches in order of time, and how many more there are."""
     longest = sorted(sorted(finding.spans, key=lambda s: s[0] - s[1])[:SHOWN])
@@ -80,11 +64,10 @@ def _where(finding: DataFinding, calendar: Calendar) -> str:
     return f" {places}{f', and {left} shorter' if left else ''}."
 
 
-def init(data: Path, out: Path | None, force: bool, hints: Hints) -> int:
-    """Write a project file for ``data`` next to it, or where ``out`` says."""
+def init(data: Path, out: Path | None, force: bool, given: Mapping[str, str | None]) -> int:
+    """Write a project file for ``data`` next to it, or where ``out`` says; `given` as `Hints.of` takes it."""
     from trueplant.project.draft import draft_project
-    from trueplant.project.look import look
-    from trueplant.record.readers import read_table
+    from trueplant.project.hints import Hints, first_look
 
     if data.suffix.lower() == ".toml":
         raise UsageError(
@@ -93,7 +76,7 @@ def init(data: Path, out: Path | None, force: bool, hints: Hints) -> int:
         )
     place = out or data.with_suffix(".toml")
     claim([place], [data], force)
-    seen = look(read_table(data, **hints.said), hints.time, hints.said)
+    _, seen = first_look(data, Hints.of(given))
     text = draft_project(Path(os.path.relpath(data, place.parent)).as_posix(), seen)
     write_files(place.parent, {place.name: text})
     say_lines(f"{place}: check every line with the word CHECK, then run: trueplant check {place}")

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from trueplant.errors import DataError
 from trueplant.project.draft import draft_project
 from trueplant.project.guess import Seen, guess_counted_unit, guess_loops, guess_time_unit
-from trueplant.project.look import look
-from trueplant.record.readers import read_table
+from trueplant.project.hints import Hints, first_look
 from trueplant.record.table import Table
 from trueplant.record.text import SEPARATORS
 
@@ -25,30 +21,6 @@ CELL = 60
 """Characters of a cell that are shown."""
 WORDS = {";": "semicolon", "\t": "tab", "|": "pipe", ",": "comma", " ": "spaces"}
 ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "cp1252", "latin-1", "cp850")
-READING = ("separator", "encoding", "sheet")
-"""What is said to the reader; the rest to the first look."""
-SAID = (*READING, "time_format", "time_zone", "time_unit", "tag", "value")
-"""Keys of [data] that can be corrected, beside the column of the time."""
-GRID = ("sample_time", "max_gap")
-"""Of the even grid that a long export may be put on: numbers in the unit of time."""
-
-
-@dataclass(frozen=True)
-class Hints:
-    """What the user says of a data file; what is not said is found."""
-
-    time: str | None = None
-    long: bool | None = None
-    said: Mapping[str, str | float] = field(default_factory=dict)
-    """Some of `SAID` and `GRID`."""
-
-    @classmethod
-    def of(cls, given: Mapping[str, Any]) -> Hints:
-        """From the fields of a form; empty ones are not said. Raises DataError for numbers that are none."""
-        said: dict[str, str | float] = {key: str(given[key]) for key in SAID if given.get(key)}
-        said |= {key: _number(str(given[key])) for key in GRID if str(given.get(key) or "").strip()}
-        shape = {"long": True, "wide": False}.get(str(given.get("shape", "")))
-        return cls(str(given["time"]) if given.get("time") else None, shape, said)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +75,7 @@ class Preview:
 
 def preview(path: Path, hints: Hints) -> Preview:
     """Read a file as `trueplant init` does. Raises DataError."""
-    reading = {key: value for key, value in hints.said.items() if key in READING}
-    if any(key in hints.said for key in GRID) and not all(key in hints.said for key in GRID):
-        raise DataError("the time between samples and the longest gap go together: give both, or none")
-    table = read_table(path, **reading)
-    return Preview(table, look(table, hints.time, dict(hints.said), hints.long), hints)
+    return Preview(*first_look(path, hints), hints)
 
 
 def project_text(path: Path, project: Path, hints: Hints) -> str:
@@ -117,12 +85,10 @@ def project_text(path: Path, project: Path, hints: Hints) -> str:
 
 
 def command(path: str, project: str, hints: Hints) -> str:
-    """How `trueplant init` is asked for the same, as far as it takes that on the command line."""
+    """How `trueplant init` is asked for the same."""
     import shlex
 
-    options = [("--separator", hints.said.get("separator")), ("--encoding", hints.said.get("encoding"))]
-    given = [part for option, value in [*options, ("--time", hints.time)] if value for part in (option, str(value))]
-    return shlex.join(["trueplant", "init", path, "--out", project, *given])
+    return shlex.join(["trueplant", "init", path, "--out", project, *hints.options])
 
 
 def _cell(value: Any) -> str:
@@ -130,16 +96,6 @@ def _cell(value: Any) -> str:
         return ""
     text = f"{value:.10g}" if isinstance(value, float) else str(value)
     return text if len(text) <= CELL else f"{text[: CELL - 1]}…"
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text.replace(",", "."))
-    except ValueError:
-        value = math.nan
-    if not 0 < value < math.inf:
-        raise DataError(f"{text[:40]!r} is no length of time: give a number above 0")
-    return value
 
 
 def _duration(seconds: float) -> str:

@@ -21,10 +21,11 @@ from trueplant.app import levels
 from trueplant.app.folder import SUFFIXES, Folder, ProjectFile
 from trueplant.app.pages import body, folder_of, ok, page
 from trueplant.app.screens.historian import FIELDS, KINDS, source_text
-from trueplant.app.screens.preview import ENCODINGS, WORDS, Hints, command, preview, project_text
+from trueplant.app.screens.preview import ENCODINGS, WORDS, command, preview, project_text
 from trueplant.errors import OutputError, ProjectError
 from trueplant.output import write_files
 from trueplant.project import Project
+from trueplant.project.hints import Hints
 from trueplant.project.simulation import as_file, simulate_record
 from trueplant.project.tables import TimeFormat
 
