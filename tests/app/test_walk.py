@@ -20,6 +20,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "dark": {"viewport": {"width": 1280, "height": 900}, "color_scheme": "dark"},
     "phone": {"viewport": {"width": 390, "height": 844}, "color_scheme": "light"},
 }
+PICTURES = Path(__file__).parents[2] / "build" / "app-pictures"
+"""Of every page, to be looked at."""
 UNNAMED = """() => [...document.querySelectorAll("input, select, textarea, button, a[href]")].filter((one) =>
     one.type !== "hidden" && one.checkVisibility() && !one.labels?.length && !one.textContent.trim()
     && !one.getAttribute("aria-label") && !one.getAttribute("aria-labelledby") && !one.title
@@ -48,7 +50,7 @@ def test_no_page_has_a_problem(
         answer = page.goto(server.url(path))
         with contextlib.suppress(TooLate):  # a page that follows something is never idle
             page.wait_for_load_state("networkidle", timeout=20_000)
-        page.screenshot(path=tmp_path / f"{path.strip('/')}-{stage}-{look}.png", full_page=True)
+        page.screenshot(path=PICTURES / f"{path.strip('/')}-{stage}-{look}.png", full_page=True)
         if answer is None or answer.status != 200:
             found.append(f"{path}: {answer and answer.status}")
         if page.locator("h1").count() != 1:
