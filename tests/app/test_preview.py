@@ -135,6 +135,16 @@ def test_the_command_that_is_shown_writes_the_same_project(
     assert written == project_text(path, tmp_path / "a project.toml", hints)
 
 
+@pytest.mark.parametrize("wrong", ["zone=x", "time_zone", "time_zone=", "sample_time=often"])
+def test_a_key_that_cannot_be_set_is_one_message(
+    tmp_path: Path, wrong: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = german_csv(tmp_path / "export.csv")
+    assert main(["init", str(path), "--set", wrong]) == 2
+    assert capsys.readouterr().err.count("trueplant:") == 1
+    assert not (tmp_path / "export.toml").exists()
+
+
 HISTORIAN = {
     "kind": "opcua",
     "url": "opc.tcp://hist:4840",

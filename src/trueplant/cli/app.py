@@ -196,15 +196,11 @@ def init(
     separator: Annotated[str | None, typer.Option(help="Between the columns, if it is not found.")] = None,
     encoding: Annotated[str | None, typer.Option(help="Of the text, if it is not found.")] = None,
     time: Annotated[str | None, typer.Option(help="The column of the time, if it is not found.")] = None,
-    time_format: Annotated[str | None, typer.Option(help="Such as dmy or spreadsheet, if two readings fit.")] = None,
-    time_zone: Annotated[str | None, typer.Option(help="Of time stamps that bear none, as Europe/Oslo.")] = None,
-    time_unit: Annotated[str | None, typer.Option(help="Of a time column of numbers: ms, s, min, h or d.")] = None,
-    sheet: Annotated[str | None, typer.Option(help="Of a workbook; else the first.")] = None,
     long: Annotated[bool | None, typer.Option("--long/--wide", help="Tags below each other, or columns.")] = None,
-    tag: Annotated[str | None, typer.Option(help="Long exports: the column of the tag.")] = None,
-    value: Annotated[str | None, typer.Option(help="Long exports: the column of the value.")] = None,
-    sample_time: Annotated[str | None, typer.Option(help="Long exports: of an even grid; with --max-gap.")] = None,
-    max_gap: Annotated[str | None, typer.Option(help="Between two values, beyond which some are missing.")] = None,
+    also: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="A key of [data], as time_zone=Europe/Oslo; any number of."),
+    ] = None,
 ) -> int:
     """Write a commented project file from the columns of a data file.
 
@@ -212,21 +208,9 @@ def init(
     """
     from trueplant.cli.data import init
 
-    given = {
-        "separator": separator,
-        "encoding": encoding,
-        "time": time,
-        "time_format": time_format,
-        "time_zone": time_zone,
-        "time_unit": time_unit,
-        "sheet": sheet,
-        "shape": None if long is None else "long" if long else "wide",
-        "tag": tag,
-        "value": value,
-        "sample_time": sample_time,
-        "max_gap": max_gap,
-    }
-    return init(data, out, force, given)
+    shape = None if long is None else "long" if long else "wide"
+    given = {"separator": separator, "encoding": encoding, "time": time, "shape": shape}
+    return init(data, out, force, given, also or ())
 
 
 @app.command(short_help="Write a simulated record of the declared loop.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from trueplant.claims import claim
@@ -64,10 +64,13 @@ def _where(finding: DataFinding, calendar: Calendar) -> str:
     return f" {places}{f', and {left} shorter' if left else ''}."
 
 
-def init(data: Path, out: Path | None, force: bool, given: Mapping[str, str | None]) -> int:
-    """Write a project file for ``data`` next to it, or where ``out`` says; `given` as `Hints.of` takes it."""
+def init(data: Path, out: Path | None, force: bool, given: Mapping[str, str | None], also: Sequence[str] = ()) -> int:
+    """Write a project file for ``data`` next to it, or where ``out`` says.
+
+    given: what `Hints.of` takes. also: more of it, as "key=value".
+    """
     from trueplant.project.draft import draft_project
-    from trueplant.project.hints import Hints, first_look
+    from trueplant.project.hints import Hints, first_look, keys_said
 
     if data.suffix.lower() == ".toml":
         raise UsageError(
@@ -76,7 +79,7 @@ def init(data: Path, out: Path | None, force: bool, given: Mapping[str, str | No
         )
     place = out or data.with_suffix(".toml")
     claim([place], [data], force)
-    _, seen = first_look(data, Hints.of(given))
+    _, seen = first_look(data, Hints.of({**given, **keys_said(also)}))
     text = draft_project(Path(os.path.relpath(data, place.parent)).as_posix(), seen)
     write_files(place.parent, {place.name: text})
     say_lines(f"{place}: check every line with the word CHECK, then run: trueplant check {place}")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from trueplant.errors import DataError
+from trueplant.errors import DataError, UsageError
+from trueplant.printable import printable
 from trueplant.project.guess import Seen
 from trueplant.project.look import look
 from trueplant.record.readers import read_table
@@ -20,6 +21,8 @@ SAID = (*READING, "time_format", "time_zone", "time_unit", "tag", "value")
 """Keys of [data] that can be said, beside the column of the time."""
 GRID = ("sample_time", "max_gap")
 """Of the even grid that a long export may be put on: numbers in the unit of time."""
+OWN = ("separator", "encoding")
+"""Those that have an option of their own."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +54,25 @@ class Hints:
     @property
     def options(self) -> list[str]:
         """How `trueplant init` is told the same."""
-        named = {**self.said, **({} if self.time is None else {"time": self.time})}
-        told = [
-            part
-            for key, value in named.items()
-            for part in (f"--{key.replace('_', '-')}", f"{value:.12g}" if isinstance(value, float) else value)
-        ]
+        told = [] if self.time is None else ["--time", self.time]
+        for key, value in self.said.items():
+            text = f"{value:.12g}" if isinstance(value, float) else value
+            told += [f"--{key}", text] if key in OWN else ["--set", f"{key}={text}"]
         return told if self.long is None else [*told, "--long" if self.long else "--wide"]
+
+
+def keys_said(pairs: Sequence[str]) -> dict[str, str]:
+    """What "key=value" says. Raises UsageError."""
+    said = {}
+    for pair in pairs:
+        key, sign, value = (part.strip() for part in pair.partition("="))
+        if key not in (*SAID, *GRID) or not sign or not value:
+            raise UsageError(
+                f"--set {printable(pair)}: it takes KEY=VALUE, as time_zone=Europe/Oslo; the keys are "
+                f"{', '.join((*SAID, *GRID))}"
+            )
+        said[key] = value
+    return said
 
 
 def first_look(path: Path, hints: Hints) -> tuple[Table, Seen]:
