@@ -18,6 +18,7 @@ LABELS = {word: word.replace("_", " ").capitalize() for word in WORDS.split()} |
     "worst_condition": "Largest condition number",
     "sentences": "What is not enough",
     "refused": "Refused",
+    "excludes": "Left out",
     "of": "Of",
     "rank": "Directions that move apart",
     "signals": "Signals",
