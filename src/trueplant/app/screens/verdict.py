@@ -32,7 +32,7 @@ class ToDo:
 
 
 TO_DO: Mapping[Action, ToDo] = {
-    Action.NONE: ToDo("Nothing to do now", "Neither the plant nor its tuning asks for anything.", ()),
+    Action.NONE: ToDo("Nothing to do now", "Nothing that was found has to be acted on at the panel.", ()),
     Action.RETUNE: ToDo(
         "Retune",
         "Other settings than today's suit the plant as it is now.",
