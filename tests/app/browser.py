@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -83,6 +84,16 @@ class Server:
             pytest.fail(f"the app did not start: {server.lines}")
         return server
 
+    def ask_for_another_link(self, page: Any, button: Any) -> None:
+        """By the button of a page that says how to get in, until the terminal has shown it."""
+        before = self.link
+        button.click()
+        page.get_by_text("stands on the terminal now").wait_for()
+        end = time.monotonic() + 60
+        while self.link == before:
+            assert time.monotonic() < end, f"the terminal shows no other link: {self.lines}"
+            time.sleep(0.02)
+
     @property
     def address(self) -> str:
         return self.link.split("/?")[0]
@@ -139,6 +150,7 @@ class Problems(list[str]):
 
 def enter(page: Any, server: Server) -> None:
     """Through the link into the app, until the first page has all its scripts."""
+    page.set_default_timeout(60_000)  # milliseconds, for a busy machine
     page.goto(server.link)
     page.wait_for_url(lambda url: "token=" not in url)
     page.wait_for_selector("header.frame")

@@ -69,7 +69,6 @@ def page(chromium: Any, server: Server, problems: Problems) -> Iterator[Any]:
     """A page that has entered the app on `server`. Console errors and violations of the policy fail the test."""
     context = chromium.new_context(viewport={"width": 1280, "height": 900})
     page = context.new_page()
-    page.set_default_timeout(60_000)
     problems.watch(page)
     enter(page, server)
     yield page

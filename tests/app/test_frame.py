@@ -26,8 +26,7 @@ def test_who_is_out_gets_in_by_a_new_link_on_the_terminal(server: Server, chromi
     context = chromium.new_context()
     page = context.new_page()
     page.goto(server.address + "/")
-    page.click("button")
-    page.get_by_text("stands on the terminal now").wait_for()
+    server.ask_for_another_link(page, page.locator("button"))
     enter(page, server)
     context.close()
 
@@ -87,8 +86,7 @@ def test_who_was_away_for_too_long_is_told_how_to_get_in(page: Any, server: Serv
     page.context.clear_cookies()
     change(page, "K")
     page.get_by_text("not logged in").wait_for()
-    page.get_by_role("button", name="Show a new link").click()
-    page.get_by_text("stands on the terminal now").wait_for()
+    server.ask_for_another_link(page, page.get_by_role("button", name="Show a new link"))
     enter(page, server)
 
 

@@ -34,7 +34,6 @@ def visit(chromium: Any, folder: Path, problems: Problems) -> Iterator[tuple[Any
     running = Server.start(folder, folder)
     context = chromium.new_context(viewport={"width": 1280, "height": 900})
     page = context.new_page()
-    page.set_default_timeout(60_000)
     problems.watch(page)
     enter(page, running)
     yield page, running
@@ -138,7 +137,6 @@ def test_a_messy_export_without_a_model_by_the_keyboard_alone(
     server = Server.start(folder, folder)
     context = chromium.new_context(viewport={"width": 1280, "height": 900})
     page = context.new_page()
-    page.set_default_timeout(60_000)
     problems.watch(page)
     enter(page, server)
     reach(page, page.get_by_role("button", name="export märz.csv"))
