@@ -2,7 +2,7 @@
 
 Simulated: Wood and Berry's column and the 3x3 corner y1, y2, y7 of Shell's problem under decentralised PI. The model
 was made by step tests before the change: the coefficients are the mean of four steps of each input, so large that every
-PV moves by so many standard deviations of the disturbance of the records, which acts on the tests, too. Then the
+PV moves by at least `--clear` standard deviations of the disturbance of the records, which acts on the tests, too. The
 gain, or the dead time and lag, of one element changes, and a record of operation is made, in which all set-points move
 at random. Each record is analysed twice, beside the formulas (exact) and beside the coefficients. Prints how many
 elements were called changed for both models, of those that have changed, by the size of the change, and of those that
@@ -185,9 +185,7 @@ def main() -> None:
         for one in pool.map(partial(answer, name=said.plant, clear=said.clear), jobs, chunksize=1):
             answers.append(one)
             print(json.dumps(one), file=sys.stderr, flush=True)
-    print(
-        f"{said.plant}: {len(answers)} simulated records of {SAMPLES} samples, seeds {jobs[0]} to {jobs[-1]};", end=" "
-    )
+    print(f"{said.plant}: {len(answers)} simulated records of {SAMPLES} samples, seeds {jobs[0]} to {jobs[-1]}")
     print(f"four step tests an input, of at least {said.clear:g} standard deviations of the disturbance in each PV")
     show(answers)
     print(f"{time.perf_counter() - begun:.0f} s with {said.workers} workers")

@@ -15,7 +15,7 @@ from trueplant.app.screens.aside import Question
 from trueplant.app.screens.asking import Asked, Seen, asked_by, seen_by
 from trueplant.app.screens.lights import light_of
 from trueplant.app.screens.records import struck_of
-from trueplant.app.screens.struck import struck_list
+from trueplant.app.screens.struck import KEPT, struck_list
 from trueplant.calendar import Calendar
 from trueplant.record.types import Kind
 from trueplant.result import Check, UsableStretch
@@ -75,7 +75,7 @@ def _found(asked: Asked, found: Check) -> dict[str, Any]:
     project = asked.project
     record = next(one for one in found.data if one.name == asked.plan.name)
     calendar = record.calendar(project.time_unit)
-    noticed = [one.message for one in record.findings if not one.excludes]
+    noticed = [one.message for one in record.findings if not one.excludes and one.kind not in KEPT]
     out: dict[str, Any] = {
         "headline": found.headline,
         "refused": found.status != "ok",

@@ -13,6 +13,9 @@ export function el(name, given = {}, ...children) {
   return element;
 }
 
+/** What a loop is called by the names of its output and input, either of which it may lack. */
+export const loopTitle = (...names) => names.filter(Boolean).map((name) => name.replaceAll("_", " ")).join(" with ");
+
 /** Ask in a dialog; true where the first of the answers was given. */
 export function ask(question, yes, no = "Cancel") {
   return new Promise((resolve) => {

@@ -1,7 +1,7 @@
 // Tags: a row a loop. Every change goes to the project file; the page is drawn anew from what it says then.
 
 import { api, data, say, shownVersion } from "./app.js";
-import { ask, el, spark } from "./dom.js";
+import { ask, el, loopTitle, spark } from "./dom.js";
 
 const $ = (id) => document.getElementById(id);
 const given = data();
@@ -152,7 +152,7 @@ function card(loop, k) {
   const status = [];
   if (output) status.push(signal(`status-${k}`, "Status of PV", "status", output.status, certainty.status_output, false, (one) => set("output", output.name, { status: one })));
   if (input) status.push(signal(`op-status-${k}`, "Status of OP", "status", input.status, certainty.status_input, false, (one) => set("input", input.name, { status: one })));
-  const title = [output?.name, input?.name].filter(Boolean).map((name) => name.replaceAll("_", " ")).join(" with ");
+  const title = loopTitle(output?.name, input?.name);
   return el("section", { class: "loop card", "aria-label": `Loop ${title}` },
     el("header", {}, el("h2", {}, title), el("button", { type: "button", id: `remove-${k}`, onclick: () => remove(loop, title) }, "Remove")),
     el("div", { class: "signals" }, parts),

@@ -3,7 +3,7 @@
 import { address, alarm, api, color, data, onThemeChange, say, shownVersion } from "./app.js";
 import { checkedParts, lit, windowsTable } from "./checked.js";
 import { LABELS, clockOf } from "./clock.js";
-import { ask, calmly, el } from "./dom.js";
+import { ask, calmly, el, loopTitle } from "./dom.js";
 
 const $ = (id) => document.getElementById(id);
 const given = data();
@@ -197,7 +197,7 @@ function build() {
     if (loop.output) upper.push({ key: `pv ${loop.output}`, label: "PV", role: "measured", unit: loop.unit });
     if (loop.sp) upper.push({ key: `sp ${loop.output}`, label: "SP", role: "setpoint", unit: loop.unit });
     const lower = loop.input ? [{ key: `op ${loop.input}`, label: "OP", role: "plant", unit: loop.input_unit }] : [];
-    const title = [loop.output, loop.input].filter(Boolean).map((name) => name.replaceAll("_", " ")).join(" with ");
+    const title = loopTitle(loop.output, loop.input);
     const place = (name) => el("div", { class: "plot", tabindex: "0", role: "group", "aria-label": `${name} of ${title} over time; arrow keys move, plus and minus zoom` });
     const [above, below] = [upper.length ? place("PV and set-point") : null, lower.length ? place("OP") : null];
     const signals = [...upper, ...lower].map(({ key, label, unit }) => [key, label, unit]);
