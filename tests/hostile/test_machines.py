@@ -24,23 +24,12 @@ from numba.core import caching
 
 import trueplant
 from support import ROOT
-from support.command import ENVIRONMENT, PROJECT, contents, refused, simulated, sound
+from support.command import ENVIRONMENT, PROJECT, contents, refused
 from support.old_excel import old_workbook
 from trueplant import output, threads
 from trueplant.cli import main
 from trueplant.compiled import compiled
 from trueplant.record import levels, read_table
-
-
-@pytest.fixture(scope="module")
-def record(tmp_path_factory):
-    return simulated(tmp_path_factory.mktemp("record"))
-
-
-@pytest.fixture
-def folder(tmp_path, record, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return sound(tmp_path, record)
 
 
 def apart(folder: Path, *arguments: str, options: tuple[str, ...] = (), **environment: str) -> tuple[int, str, str]:
