@@ -1,10 +1,11 @@
 """An audit of the demo site beside its truth, and what its workers cost beside a plain loop.
 
-    python benchmarks/bench_audit.py [--site small|whole|none] [--loops N] [--long N] [--out FOLDER]
+    python benchmarks/bench_audit.py [--site small|whole|none] [--loops N] [--minutes M] [--long N] [--out FOLDER]
 
-The small site has 24 loops over 10 days, the whole one 60 over 30. N quick loops (20; 600 samples each) measure the
-workers: all ratios are taken in one run on warm caches. Bytes are those of the machine's loopback meanwhile, so they
-are at most what the audit sent. With --long one worker goes over as many loops, and what it holds is said by quarters.
+The small site has 24 loops over 10 days, the whole one 60 over 30. N quick loops (20) of M minutes (300; two samples a
+minute) measure the workers: all ratios are taken in one run on warm caches. Bytes are those of the machine's loopback
+meanwhile, so they are at most what the audit sent. With --long one worker goes over as many loops, and what it holds is
+said by quarters.
 """
 
 from __future__ import annotations
@@ -51,9 +52,9 @@ def against_truth(folder: Path, whole: bool) -> None:
     print(*lines(judge(truths, found.loops)), sep="\n")
 
 
-def workers(folder: Path, number: int) -> None:
+def workers(folder: Path, number: int, minutes: int) -> None:
     """Two workers against one, one against a plain loop, memory, bytes."""
-    site, out = quick_site(folder, number), folder / "out"
+    site, out = quick_site(folder, number, minutes), folder / "out"
     timed(site, out, 0)
     plain, cpu, _ = timed(site, out, 0)
     before = loopback()
@@ -63,7 +64,9 @@ def workers(folder: Path, number: int) -> None:
     nothing = time.perf_counter()
     audit(Site.load(site), out, Options(workers=2))
     nothing = time.perf_counter() - nothing
-    print(f"{number} loops of 600 samples: plain {plain:.1f} s, one worker {one:.1f} s, two workers {two:.1f} s")
+    print(
+        f"{number} loops of {2 * minutes} samples: plain {plain:.1f} s, one worker {one:.1f} s, two workers {two:.1f} s"
+    )
     print(f"CPU of the loops: plain {cpu:.1f} s, one worker {cpu_one:.1f} s, two workers {cpu_two:.1f} s")
     print(f"two workers are {one / two:.2f} times one; one worker takes {one - plain:.1f} s more than a plain loop")
     print(f"memory of a worker, by quarters: {by_quarters(found)}")
@@ -79,10 +82,10 @@ def long(folder: Path, number: int) -> None:
     )
 
 
-def quick_site(folder: Path, number: int) -> Path:
+def quick_site(folder: Path, number: int, minutes: int = 300) -> Path:
     """A site file, and small loops of which a quarter have changed."""
     for k in range(number):
-        write_loop(folder / "units", f"loop{k:03}", CHANGED if k % 4 == 0 else MODEL, k)
+        write_loop(folder / "units", f"loop{k:03}", CHANGED if k % 4 == 0 else MODEL, k, minutes)
     site = folder / "site.toml"
     site.write_text(SITE, encoding="utf-8")
     return site
@@ -108,12 +111,14 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--site", choices=["small", "whole", "none"], default="small")
     parser.add_argument("--loops", type=int, default=20)
+    parser.add_argument("--minutes", type=int, default=300)
     parser.add_argument("--long", type=int, default=0)
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = given.out or Path(scratch)
-        workers(folder / "workers", given.loops)
+        if given.loops:
+            workers(folder / "workers", given.loops, given.minutes)
         if given.long:
             long(folder / "long", given.long)
         if given.site != "none":

@@ -37,15 +37,11 @@ Ti = 6.0
 sample_time = 0.5
 [simulate]
 plant = [{{output = "y", input = "u", tf = "{plant}"}}]
-duration = 300
+duration = {duration}
 sample_time = 0.5
 seed = {seed}
 noise = 0.05
-setpoints = [
-    {{output = "y", time = 20, value = 1}},
-    {{output = "y", time = 120, value = -1}},
-    {{output = "y", time = 220, value = 1}},
-]
+setpoints = [{setpoints}]
 """
 SITE = """
 name = "Test site"
@@ -54,11 +50,14 @@ projects = "units/*.toml"
 """
 
 
-def write_loop(folder: Path, name: str, plant: str = MODEL, seed: int = 1) -> Path:
-    """A project and its simulated record."""
+def write_loop(folder: Path, name: str, plant: str = MODEL, seed: int = 1, duration: int = 300) -> Path:
+    """A project and its simulated record of so many minutes, whose set-point steps every 100 min."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{name}.toml"
-    file.write_text(LOOP.format(name=name, model=MODEL, plant=plant, seed=seed), encoding="utf-8")
+    steps = ((start + 20, 1 - 2 * (start // 100 % 2)) for start in range(0, duration, 100))
+    setpoints = ", ".join(f'{{output = "y", time = {time}, value = {value}}}' for time, value in steps)
+    text = LOOP.format(name=name, model=MODEL, plant=plant, seed=seed, duration=duration, setpoints=setpoints)
+    file.write_text(text, encoding="utf-8")
     project = Project.load(file)
     (folder / f"{name}.csv").write_bytes(as_file(simulate_record(project), f"{name}.csv"))
     return file

@@ -66,6 +66,14 @@ def poisoned(site: Path) -> Path:
 
 
 @pytest.mark.slow
+def test_workers_keep_the_memory_that_they_will_need_again() -> None:
+    with on_this_machine(1) as workers:
+        (found,) = workers._client.run(lambda: dict(os.environ)).values()
+    assert int(found["MALLOC_TRIM_THRESHOLD_"]) >= 2 * int(found["MALLOC_MMAP_THRESHOLD_"]) >= 1 << 25
+    assert found["OPENBLAS_NUM_THREADS"] == "1"
+
+
+@pytest.mark.slow
 def test_the_same_rows_and_a_poison_loop_is_one(poisoned: Path) -> None:
     copies(poisoned, 3)
     both = environment(poisoned)

@@ -21,6 +21,9 @@ from trueplant.fleet.worker import Task, audit_loop
 from trueplant.threads import VARIABLES
 from trueplant.version import __version__
 
+_MEMORY = {"MALLOC_MMAP_THRESHOLD_": 1 << 25, "MALLOC_TRIM_THRESHOLD_": 1 << 26}
+"""What the allocator of Linux ends with by itself. Dask would have all memory given back at once (64 kB), and asking
+for it again takes longer than an estimate does."""
 _SETTINGS: dict[str, Any] = {
     "logging": {"distributed": "critical"},  # what happens to a worker is told by the row of its loop
     "distributed.scheduler.allowed-failures": levels.ALLOWED_DEATHS,
@@ -28,7 +31,10 @@ _SETTINGS: dict[str, Any] = {
     "distributed.worker.daemon": True,
     "distributed.worker.profile.enabled": False,  # its samples of the last hour would take a GB or two
     "distributed.admin.tick.limit": "1h",  # a loop keeps its worker busy, and that is nothing to warn of
-    **{f"distributed.nanny.pre-spawn-environ.{name}": 1 for name in (*VARIABLES, "POLARS_MAX_THREADS")},
+    **{
+        f"distributed.nanny.pre-spawn-environ.{name}": value
+        for name, value in (dict.fromkeys((*VARIABLES, "POLARS_MAX_THREADS"), 1) | _MEMORY).items()
+    },
 }
 
 

@@ -7,8 +7,9 @@ gains of all others and the nuisance terms projected out, and several times over
 from __future__ import annotations
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, BoolArray, ComplexArray, IntArray
 from trueplant.identify import levels
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
@@ -104,20 +105,16 @@ def improved_element(row: Row, theta: Array, ar: Array, m: int) -> tuple[Array, 
             continue
         basis = orthonormal(whiten(ar, np.hstack([others[k], row.nuisance(nominal, k)]))[use])
         target = whiten(ar, y)[use]
-        target = target - basis @ (basis.T @ target)
-        for a, stretch in enumerate(levels.STRETCH):
-            p = unit * stretch**exponents
-            p[dead] = unit[dead] - (unit[dead].min() if dead.any() else 0.0)
-            full = _responses(row, m, p, piece)
-            late = np.hstack([np.zeros((size, shifts[-1])), full])
-            shifted = np.concatenate(
-                [late[:, shifts[-1] - shift :][:, : piece.y.size : row.stride] for shift in shifts]
-            )
-            x = whiten(ar, shifted.T)[use]
-            x -= basis @ (basis.T @ x)
-            x = x.T.reshape(shifts.size, size, -1)
-            moment[a] += x @ target
-            gram[a] += x @ x.transpose(0, 2, 1)
+        columns = np.zeros((1 + basis.shape[1], use.size))
+        columns[:, use] = np.vstack([target - basis @ (basis.T @ target), basis.T])
+        stretched = unit * levels.STRETCH[:, None] ** exponents
+        stretched[:, dead] = unit[dead] - (unit[dead].min() if dead.any() else 0.0)
+        late = np.zeros((levels.STRETCH.size, size, shifts[-1] + piece.y.size))
+        for a, p in enumerate(stretched):
+            late[a, :, shifts[-1] :] = _responses(row, m, p, piece)
+        told, energy = _delayed_products(late, shifts[-1] - shifts, row.stride, ar, columns, use)
+        moment += told[..., 0]
+        gram += energy - told[..., 1:] @ told[..., 1:].swapaxes(-1, -2)
     weights = _solved(gram, moment)
     top = np.sum(weights * moment, axis=-1)
     a, b = divmod(int(np.argmax(top)), shifts.size)
@@ -132,6 +129,39 @@ def improved_element(row: Row, theta: Array, ar: Array, m: int) -> tuple[Array, 
     theta = theta.copy()
     theta[part] = p
     return theta, float(top[a, b])
+
+
+def _delayed_products(
+    late: Array, starts: IntArray, stride: int, ar: Array, columns: Array, use: BoolArray
+) -> tuple[Array, Array]:
+    """Whitened responses times columns (..., starts, n, c), and times each other (..., starts, n, n).
+
+    Each start is the sample of `late` (..., n, N) where the responses begin for one of many dead times. From there on
+    they are seen at every `stride`-th sample and whitened by `ar`. The columns (c, m) are 0 where `use` (m,) is False.
+    All dead times are slices of one whitened response, and sums of products of slices are a correlation.
+    """
+    n = late.shape[-2]
+    told = np.empty((*late.shape[:-1], len(columns), starts.size))
+    energy = np.empty((*late.shape[:-1], n, starts.size))
+    for phase in np.unique(starts % stride):
+        these = np.flatnonzero(starts % stride == phase)
+        seen = late[..., phase::stride]
+        rows = whiten(ar, seen.reshape(-1, seen.shape[-1]).T).T.reshape(*seen.shape[:-1], -1)
+        length, at = next_fast_len(rows.shape[-1], real=True), starts[these] // stride
+        spectra = rfft(rows, length)
+        for c, column in enumerate(columns):
+            told[..., c, these] = _correlated(spectra, column, length)[..., at]
+        for one, other in np.ndindex(n, n):
+            if one <= other:
+                squares = rfft(rows[..., one, :] * rows[..., other, :], length)
+                sums = _correlated(squares, use, length)[..., at]
+                energy[..., one, other, these] = energy[..., other, one, these] = sums
+    return np.moveaxis(told, -1, -3), np.moveaxis(energy, -1, -3)
+
+
+def _correlated(spectra: ComplexArray, column: Array | BoolArray, length: int) -> Array:
+    """Sums over k of ``x[..., start + k] column[k]`` by start, x known by its spectra."""
+    return np.asarray(irfft(spectra * rfft(column, length).conj(), length))
 
 
 def _numerators(structure: Structure, p: Array) -> Array:

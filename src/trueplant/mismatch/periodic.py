@@ -138,8 +138,7 @@ def _range(r: Array) -> Array:
 
 
 def _moves(r: Array) -> NDArray[np.bool_]:
-    moves: NDArray[np.bool_] = np.any(np.diff(r, axis=0) != 0, axis=1)
-    return moves
+    return np.logical_or.reduce([np.diff(x) != 0 for x in r.T])
 
 
 def _candidates(r: Array) -> NDArray[np.int64]:
@@ -161,15 +160,16 @@ def _candidates(r: Array) -> NDArray[np.int64]:
 
 def _stretches(r: Array, lag: int) -> list[Stretch]:
     """Where r moves and repeats with this lag for FEWEST_PERIODS at least: whole periods, up to the last sample."""
-    equal = np.all(np.abs(r[lag:] - r[:-lag]) <= levels.SAME * _range(r), axis=1)
+    equal = np.logical_and.reduce([np.abs(x[lag:] - x[:-lag]) <= levels.SAME * np.ptp(x) for x in r.T])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]]).astype(int)))
-    moves = np.concatenate([[0], np.cumsum(_moves(r))])
-    found = []
-    for first, end in zip(edges[::2], edges[1::2] + lag, strict=True):
-        count = int(end - first) // lag
-        if count >= levels.FEWEST_PERIODS and moves[end - 1] > moves[end - lag]:
-            found.append((int(end) - count * lag, count))
-    return found
+    ends = edges[1::2] + lag
+    counts = (ends - edges[::2]) // lag
+    long = counts >= levels.FEWEST_PERIODS
+    return [
+        (int(end - count * lag), int(count))
+        for end, count in zip(ends[long], counts[long], strict=True)
+        if np.any(_moves(r[end - lag : end]))
+    ]
 
 
 def _average(r: Array, z: Array, length: int) -> _Averaged:

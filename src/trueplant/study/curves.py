@@ -12,7 +12,6 @@ from trueplant.errors import LoopError
 from trueplant.identify import OutputEstimate, pieces_of
 from trueplant.identify.levels import RESIDUAL_LAGS
 from trueplant.lti import TransferMatrix, UncertainPlant
-from trueplant.lti.sampled import sampled_response
 from trueplant.mismatch import FrequencyResponse, speaking_band
 from trueplant.record import excitation
 from trueplant.result import Curves, Interval, Residuals, Trend
@@ -145,7 +144,7 @@ def _step_bands(study: Study, plant: UncertainPlant, t: Array) -> tuple[Array, A
             low[:, i, row.columns] = high[:, i, row.columns] = np.nan
         return low, high
     for (i, j), (structure, parameters) in drawn.items():
-        responses = [sampled_response(structure.transfer(p), np.ones(t.size), t[1]) for p in parameters]
+        responses = [structure.response(p, np.ones(t.size), t[1]) for p in parameters]
         low[:, i, j], high[:, i, j] = np.quantile(responses, [tail, 1 - tail], axis=0)
     return low, high
 
