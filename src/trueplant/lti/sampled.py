@@ -117,13 +117,25 @@ def discretise(a: Array, b: Array, h: float, phi: float, linear: bool) -> tuple[
 
 
 @compiled
-def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear: bool, u: Array, every: int) -> Array:
-    n, m, length = ad.shape[0], c.shape[0], u.size
-    late = np.zeros(length + 2)  # u[k - q - 1], u[k - q] and u[k - q + 1] stand at k, k + 1 and k + 2
-    for k in range(max(q + 1, 0), min(length + 2, length + q + 1)):
-        late[k] = u[k - q - 1]
-    size = (length + every - 1) // every
+def _states(ad: Array, taps: Array, late: Array, size: int, every: int) -> Array:
+    """(n, size) states, from rest, at each `every`-th sample.
+
+    Up to two are kept in registers: elements with one lag, and their derivatives, are most of all work.
+    """
+    n, length = ad.shape[0], late.size - 2
     states = np.empty((n, size))
+    if n == 1 or n == 2:
+        second = n - 1
+        a, b, c, d = ad[0, 0], second * ad[0, second], second * ad[second, 0], second * ad[second, second]
+        x, z = 0.0, 0.0
+        for seen in range(size):
+            states[0, seen] = x
+            states[second, seen] = z if second else x
+            for k in range(seen * every, min((seen + 1) * every, length)):
+                v = taps[0, 0] * late[k + 2] + taps[1, 0] * late[k + 1] + taps[2, 0] * late[k]
+                w = taps[0, second] * late[k + 2] + taps[1, second] * late[k + 1] + taps[2, second] * late[k]
+                x, z = v + a * x + b * z, w + c * x + d * z
+        return states
     x, new = np.zeros(n), np.zeros(n)
     for seen in range(size):
         for i in range(n):
@@ -134,6 +146,17 @@ def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear:
                 for j in range(n):
                     new[i] += ad[i, j] * x[j]
             x, new = new, x
+    return states
+
+
+@compiled
+def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear: bool, u: Array, every: int) -> Array:
+    n, m, length = ad.shape[0], c.shape[0], u.size
+    late = np.zeros(length + 2)  # u[k - q - 1], u[k - q] and u[k - q + 1] stand at k, k + 1 and k + 2
+    for k in range(max(q + 1, 0), min(length + 2, length + q + 1)):
+        late[k] = u[k - q - 1]
+    size = (length + every - 1) // every
+    states = _states(ad, taps, late, size, every)
     y = np.zeros((m, size))
     before = phi if linear else (1.0 if phi > 0.0 else 0.0)
     for i in range(m):
