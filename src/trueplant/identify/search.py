@@ -94,6 +94,7 @@ def improved_element(row: Row, theta: Array, ar: Array, m: int) -> tuple[Array, 
     others = _columns(row, theta, skip=m)
     size = len(_numerators(structure, unit))
     gram = np.zeros((levels.STRETCH.size, shifts.size, size, size))
+    whole = np.zeros_like(gram)
     moment = np.zeros((levels.STRETCH.size, shifts.size, size))
     nominal = theta.copy()
     for k, piece in enumerate(row.pieces):
@@ -114,8 +115,9 @@ def improved_element(row: Row, theta: Array, ar: Array, m: int) -> tuple[Array, 
             late[a, :, shifts[-1] :] = _responses(row, m, p, piece)
         told, energy = _delayed_products(late, shifts[-1] - shifts, row.stride, ar, columns, use)
         moment += told[..., 0]
+        whole += energy
         gram += energy - told[..., 1:] @ told[..., 1:].swapaxes(-1, -2)
-    weights = _solved(gram, moment)
+    weights = _solved(gram, moment, np.sqrt(np.diagonal(whole, axis1=-2, axis2=-1)))
     top = np.sum(weights * moment, axis=-1)
     a, b = divmod(int(np.argmax(top)), shifts.size)
     if top[a, b] <= 0:
@@ -185,10 +187,13 @@ def _responses(row: Row, m: int, p: Array, piece: Piece) -> Array:
     return rows_response(padded, den / den[0], float(spec.structure.dead_times(p)[0]), u, piece.h, hold)
 
 
-def _solved(gram: Array, moment: Array) -> Array:
-    """Weights (..., n) of least squares; 0 where the responses cannot be told from nothing or from each other."""
-    scale = np.sqrt(np.diagonal(gram, axis1=-2, axis2=-1))
-    there = np.all(scale > 1e-6 * max(float(scale.max()), 1e-150), axis=-1)
+def _solved(gram: Array, moment: Array, whole: Array) -> Array:
+    """Weights (..., n) of least squares; 0 where the responses cannot be told from nothing or from each other.
+
+    `whole` (..., n) is their size with what other elements and unknowns do as well.
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 0.0))
+    there = np.all(scale > 1e-6 * np.maximum(np.maximum(scale.max(), whole), 1e-150), axis=-1)
     normal = gram / np.where(there[..., None, None], scale[..., :, None] * scale[..., None, :], 1.0)
     eye = np.eye(moment.shape[-1])
     normal = np.where(there[..., None, None], normal + levels.RIDGE * eye, eye)

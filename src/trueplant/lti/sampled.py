@@ -118,24 +118,12 @@ def discretise(a: Array, b: Array, h: float, phi: float, linear: bool) -> tuple[
 
 @compiled
 def _states(ad: Array, taps: Array, late: Array, size: int, every: int) -> Array:
-    """(n, size) states, from rest, at each `every`-th sample.
-
-    Up to two are kept in registers: elements with one lag, and their derivatives, are most of all work.
-    """
+    """(n, size) states, from rest, at each `every`-th sample."""
     n, length = ad.shape[0], late.size - 2
-    states = np.empty((n, size))
     if n == 1 or n == 2:
-        second = n - 1
-        a, b, c, d = ad[0, 0], second * ad[0, second], second * ad[second, 0], second * ad[second, second]
-        x, z = 0.0, 0.0
-        for seen in range(size):
-            states[0, seen] = x
-            states[second, seen] = z if second else x
-            for k in range(seen * every, min((seen + 1) * every, length)):
-                v = taps[0, 0] * late[k + 2] + taps[1, 0] * late[k + 1] + taps[2, 0] * late[k]
-                w = taps[0, second] * late[k + 2] + taps[1, second] * late[k + 1] + taps[2, second] * late[k]
-                x, z = v + a * x + b * z, w + c * x + d * z
-        return states
+        few: Array = _few_states(ad, taps, late, size, every)
+        return few
+    states = np.empty((n, size))
     x, new = np.zeros(n), np.zeros(n)
     for seen in range(size):
         for i in range(n):
@@ -146,6 +134,23 @@ def _states(ad: Array, taps: Array, late: Array, size: int, every: int) -> Array
                 for j in range(n):
                     new[i] += ad[i, j] * x[j]
             x, new = new, x
+    return states
+
+
+@compiled
+def _few_states(ad: Array, taps: Array, late: Array, size: int, every: int) -> Array:
+    """The same of one or two states, which stay in registers: elements with one lag are most of all work."""
+    last, length = ad.shape[0] - 1, late.size - 2
+    states = np.empty((ad.shape[0], size))
+    a, b, c, d = ad[0, 0], last * ad[0, last], last * ad[last, 0], ad[last, last]
+    x = z = 0.0
+    for seen in range(size):
+        states[last, seen] = z
+        states[0, seen] = x
+        for k in range(seen * every, min((seen + 1) * every, length)):
+            v = taps[0, 0] * late[k + 2] + taps[1, 0] * late[k + 1] + taps[2, 0] * late[k]
+            w = taps[0, last] * late[k + 2] + taps[1, last] * late[k + 1] + taps[2, last] * late[k]
+            x, z = v + a * x + b * z, w + c * x + d * z
     return states
 
 

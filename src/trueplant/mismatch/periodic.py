@@ -138,7 +138,8 @@ def _range(r: Array) -> Array:
 
 
 def _moves(r: Array) -> NDArray[np.bool_]:
-    return np.logical_or.reduce([np.diff(x) != 0 for x in r.T])
+    moves: NDArray[np.bool_] = np.logical_or.reduce([np.diff(x) != 0 for x in r.T])
+    return moves
 
 
 def _candidates(r: Array) -> NDArray[np.int64]:
