@@ -48,7 +48,13 @@ def against_truth(folder: Path, whole: bool) -> None:
     wall = time.perf_counter() - began
     table = pl.read_parquet(found.run / "audit.parquet", hive_partitioning=False)
     print(f"{len(truths)} loops over {(END - start).days} days, {wall:.0f} s with two workers")
-    print(f"loops with a row: {table['loop'].n_unique()}; CPU a loop {table['cpu_s'].median():.1f} s (median)")
+    loops = table.group_by("loop").agg(pl.first("cpu_s", "memory_mb"))
+    print(
+        f"loops with a row: {len(loops)}; {loops['cpu_s'].sum():.0f} s CPU; at most {loops['memory_mb'].max():.0f} MB"
+    )
+    for kind in dict.fromkeys(truth.kind.name for truth in truths):
+        own = loops.filter(pl.col("loop").is_in([truth.name for truth in truths if truth.kind.name == kind]))["cpu_s"]
+        print(f"CPU s a loop, {kind}: median {own.median():.1f}, largest {own.max():.1f}")
     print(*lines(judge(truths, found.loops)), sep="\n")
 
 

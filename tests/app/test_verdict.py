@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -13,7 +14,7 @@ import pytest
 from app.asking import Visitor
 from app.results import CHANGED, SAME, STILL, UNSAFE, demo, result_json, with_result, words
 from support.pages import Page
-from trueplant.app.screens.verdict import TO_DO
+from trueplant.app.screens.verdict import to_do
 from trueplant.output import read_results
 from trueplant.report import tables
 from trueplant.result.parameter_words import word_of
@@ -45,7 +46,7 @@ def told_the_same(folder: Path) -> None:
     page = Page(answer.text)
     assert page.by_id("shift") == document["shift"]
     assert page.by_id("headline") == document["headline"].replace("->", "→")
-    assert page.by_id("action").startswith(TO_DO[result.action].title)
+    assert page.by_id("action").startswith(to_do(result).title)
     said = words(answer.text)
     for note in document["notes"]:
         assert note["message"].replace("->", "→") in said
@@ -90,6 +91,15 @@ def test_no_change_is_told_as_such(tmp_path: Path) -> None:
     told_the_same(with_result(tmp_path, SAME))
     said = words(Visitor.inside(tmp_path).ask("GET", PAGE).text)
     assert "Nothing to do now." in said and "unchanged" in said
+
+
+def test_a_changed_plant_under_unknown_controllers_is_not_nothing_to_do(tmp_path: Path) -> None:
+    with_result(tmp_path)
+    known = read_results(tmp_path / "project-result")
+    unknown = replace(known, robustness=None)
+    assert "no action now" in known.shift and to_do(known).title == "Nothing to do now"
+    assert "whether today's tuning suits that is not known" in unknown.shift
+    assert to_do(unknown).title == "See whether the tuning still suits it"
 
 
 @pytest.mark.slow

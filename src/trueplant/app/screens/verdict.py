@@ -14,7 +14,7 @@ from starlette.routing import Route
 
 from trueplant.app.pages import ok, page, url
 from trueplant.app.saved import Saved, saved_of
-from trueplant.result import Code, Curves, Element, Reason, Result, Status
+from trueplant.result import Code, Curves, Element, ElementVerdict, Reason, Result, Status
 from trueplant.result.shift_words import Action
 
 MARKS = {"changed": "changed", "unchanged": "unchanged", "found": "found", "none found": "absent"}
@@ -51,12 +51,20 @@ TO_DO: Mapping[Action, ToDo] = {
 }
 
 
+TUNING_UNKNOWN = ToDo(
+    "See whether the tuning still suits it",
+    "The plant has changed, and what today's controllers do with it is not known.",
+    (("model", "Model and controllers"),),
+)
+"""In place of "nothing", where nothing is known of the loops."""
+
+
 async def verdict(request: Request) -> Response:
     """The page."""
     found = await run_in_threadpool(saved_of, request)
     if found is None:
         return page(request, "verdict.html.j2", screen="verdict", body=None, saved=None, said={})
-    links = {screen: url(request, screen) for screen in ("run", "trends", "whatif", "plan")}
+    links = {screen: url(request, screen) for screen in ("run", "trends", "model", "whatif", "plan")}
     links["out"] = url(request, "out", **_named(request))
     report = url(request, "out/report", **_named(request))
     ready = request.app.state.screens
@@ -99,7 +107,7 @@ def _body(found: Saved, links: Mapping[str, str], report: str) -> Any:
         result=result,
         tone=_tone(result),
         headline=result.headline,
-        action=TO_DO[result.action],
+        action=to_do(result),
         links=links,
         report=report,
         inputs=_inputs(result, curves),
@@ -118,6 +126,12 @@ def _body(found: Saved, links: Mapping[str, str], report: str) -> Any:
         more_trends=more,
         has_excluded=any(trend.has_excluded for trend in trends),
     )
+
+
+def to_do(result: Result) -> ToDo:
+    """What is to be done, as the sentence for the shift has it."""
+    changed = any(element.verdict == ElementVerdict.CHANGED for element in result.elements)
+    return TUNING_UNKNOWN if result.action is Action.NONE and changed and not result.robustness else TO_DO[result.action]
 
 
 def _tone(result: Result) -> str:
