@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import norm, ttest_1samp
+from scipy.stats import f, norm, ttest_1samp
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, levels, pieces_of
-from trueplant.identify.covariance import inflation, restricted_growth, told_at
+from trueplant.identify.covariance import inflation, joint_freedom, noise_freedom, restricted_growth, told_at
 from trueplant.identify.fit import evaluate, restriction_of
 from trueplant.identify.likelihood import held_at, ratio_p
 from trueplant.identify.longest_noise import restricted
@@ -51,6 +51,35 @@ def test_variances_move_with_the_noise_model_as_finite_differences_say():
 
     moves = [(log_variances(fit.ar + d) - log_variances(fit.ar - d)) / (2 * step) for d in step * np.eye(3)]
     np.testing.assert_allclose(-2 * told_at(restriction_of(fit), fit.ar), np.column_stack(moves), rtol=0.06, atol=0.06)
+
+
+def test_variances_of_sums_of_parameters_move_as_finite_differences_say():
+    fit, sums, step = fitted(1, 0.9, 3), np.array([[1.0, 0.2, 0.0], [0.0, 1.0, -2.0]]), 1e-5
+    restriction = restriction_of(fit)
+
+    def log_variances(ar):
+        return np.log(np.diag(sums @ restriction.told(ar).covariance @ sums.T))
+
+    moves = [(log_variances(fit.ar + d) - log_variances(fit.ar - d)) / (2 * step) for d in step * np.eye(3)]
+    np.testing.assert_allclose(-2 * told_at(restriction, fit.ar, sums), np.column_stack(moves), rtol=0.06, atol=0.06)
+
+
+def test_a_joint_test_has_the_freedom_of_its_parts(monkeypatch):
+    """F of independent t of 8, 50, 400 degrees of freedom: their mean square has the mean of F(3, joint)."""
+    fit = fitted(1, 0.9, 12)
+    alone = noise_freedom(fit)
+    for k in range(3):
+        np.testing.assert_allclose(joint_freedom(fit, np.array([k])), alone[k], rtol=1e-9)
+    together = joint_freedom(fit, np.arange(3))
+    assert alone.min() < together < 3 * alone.max()
+    parts = np.array([8.0, 50.0, 400.0])
+    monkeypatch.setattr("trueplant.identify.covariance.noise_freedom", lambda *_: parts)
+    joint = joint_freedom(fit, np.arange(3))
+    squares = np.random.default_rng(1).standard_t(parts, (400_000, 3)) ** 2
+    np.testing.assert_allclose(np.mean(squares), joint / (joint - 2), rtol=0.01)
+    drawn = np.quantile(squares.mean(axis=1), [0.95, 0.99])
+    np.testing.assert_allclose(f.isf([0.05, 0.01], 3, joint), drawn, rtol=0.06)
+    assert np.all(f.isf([0.05, 0.01], 3, parts.min()) > 1.2 * drawn)
 
 
 def test_what_the_fit_takes_is_the_slope_of_a_log_determinant():

@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import chi2
 
-from trueplant.arrays import Array, BoolArray
+from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.disturbance import levels
 from trueplant.disturbance.kalman import whitened
 from trueplant.disturbance.models import Part, ramps
@@ -54,7 +54,7 @@ class DisturbedFit:
     def std_errors(self) -> Array:
         return np.sqrt(np.diag(self.covariance))
 
-    def rise(self, index: Array, values: Array, largest: bool = False) -> float:
+    def rise(self, index: IntArray, values: Array, largest: bool = False) -> float:
         """By how much -2 log likelihood rises when theta[index] is held at values, as far as the bounds let it be.
 
         All other parameters are free, the disturbance is the one that was found; `largest`: as large as declared.

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.stats import norm, t
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, restriction_of
 from trueplant.identify.lagged import at_samples, with_past
@@ -32,17 +32,35 @@ def inflation(fit: RowFit, confidence: float) -> Array:
     """
     restriction = restriction_of(fit)
     spread = fit.variance * inverse(fit.information)[fit.theta.size :, fit.theta.size :]
-    uncertain = _uncertain(fit, restriction, spread)
+    uncertain = _uncertain(restriction, fit.ar, spread)
     known = fit.count * np.minimum((2 / fit.count / np.maximum(uncertain, 1 / fit.count)) ** 2, 1.0)
     left = np.maximum(known - int(fit.free.sum()) - fit.row.nuisance_count, known / 2)
     growth = np.maximum(restricted_growth(restriction, fit.ar, spread), known / left)
     return np.asarray(growth * student_factor(_freedom(fit, uncertain), confidence))
 
 
-def noise_freedom(fit: RowFit) -> Array:
-    """(size,) degrees of freedom of the noise at the frequencies that tell each parameter (Satterthwaite's rule)."""
+def noise_freedom(fit: RowFit, of: Array | None = None) -> Array:
+    """(size,) degrees of freedom of the noise at the frequencies that tell each parameter (Satterthwaite's rule).
+
+    With `of` (m, size): (m,) at those that tell each of these sums of parameters.
+    """
     spread = fit.variance * inverse(fit.information)[fit.theta.size :, fit.theta.size :]
-    return _freedom(fit, _uncertain(fit, restriction_of(fit), spread))
+    return _freedom(fit, _uncertain(restriction_of(fit), fit.ar, spread, of))
+
+
+def joint_freedom(fit: RowFit, index: IntArray) -> float:
+    """Degrees of freedom of the noise for an F-test of theta[index] at once.
+
+    Independent sums of the parameters each have their own, and the mean of their F is matched (Fai and Cornelius 1996):
+    one that is hardly told does not make the test of the others blunt.
+    """
+    own = fit.covariance[np.ix_(index, index)]
+    size = np.sqrt(np.diag(own))
+    sums = np.zeros((index.size, fit.theta.size))
+    sums[:, index] = np.linalg.eigh(own / np.outer(size, size))[1].T / size
+    left = noise_freedom(fit, sums)
+    beyond = float(np.sum(2 / (left - 2)))
+    return 2 * (index.size + beyond) / beyond
 
 
 def student_factor(freedom: Array, confidence: float) -> Array:
@@ -51,9 +69,9 @@ def student_factor(freedom: Array, confidence: float) -> Array:
     return np.asarray((t.ppf(tail, freedom) / norm.ppf(tail)) ** 2)
 
 
-def _uncertain(fit: RowFit, restriction: Restriction, spread: Array) -> Array:
-    """(size,) variance of the logarithm of each standard error, as the noise model is uncertain by `spread`."""
-    rho = told_at(restriction, fit.ar)
+def _uncertain(restriction: Restriction, ar: Array, spread: Array, of: Array | None = None) -> Array:
+    """(size,) or (m,) variance of the logarithm of each standard error, as the noise model is uncertain by `spread`."""
+    rho = told_at(restriction, ar, of)
     return np.asarray(np.einsum("ik,kl,il->i", rho, spread, rho))
 
 
@@ -87,20 +105,21 @@ def scaled(covariance: Array, factors: Array) -> Array:
     return np.asarray(covariance * np.sqrt(np.outer(factors, factors)))
 
 
-def told_at(restriction: Restriction, ar: Array) -> Array:
-    """(size, order) rho: how what tells a parameter moves with the noise model.
+def told_at(restriction: Restriction, ar: Array, of: Array | None = None) -> Array:
+    """(size, order) rho: how what tells a parameter, or each sum `of` (m, size) them, moves with the noise model.
 
     The sum over time of what tells it, whitened, times the same so many samples before, as it was before it was
     whitened; relative to the sum of squares of the first.
     """
     order, size, told = ar.size, restriction.size, restriction.told(ar)
-    whole, moving = told.covariance, np.zeros((size, order))
+    sums = np.eye(size) if of is None else of
+    whole, moving = sums @ told.covariance, np.zeros((len(sums), order))
     for piece in restriction.whitened(ar):
         raw, use = piece.moved.rows, piece.moved.use
         now = at_samples(whole @ piece.rows[:size], use, order, raw.shape[1])
         moving += with_past(now, whole @ (raw[:size] - piece.shares @ raw[size:]), order)
     own = np.einsum("ia,ab,ib->i", whole, told.information, whole)
-    told_at_all = (own > levels.LOST * np.diag(whole))[:, None]
+    told_at_all = (own > levels.LOST * np.einsum("ia,ia->i", whole, sums))[:, None]
     return np.asarray(np.divide(moving, own[:, None], out=np.zeros_like(moving), where=told_at_all))
 
 

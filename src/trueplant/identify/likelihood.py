@@ -19,7 +19,7 @@ from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, fit_row
 
 
-def likelihood_ratio_p(fit: RowFit, index: Array, values: Array, factor: float = 1.0, left: float = np.inf) -> float:
+def likelihood_ratio_p(fit: RowFit, index: IntArray, values: Array, factor: float = 1.0, left: float = np.inf) -> float:
     """p-value that the parameters theta[index] have these values, all others re-fitted.
 
     The deviance counts the degrees of freedom that are left, which keeps the level in short records; `factor` is that
@@ -39,7 +39,7 @@ def ratio_p(rise: float, freedom: int, left: float = np.inf) -> float:
     return float(f.sf(max(rise, 0.0) / freedom, freedom, left))
 
 
-def held_at(fit: RowFit, index: Array | IntArray, values: Array) -> RowFit:
+def held_at(fit: RowFit, index: IntArray, values: Array) -> RowFit:
     """The fit with theta[index] held at these values, as far as the bounds let them be."""
     theta, free = fit.theta.copy(), fit.free.copy()
     low, high = fit.row.bounds()

@@ -8,11 +8,12 @@ beside a noise model that explains as much of that as the record lets it.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from trueplant.identify import levels
-from trueplant.identify.covariance import noise_freedom, scaled, student_factor
+from trueplant.identify.covariance import joint_freedom, noise_freedom, scaled, student_factor
 from trueplant.identify.estimate import largest_order, with_noise_of_order
 from trueplant.identify.fit import RowFit, fit_row, restriction_of
 from trueplant.identify.output import OutputEstimate
@@ -37,8 +38,7 @@ def estimate_beside_longest_noise(estimate: OutputEstimate, confidence: float) -
     degrees of freedom.
     """
     fit = restricted(beside_longest_noise(estimate.fit))
-    freedom = noise_freedom(fit)
-    covariance = scaled(fit.covariance, student_factor(freedom, confidence))
+    covariance = scaled(fit.covariance, student_factor(noise_freedom(fit), confidence))
     return replace(
         estimate,
         fit=fit,
@@ -46,6 +46,6 @@ def estimate_beside_longest_noise(estimate: OutputEstimate, confidence: float) -
         covariance=covariance,
         unprofiled=covariance,
         factor=np.ones(fit.theta.size),
-        freedom=freedom,
+        freedom=partial(joint_freedom, fit),
         rise=None,
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import chi2
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
 from trueplant.identify.between_experiments import Runs, compare_runs
 from trueplant.identify.blocks import in_blocks
@@ -70,11 +70,12 @@ class OutputEstimate:
     factor: Array = field(default_factory=lambda: np.ones(1))
     """(size,) of the variances, for what the record does not say of the noise (`inflation`): intervals, likelihood
     ratios and verdicts all count it."""
-    freedom: Array | None = None
-    """(size,) degrees of freedom of the noise, which make F-tests of likelihood ratios; None: `factor` counts them."""
+    freedom: Callable[[IntArray], float] | None = None
+    """Degrees of freedom of the noise for a test of theta[index], which make F-tests of likelihood ratios; None:
+    `factor` counts them."""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
-    rise: Callable[[Array, Array], float] | None = None
+    rise: Callable[[IntArray, Array], float] | None = None
     """The likelihood that belongs to theta: by how much -2 log likelihood rises when theta[index] is held at values and
     the others are free. None: that of `fit`."""
     withheld: Mapping[int, Unanswered] = field(default_factory=dict)
@@ -105,23 +106,21 @@ class OutputEstimate:
         """Do the prediction errors change their size, or is colour left in them?"""
         return uneven(self.tests)
 
-    def likelihood_ratio_p(self, index: Array, values: Array) -> float:
+    def likelihood_ratio_p(self, index: IntArray, values: Array) -> float:
         """p-value that the parameters theta[index] have these values, by the likelihood that belongs to theta."""
         if self.rise is None:
-            return likelihood_ratio_p(self.fit, index, values, float(self.factor[index].mean()), self._left(index))
+            left = np.inf if self.freedom is None else self.freedom(index)
+            return likelihood_ratio_p(self.fit, index, values, float(self.factor[index].mean()), left)
         return ratio_p(self.rise(index, values), len(index))
 
     def absence_p(self, m: int) -> float:
         """p-value that element m of the row is absent, by the likelihood that belongs to theta."""
         part = self.row.slices[m]
         if self.rise is None:
-            return absence_p(self.fit, m, float(self.factor[part].mean()), self._left(part))
+            left = np.inf if self.freedom is None else self.freedom(np.arange(part.start, part.stop))
+            return absence_p(self.fit, m, float(self.factor[part].mean()), left)
         without = np.where(self.row.is_gain, 0.0, self.theta)[part]
         return ratio_p(self.rise(np.arange(part.start, part.stop), without), SEARCHED_FREEDOM + without.size)
-
-    def _left(self, index: Array | slice) -> float:
-        """Degrees of freedom of the noise for a test of theta[index]: those of what is told least."""
-        return np.inf if self.freedom is None else float(self.freedom[index].min())
 
     def without_answers(self, why: WhyUnanswered, text: str) -> OutputEstimate:
         """The same estimate, refuted: no parameter and no structure of it is given."""

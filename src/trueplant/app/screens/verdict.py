@@ -131,7 +131,9 @@ def _body(found: Saved, links: Mapping[str, str], report: str) -> Any:
 def to_do(result: Result) -> ToDo:
     """What is to be done, as the sentence for the shift has it."""
     changed = any(element.verdict == ElementVerdict.CHANGED for element in result.elements)
-    return TUNING_UNKNOWN if result.action is Action.NONE and changed and not result.robustness else TO_DO[result.action]
+    return (
+        TUNING_UNKNOWN if result.action is Action.NONE and changed and not result.robustness else TO_DO[result.action]
+    )
 
 
 def _tone(result: Result) -> str:
