@@ -82,7 +82,7 @@ def fit_with_disturbance(fit: RowFit, declared: Sequence[Part]) -> DisturbedFit:
     return _finished(row, *min(ends, key=lambda end: end[3]))
 
 
-def likelihood_p(found: DisturbedFit, index: Array, values: Array, largest: bool = False) -> float:
+def likelihood_p(found: DisturbedFit, index: IntArray, values: Array, largest: bool = False) -> float:
     """p-value that the parameters `index` have these values, all others free, under the disturbance that was found.
 
     largest: under the disturbance as large as it was declared.
