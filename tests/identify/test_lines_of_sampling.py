@@ -1,0 +1,106 @@
+"""How many samples, orders and loads an estimate takes: lines of judgement, each held from both of its sides."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace as Stub
+from typing import Any
+
+import numpy as np
+import pytest
+
+from support.simulated import segment_of
+from trueplant.identify import Row, Spec, estimate, loads, pieces_of
+from trueplant.identify.blocks import block_length, most_moved
+from trueplant.identify.descent import _limited
+from trueplant.identify.estimate import free_of_noise, largest_order
+from trueplant.identify.pieces import Piece
+from trueplant.identify.strides import choose_stride
+from trueplant.lti import Structure
+from trueplant.record.types import Segment
+
+FOPDT = Structure.parse("fopdt")
+
+
+def record(samples: int, seed: int = 1, first: float = 0.0, std: float = 1.0) -> Segment:
+    """Noise in, noise out, a sample each unit of time."""
+    rng = np.random.default_rng(seed)
+    columns = {"t": first + np.arange(samples), "r": np.zeros((samples, 1))}
+    columns |= {"u": std * rng.standard_normal((samples, 1)), "y": rng.standard_normal((samples, 1))}
+    return segment_of(Stub(h=1.0, **columns))  # type: ignore[arg-type]
+
+
+def row_of(*segments: Segment) -> Row:
+    return Row((Spec(0, FOPDT, (2.0, 10.0, 1.0)),), pieces_of(segments, 0))
+
+
+def stride(samples: int, lag: float) -> int:
+    return choose_stride([record(samples)], [Spec(0, FOPDT, (1.0, lag, 0.0))], np.inf)
+
+
+def test_a_lag_keeps_eighty_samples() -> None:
+    assert 60 < 1600 / stride(60_000, 1600.0) < 110
+
+
+def test_a_short_record_keeps_a_thousand_samples() -> None:
+    assert 700 < 6000 / stride(6000, 1e5) < 1400
+
+
+def test_blocks_are_65536_samples_or_three_hundred_lags() -> None:
+    assert 50_000 < block_length(0.0, 1.0) < 90_000
+    assert 200 < block_length(1000.0, 1.0) / 1000 < 450
+
+
+def test_a_long_record_is_searched_on_twenty_thousand_errors() -> None:
+    taken = sum(piece.y.size for piece in most_moved(row_of(record(100_000))).pieces)
+    assert 14_000 < taken < 28_000
+
+
+def test_each_coefficient_of_the_noise_model_has_forty_samples() -> None:
+    assert 30 < 1200 / largest_order(row_of(record(1200)), 1000) < 55
+
+
+def test_lags_end_at_a_twentieth_of_a_sample() -> None:
+    low, _ = row_of(record(100)).bounds()
+    assert 0.03 < low[1] < 0.08
+
+
+def test_sixty_segments_at_most_share_an_operating_point() -> None:
+    """A hundred of them, one sample apart: two pieces."""
+    segments = [record(20, seed, first=21.0 * seed) for seed in range(100)]
+    pieces: tuple[Piece, ...] = pieces_of(segments, 0)
+    assert len(pieces) == 2
+
+
+def test_a_time_constant_grows_or_shrinks_threefold_in_a_step() -> None:
+    low = np.array([0.05])
+    assert 2 < _limited(np.array([1.0]), np.array([100.0]), low)[0] < 4.5
+    assert 0.25 < _limited(np.array([1.0]), np.array([-100.0]), low)[0] < 0.5
+
+
+@pytest.mark.parametrize(("energy", "free"), [(0.7e-18, True), (1.4e-18, False)])
+def test_errors_of_a_billionth_of_the_output_are_rounding(energy: float, free: bool, monkeypatch: Any) -> None:
+    y = np.array([1.0, -1.0, 1.0, -1.0])
+    monkeypatch.setattr(estimate, "noise_signals", lambda fit: ([y * np.sqrt(energy)], None))
+    fit: Any = Stub(row=Stub(measured=lambda k: (y, np.ones(4, dtype=bool))))
+    assert free_of_noise(fit) is free
+
+
+def test_a_free_response_is_no_larger_than_three_standard_deviations_of_a_forced_one() -> None:
+    """Of an element with gain 2 and an input of standard deviation 5: the record begins in motion."""
+    row = row_of(record(4000, std=5.0))
+    unknown = row.unknown(np.array([2.0, 10.0, 1.0]), 0)
+    assert len(unknown.largest) == 2
+    assert 2 < unknown.largest[1] / 10.0 < 4.5
+
+
+def test_each_load_has_a_hundred_prediction_errors(monkeypatch: Any) -> None:
+    """A thousand errors in which any load would gain."""
+    found: list[int] = []
+    monkeypatch.setattr(loads, "_places", lambda fits: found)
+    monkeypatch.setattr(loads, "_likeliest", lambda fits: len(found))
+    monkeypatch.setattr(loads, "_with", lambda fits, place: found.append(place) or fits)
+    monkeypatch.setattr(loads, "_rise", lambda other, fits: np.inf)
+    monkeypatch.setattr(loads, "_cost", lambda fits, place: 0.0)
+    fits: Any = {0: Stub(count=1000)}
+    loads._more(fits)
+    assert 7 <= len(found) <= 14
