@@ -10,7 +10,8 @@ beyond what that bound can tell.
 There are two halves: 1 to build with, 2 to look at once. Answers are kept in the file, a line a record, and a later
 call goes on from there.
 
-    python benchmarks/bench_random_plants.py [--half 1] [--records 400] [--file answers.jsonl] [--workers 2] [--whole]
+    python benchmarks/bench_random_plants.py [--half 1] [--first 0] [--records 400] [--file answers.jsonl] [--workers 2]
+        [--whole]
 """
 
 from __future__ import annotations
@@ -194,6 +195,7 @@ def show(lines: list[dict]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--half", type=int, choices=(1, 2), default=1)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--records", type=int, default=400)
     parser.add_argument("--file", type=Path)
     parser.add_argument("--workers", type=int, default=2)
@@ -203,7 +205,8 @@ def main() -> None:
     if options.file and options.file.exists():
         lines = [json.loads(text) for text in options.file.read_text(encoding="utf-8").splitlines()]
     done = {(line["half"], line["number"]) for line in lines}
-    jobs = [(options.half, k, options.whole) for k in range(options.records) if (options.half, k) not in done]
+    numbers = range(options.first, options.first + options.records)
+    jobs = [(options.half, k, options.whole) for k in numbers if (options.half, k) not in done]
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ[name] = "1"  # a process is a thread: there is one for each core
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
@@ -212,7 +215,7 @@ def main() -> None:
             if options.file:
                 with options.file.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(line) + "\n")
-    wanted = [line for line in lines if line["half"] == options.half and line["number"] < options.records]
+    wanted = [line for line in lines if line["half"] == options.half and line["number"] in numbers]
     print(f"half {options.half}, {len(wanted)} simulated records")
     show(wanted)
 
