@@ -50,14 +50,18 @@ projects = "units/*.toml"
 """
 
 
-def write_loop(folder: Path, name: str, plant: str = MODEL, seed: int = 1, duration: int = 300) -> Path:
-    """A project and its simulated record of so many minutes, whose set-point steps every 100 min."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{name}.toml"
+def loop_text(name: str, plant: str = MODEL, seed: int = 1, duration: int = 300) -> str:
+    """A project whose record is simulated for so many minutes; its set-point steps every 100 min."""
     steps = ((start + 20, 1 - 2 * (start // 100 % 2)) for start in range(0, duration, 100))
     setpoints = ", ".join(f'{{output = "y", time = {time}, value = {value}}}' for time, value in steps)
-    text = LOOP.format(name=name, model=MODEL, plant=plant, seed=seed, duration=duration, setpoints=setpoints)
-    file.write_text(text, encoding="utf-8")
+    return LOOP.format(name=name, model=MODEL, plant=plant, seed=seed, duration=duration, setpoints=setpoints)
+
+
+def write_loop(folder: Path, name: str, plant: str = MODEL, seed: int = 1, duration: int = 300) -> Path:
+    """That project and its record."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{name}.toml"
+    file.write_text(loop_text(name, plant, seed, duration), encoding="utf-8")
     project = Project.load(file)
     (folder / f"{name}.csv").write_bytes(as_file(simulate_record(project), f"{name}.csv"))
     return file

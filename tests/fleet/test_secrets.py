@@ -17,7 +17,7 @@ from urllib.parse import quote, quote_plus
 import polars as pl
 import pytest
 
-from fleet.conftest import CHANGED, LOOP, SITE, write_loop
+from fleet.conftest import CHANGED, SITE, loop_text, write_loop
 from support import certificates, historians, servers
 from support.command import ENVIRONMENT
 from trueplant.project.document import to_toml
@@ -73,7 +73,7 @@ def leaks(secrets: dict[str, set[bytes]], folder: Path, printed: dict[str, bytes
 
 def sourced(name: str, source: dict[str, object]) -> str:
     """The project of a quick loop that reads a historian."""
-    text = LOOP.format(name=name, model="2 exp(-1 s)/(6 s + 1)", plant=CHANGED, seed=3)
+    text = loop_text(name, CHANGED, 3)
     own = f"[data]\n{WINDOW}{to_toml({'data': {'source': source}})}"
     return text.replace(f'[data]\nfiles = ["{name}.csv"]\ntime = "t"\n', own)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import json
 import os
@@ -77,6 +78,25 @@ def test_ctrl_c_ends_a_command_with_one_message(folder):
             ends["interrupted"] += 1
     assert contents(folder) == before
     assert ends["interrupted"] >= 6
+
+
+def test_ctrl_c_where_c_code_calls_back_comes_again(capsys, folder, monkeypatch):
+    """Python drops what is raised there, and says so at length; numba's compiled functions are loaded so."""
+    back = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
+
+    def loads(*_):
+        back()
+        time.sleep(20)
+
+    monkeypatch.setattr("trueplant.cli.data.init", loads)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    hook = sys.unraisablehook
+    try:
+        assert main(["init", "record.csv"]) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert sys.unraisablehook is hook
+    assert capsys.readouterr().err == "trueplant: interrupted; no file was left half written\n"
 
 
 def test_ctrl_c_while_files_are_moved_waits_until_all_are(tmp_path, monkeypatch):

@@ -131,6 +131,6 @@ def test_hardly_any_noise_known_widens_intervals_by_a_fifth_at_most(monkeypatch)
     """Student's quantile over the normal one; with fewer degrees of freedom it would say nothing sensible."""
     monkeypatch.setattr("trueplant.identify.covariance.restriction_of", lambda fit: None)
     monkeypatch.setattr("trueplant.identify.covariance._uncertain", lambda *_: np.array([100.0]))
-    fit: Any = Stub(variance=1.0, information=np.eye(2), theta=np.zeros(1), left=3.0)
+    fit: Any = Stub(variance=1.0, information=np.eye(2), theta=np.zeros(1), ar=np.zeros(1), left=3.0)
     (widening,) = np.sqrt(student_factor(noise_freedom(fit), 0.95))
     assert 1.1 < widening < 1.2

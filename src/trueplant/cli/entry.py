@@ -17,6 +17,8 @@ from types import FrameType
 from trueplant.errors import OutputError, TrueplantError
 
 INTERNAL_ERROR, INTERRUPTED = 70, 130
+AGAIN = 0.02
+"""Seconds after which an interruption comes again that Python could not raise where it came."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -71,11 +73,26 @@ class _Interrupts:
 
     def __init__(self) -> None:
         self.seen = self.ending = False
+        self._again: threading.Timer | None = None
 
     def notice(self, number: int, frame: FrameType | None) -> None:
         self.seen = True
         if not self.ending:
             raise KeyboardInterrupt
+
+    def come_again(self, lost: sys.UnraisableHookArgs) -> None:
+        """What C code calls back (compiled functions as they are loaded) cannot raise: Python would drop it there."""
+        if lost.exc_type is not KeyboardInterrupt:
+            sys.__unraisablehook__(lost)
+        elif not self.ending:
+            self._again = threading.Timer(AGAIN, signal.raise_signal, [signal.SIGINT])
+            self._again.daemon = True
+            self._again.start()
+
+    def end(self) -> None:
+        """None comes any more."""
+        if self._again is not None:
+            self._again.cancel()
 
 
 @contextlib.contextmanager
@@ -90,9 +107,12 @@ def _noticed_interrupts() -> Iterator[_Interrupts]:
         yield found
         return
     signal.signal(signal.SIGINT, found.notice)
+    before, sys.unraisablehook = sys.unraisablehook, found.come_again
     try:
         yield found
     finally:
+        found.end()
+        sys.unraisablehook = before
         atexit.unregister(_leave)
         atexit.register(_leave)
         signal.signal(signal.SIGINT, signal.default_int_handler)
