@@ -14,11 +14,10 @@ import threading
 from collections.abc import Iterator, Sequence
 from types import FrameType
 
+from trueplant.cli import levels
 from trueplant.errors import OutputError, TrueplantError
 
 INTERNAL_ERROR, INTERRUPTED = 70, 130
-AGAIN = 0.02
-"""Seconds after which an interruption comes again that Python could not raise where it came."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -85,7 +84,7 @@ class _Interrupts:
         if lost.exc_type is not KeyboardInterrupt:
             sys.__unraisablehook__(lost)
         elif not self.ending:
-            self._again = threading.Timer(AGAIN, signal.raise_signal, [signal.SIGINT])
+            self._again = threading.Timer(levels.AGAIN, signal.raise_signal, [signal.SIGINT])
             self._again.daemon = True
             self._again.start()
 
