@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
 import random
 import signal
@@ -71,6 +72,17 @@ def test_workers_keep_the_memory_that_they_will_need_again() -> None:
         (found,) = workers._client.run(lambda: dict(os.environ)).values()
     assert int(found["MALLOC_TRIM_THRESHOLD_"]) >= 2 * int(found["MALLOC_MMAP_THRESHOLD_"]) >= 1 << 25
     assert found["OPENBLAS_NUM_THREADS"] == "1"
+
+
+@pytest.mark.slow
+def test_workers_say_nothing_that_the_row_of_a_loop_says() -> None:
+    def levels() -> list[int]:
+        names = ("distributed.worker.state_machine", "distributed.nanny", "distributed.core", "distributed.gc")
+        return [logging.getLogger(name).getEffectiveLevel() for name in names]
+
+    with on_this_machine(1) as workers:
+        (found,) = workers._client.run(levels).values()
+    assert set(found) == {logging.CRITICAL}
 
 
 @pytest.mark.slow

@@ -24,8 +24,12 @@ from trueplant.version import __version__
 _MEMORY = {"MALLOC_MMAP_THRESHOLD_": 1 << 25, "MALLOC_TRIM_THRESHOLD_": 1 << 26}
 """What the allocator of Linux ends with by itself. Dask would have all memory given back at once (64 kB), and asking
 for it again takes longer than an estimate does."""
+_LOGGING = dict.fromkeys(("distributed", "distributed.client", "distributed.gc"), "critical")
+"""What happens to a worker is told by the row of its loop. Those named have levels of their own with Dask."""
 _SETTINGS: dict[str, Any] = {
-    "logging": {"distributed": "critical"},  # what happens to a worker is told by the row of its loop
+    "logging": _LOGGING,
+    # a worker takes its levels as it imports Dask, before our settings reach it
+    "distributed.nanny.pre-spawn-environ.DASK_LOGGING": repr(_LOGGING),
     "distributed.scheduler.allowed-failures": levels.ALLOWED_DEATHS,
     "distributed.scheduler.worker-saturation": 1.0,
     "distributed.worker.daemon": True,
@@ -111,6 +115,7 @@ def on_this_machine(workers: int) -> Iterator[OnDask]:
             dashboard_address="127.0.0.1:0",
             scheduler_kwargs={"dashboard": False},
             local_directory=scratch,
+            silence_logs=logging.CRITICAL,
         )
         with cluster, distributed.Client(cluster) as client:
             yield OnDask(client)
