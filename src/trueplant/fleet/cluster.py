@@ -24,8 +24,11 @@ from trueplant.version import __version__
 _MEMORY = {"MALLOC_MMAP_THRESHOLD_": 1 << 25, "MALLOC_TRIM_THRESHOLD_": 1 << 26}
 """What the allocator of Linux ends with by itself. Dask would have all memory given back at once (64 kB), and asking
 for it again takes longer than an estimate does."""
-_LOGGING = dict.fromkeys(("distributed", "distributed.client", "distributed.gc"), "critical")
-"""What happens to a worker is told by the row of its loop. Those named have levels of their own with Dask."""
+_LOGGING = dict.fromkeys(
+    ("distributed", "distributed.client", "distributed.gc", "tornado", "tornado.application", "asyncio"), "critical"
+)
+"""What happens to a worker is told by the row of its loop. Those named have levels of their own with Dask, or speak of
+the connections that its event loops lose."""
 _SETTINGS: dict[str, Any] = {
     "logging": _LOGGING,
     # a worker takes its levels as it imports Dask, before our settings reach it
@@ -200,7 +203,7 @@ def _settings() -> Iterator[Any]:
             "several workers need dask, which is not installed: pip install 'trueplant[fleet]', or --workers 0"
         ) from None
     # some of its loggers have levels of their own
-    names = ("distributed", *(name for name in logging.root.manager.loggerDict if name.startswith("distributed.")))
+    names = (*_LOGGING, *(name for name in logging.root.manager.loggerDict if name.startswith("distributed.")))
     before = {name: logging.getLogger(name).level for name in names}
     for name in names:
         logging.getLogger(name).setLevel(logging.CRITICAL)
