@@ -77,7 +77,13 @@ def test_workers_keep_the_memory_that_they_will_need_again() -> None:
 @pytest.mark.slow
 def test_workers_say_nothing_that_the_row_of_a_loop_says() -> None:
     def levels() -> list[int]:
-        names = ("distributed.worker.state_machine", "distributed.nanny", "distributed.gc", "tornado.general", "asyncio")
+        names = (
+            "distributed.worker.state_machine",
+            "distributed.nanny",
+            "distributed.gc",
+            "tornado.general",
+            "asyncio",
+        )
         return [logging.getLogger(name).getEffectiveLevel() for name in names]
 
     with on_this_machine(1) as workers:
