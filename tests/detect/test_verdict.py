@@ -120,3 +120,19 @@ def test_the_whole_is_judged_by_its_own_covariance_and_parameters_by_theirs():
     assert verdict.verdict == "changed" and verdict.p_adjusted == pytest.approx(chi2.sf(144.0, 2))
     assert verdict.parameters[0].p_value == pytest.approx(2 * norm.sf(0.4))
     assert judge([Evidence((0.0, 0.0), moved, wide, (True, True))])[0].verdict == "unchanged"
+
+
+def test_what_the_other_test_counts_by_itself_wald_does_not_count_again_but_still_knows_directions_by():
+    """Two parameters, of which the second is known to 0.5 of what is worth knowing, and beside other minima to 2."""
+    by_likelihood, elsewhere = np.diag([0.01, 0.25]), np.diag([0.005, 3.75])
+    moved, worth = np.array([0.25, 3.0]), np.ones(2)
+
+    def p_of(beside, joint):
+        evidence = Evidence((0.0, 0.0), moved, joint, (True, True), 1e-9, joint, worth_knowing=worth, beside=beside)
+        return judge([evidence])[0].p_adjusted
+
+    both = by_likelihood + elsewhere
+    assert p_of(by_likelihood, both) == pytest.approx(chi2.sf(0.25**2 / 0.01, 1))
+    assert p_of(None, both) == pytest.approx(chi2.sf(0.25**2 / 0.015, 1))
+    whole = np.sum(moved**2 / np.diag(by_likelihood))
+    assert p_of(None, by_likelihood) == pytest.approx(max(chi2.sf(whole, 2), 1e-9))

@@ -51,6 +51,18 @@ def test_noise_starts_and_rounding_are_what_their_steps_say(plain):
         np.testing.assert_allclose(parts[Source.PROFILE], np.diag(estimate.covariance - estimate.unprofiled))
 
 
+def test_wald_need_not_count_what_likelihood_ratios_do(plain):
+    for estimate in plain.values():
+        parts = parts_of(estimate)
+        counted = (Source.SLOW_NOISE, Source.NOISE_MODEL, Source.MINIMA)
+        by_ratio = np.diag(estimate.unprofiled - estimate.beside_ratio)
+        np.testing.assert_allclose(by_ratio, sum(parts[source] for source in counted), rtol=1e-6, atol=1e-12)
+        assert widened_for_shared_disturbance(estimate, [1], 0.95).beside_ratio is None
+        shifts = 0.1 * np.abs(estimate.theta)[None]
+        wider = averaged(estimate, shifts, np.ones(1), 0.95, Source.VALVE)
+        np.testing.assert_allclose(np.diag(wider.beside_ratio - estimate.beside_ratio), shifts[0] ** 2)
+
+
 def test_a_valve_adds_the_squares_of_what_it_would_move(plain):
     estimate = plain[0]
     shifts = np.array([np.zeros(estimate.theta.size), 0.1 * np.abs(estimate.theta)])

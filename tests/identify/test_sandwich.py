@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import kstest
 
 from support.simulated import random_switching
 from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
-from trueplant.identify.sandwich import plant_covariance, sandwich_covariance, squares_p
+from trueplant.identify.sandwich import correlated_lags, plant_covariance, sandwich_covariance, squares_p
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.structure import Structure
 from trueplant.record.types import Segment
@@ -59,6 +60,34 @@ def test_loud_noise_after_moves_widens_what_moves_tell_and_even_noise_hardly_any
         even = identify_output([step_test(seed, 1.0)], 0, [SPEC])
         ratios.append(np.diag(even.covariance)[:2] / np.diag(even.fit.covariance)[:2])
     assert np.all(np.mean(ratios, axis=0) < 1.2) and np.min(ratios) >= 1
+
+
+@pytest.mark.parametrize("rho", [0.5, 0.97, 1.0])
+def test_lags_are_those_of_andrews(rho):
+    """His formula for one autoregression of first order: 1.1447 (4 rho^2 n / ((1 - rho)^2 (1 + rho)^2))^(1/3)."""
+    n = 200_000
+    scores = lfilter([1.0], [1.0, -rho], np.random.default_rng(3).standard_normal(n))[None]
+    believed = min(rho, 0.97)
+    expected = 1.1447 * np.cbrt(4 * believed**2 * n / ((1 - believed) ** 2 * (1 + believed) ** 2))
+    assert correlated_lags([scores, np.zeros((1, 0))]) == pytest.approx(expected, rel=0.03)
+    assert correlated_lags([np.zeros((2, 50))]) == 0
+
+
+def test_long_run_variances_are_closer_to_the_truth_than_with_lags_that_are_always_as_many():
+    """Scores without correlation, and with 0.5 from one to the next, whose variance of the sum is known."""
+
+    def found(scores, lags):
+        products = [scores[lag:] @ scores[: scores.size - lag] for lag in range(lags + 1)]
+        return (products[0] + 2 * sum((1 - k / (lags + 1)) * products[k] for k in range(1, lags + 1))) / scores.size
+
+    for rho in (0.0, 0.5):
+        errors = []
+        for seed in range(200):
+            white = np.random.default_rng(seed).standard_normal(1600)
+            scores, true = lfilter([1.0], [1.0, -rho], white)[100:], (1 - rho) ** -2
+            errors.append([found(scores, lags) / true - 1 for lags in (correlated_lags([scores[None]]), 25)])
+        chosen, always = np.sqrt(np.mean(np.square(errors), axis=0))
+        assert chosen < (0.4 if rho == 0 else 1.0) * always
 
 
 def test_no_standard_error_is_below_that_of_the_likelihood():

@@ -39,6 +39,8 @@ class Found:
     joint: Array
     """The covariance for tests of the whole: without the widening of single parameters by their profiles, which
     stretches strong correlations and which the likelihood ratio makes up for."""
+    beside_ratio: Array
+    """`joint` without what likelihood ratios count by themselves (`OutputEstimate.beside_ratio`)."""
     covariance_by_data: Array
     """What the record alone says, without the prior: very large where it says nothing."""
     intervals: Array
@@ -59,7 +61,9 @@ class Found:
         """With the covariances of the difference to the model."""
         if self.of_model is None:
             return self
-        return replace(self, covariance=self.covariance + self.of_model, joint=self.joint + self.of_model)
+        more = self.of_model
+        joint, beside = self.joint + more, self.beside_ratio + more
+        return replace(self, covariance=self.covariance + more, joint=joint, beside_ratio=beside)
 
 
 def elements_found(
@@ -74,6 +78,8 @@ def elements_found(
     found = {}
     for i, estimate in estimates.items():
         reasons = unanswered(estimate)
+        joint = estimate.covariance if estimate.unprofiled is None else estimate.unprofiled
+        beside = joint if estimate.beside_ratio is None else estimate.beside_ratio
         for m, (spec, part) in enumerate(zip(estimate.row.specs, estimate.row.slices, strict=True)):
             order = spec.structure.sorted(estimate.theta[part])
             index = part.start + order
@@ -81,7 +87,8 @@ def elements_found(
                 spec,
                 estimate.theta[index],
                 estimate.covariance[np.ix_(index, index)],
-                (estimate.covariance if estimate.unprofiled is None else estimate.unprofiled)[np.ix_(index, index)],
+                joint[np.ix_(index, index)],
+                beside[np.ix_(index, index)],
                 estimate.fit.covariance_by_data[np.ix_(index, index)],
                 estimate.intervals[index],
                 estimate.row.lag(m, estimate.theta[part]),
@@ -153,6 +160,7 @@ def judge_elements(
                 detectable,
                 None if (rejected := found[p].rejected) is None else rejected.p_value,
                 _worth_knowing(found[p], worth_knowing) if np.isfinite(worth_knowing) else None,
+                found[p].beside_ratio,
             )
         )
     return dict(zip(places, judge(evidence, confidence, tolerance_percent, worth_knowing), strict=True))

@@ -44,6 +44,9 @@ class Evidence:
     worth_knowing: Array | None = None
     """Change of each parameter that is worth knowing, 0 where it is not to be judged at all. Directions whose standard
     error is larger are left out of the test of the element. None: all that is answered is tested."""
+    beside: Array | None = None
+    """Covariance for Wald's test beside `strictest`, without what that test counts by itself; what is known is told by
+    `joint`. None: `joint`."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,9 @@ def _joint_p(evidence: Evidence) -> float | None:
     if not use.any():
         return None
     rotated = (vectors.T @ (shift / scale))[use]
-    wald = float(chi2.sf(np.sum(rotated**2 / values[use]), int(use.sum())))
+    counted = whole if evidence.beside is None else evidence.beside
+    within = vectors[:, use].T @ (counted[np.ix_(index, index)] / np.outer(scale, scale)) @ vectors[:, use]
+    wald = float(chi2.sf(rotated @ np.linalg.solve(within, rotated), int(use.sum())))
     return wald if evidence.strictest is None else max(wald, evidence.strictest)
 
 

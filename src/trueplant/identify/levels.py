@@ -193,6 +193,10 @@ correlations: the same numbers, from where on they are the cheaper ones."""
 # Tests
 RESIDUAL_LAGS = 25
 """Lags of the tests on prediction errors, at the stride of the estimate."""
+BARTLETT = 1.1447
+"""Of the lags that Bartlett's weights ask for (Andrews 1991, Econometrica 59, 817)."""
+MOST_CORRELATED = 0.97
+"""From one score to the next, as far as is believed (Andrews and Monahan 1992, Econometrica 60, 953)."""
 UNEVEN = 0.01
 """Significance of heteroscedastic or coloured prediction errors from which that is said."""
 SEARCHED_FREEDOM = 5

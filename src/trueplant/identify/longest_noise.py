@@ -45,6 +45,7 @@ def estimate_beside_longest_noise(estimate: OutputEstimate, confidence: float) -
         theta=fit.theta,
         covariance=covariance,
         unprofiled=covariance,
+        beside_ratio=None,
         factor=np.ones(fit.theta.size),
         freedom=partial(joint_freedom, fit),
         rise=None,

@@ -67,6 +67,9 @@ class OutputEstimate:
     unprofiled: Array | None = None
     """The covariance before it was widened to the profile intervals: wider single parameters would misstate strong
     correlations between them. Joint tests use this one beside the likelihood ratio; None: `covariance` itself."""
+    beside_ratio: Array | None = None
+    """`unprofiled` without what likelihood ratios count by themselves: other minima, and what another noise model says
+    (`longest_noise`). None: with it."""
     factor: Array = field(default_factory=lambda: np.ones(1))
     """(size,) of the variances, for what the record does not say of the noise (`inflation`): intervals, likelihood
     ratios and verdicts all count it."""
@@ -178,6 +181,7 @@ def identify_output(
         added, budget = added + variances, budget.including(source, variances)
     covariance = covariance + added
     unprofiled = minima.widened(covariance)
+    beside_ratio = fit.covariance + more + np.outer(left_out, left_out) + least
     covariance, budget = unprofiled, budget.including(Source.MINIMA, unprofiled - covariance)
     profiles = {}
     for index in _profiled(fit):
@@ -203,6 +207,7 @@ def identify_output(
         tests=tests,
         validation=validate(fit),
         unprofiled=unprofiled,
+        beside_ratio=beside_ratio,
         factor=factor,
     )
 
@@ -256,6 +261,7 @@ def averaged(
         covariance=estimate.covariance + more,
         budget=estimate.budget.including(source, more),
         unprofiled=None if estimate.unprofiled is None else estimate.unprofiled + more,
+        beside_ratio=None if estimate.beside_ratio is None else estimate.beside_ratio + more,
         intervals=np.clip(ends, low[:, None], high[:, None]),
     )
 

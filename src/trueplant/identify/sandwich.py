@@ -61,7 +61,8 @@ def sandwich_covariance(fit: RowFit) -> Array:
 def plant_covariance(fit: RowFit) -> Array:
     """Covariance (size, size) of theta as the errors have it (Newey and West's weights)."""
     n = fit.theta.size
-    return np.asarray(_sandwich(fit, RESIDUAL_LAGS)[:n, :n])
+    scores = _scores(fit)
+    return np.asarray(_sandwich(fit, scores, correlated_lags([one[:n] for one in scores]))[:n, :n])
 
 
 def noise_covariance(fit: RowFit) -> Array:
@@ -70,19 +71,38 @@ def noise_covariance(fit: RowFit) -> Array:
     Without lags: what is left of colour is what the coefficients are about.
     """
     n = fit.theta.size
-    return np.asarray(_sandwich(fit, 0)[n:, n:])
+    return np.asarray(_sandwich(fit, _scores(fit), 0)[n:, n:])
 
 
-def _sandwich(fit: RowFit, most_lags: int) -> Array:
+def correlated_lags(scores: list[Array]) -> int:
+    """Over how many lags to sum the correlations of scores (size, n) of each piece, no more than they ask for.
+
+    Every lag scatters, and a covariance that is the larger of two takes the scatter for size. Andrews (1991),
+    Econometrica 59, 817: the lags of the least mean square error of Bartlett's weights, where each score is an
+    autoregression of first order.
+    """
+    whole = sum(np.einsum("ij,ij->i", one, one) for one in scores)
+    next_to = sum(np.einsum("ij,ij->i", one[:, 1:], one[:, :-1]) for one in scores)
+    rho = np.divide(next_to, whole, out=np.zeros_like(whole), where=whole > 0)
+    rho = np.clip(rho, -levels.MOST_CORRELATED, levels.MOST_CORRELATED)
+    curvature = np.mean(4 * rho**2 / ((1 - rho) ** 6 * (1 + rho) ** 2)) / np.mean((1 - rho) ** -4.0)
+    return int(levels.BARTLETT * np.cbrt(curvature * sum(one.shape[1] for one in scores)))
+
+
+def _scores(fit: RowFit) -> list[Array]:
+    """(size + order, n) psi e of each piece."""
+    return [piece.jacobian * piece.errors for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights)]
+
+
+def _sandwich(fit: RowFit, scores: list[Array], most_lags: int) -> Array:
     """Covariance (size + order, size + order) of theta and the noise model."""
     size = fit.theta.size + fit.ar.size
     meat = np.zeros((size, size))
-    for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
-        scores = piece.jacobian * piece.errors
-        meat += scores @ scores.T
-        lags = min(most_lags, piece.errors.size // 10)
+    for one in scores:
+        meat += one @ one.T
+        lags = min(most_lags, one.shape[1] // 10)
         for lag in range(1, lags + 1):
-            product = scores[:, lag:] @ scores[:, :-lag].T
+            product = one[:, lag:] @ one[:, :-lag].T
             meat += (1 - lag / (lags + 1)) * (product + product.T)
     bread = inverse(fit.information)
     return np.asarray((bread @ meat @ bread) * fit.count / fit.left)

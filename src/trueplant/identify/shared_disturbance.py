@@ -89,6 +89,7 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
             budget=budget.including(Source.PROFILE, covariance - unprofiled),
             intervals=intervals,
             unprofiled=unprofiled,
+            beside_ratio=None,
             jointly=True,
         )
     return better
@@ -113,5 +114,6 @@ def widened_for_shared_disturbance(
         budget=estimate.budget.including(Source.SHARED_DISTURBANCE, covariance - estimate.covariance),
         intervals=intervals,
         unprofiled=unprofiled,
+        beside_ratio=None,
         predicted_by=tuple(others),
     )

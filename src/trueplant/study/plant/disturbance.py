@@ -146,6 +146,7 @@ def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float
         intervals=intervals,
         order_dependence={},
         unprofiled=None,
+        beside_ratio=None,
         rise=fit.rise,
     )
 
