@@ -23,7 +23,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.identify import behind_valves, identify_matrix, specs_of, sticking, try_valves
+from trueplant.identify import behind_valves, identify_matrix, specs_of, sticking, try_valves, widened_for_bands
 from trueplant.loop import PID, Controller, Valve, simulate
 from trueplant.lti import TransferMatrix
 
@@ -49,9 +49,10 @@ def run(job: tuple[int, int, str, float]) -> tuple[bool, float, np.ndarray]:
     given = {name: share * float(np.ptp(still.u)) for name, share in CASES[case].items()}
     segments = (segment_of(simulate(PLANT, LAW, r, 1.0, v=v, valves=[Valve(**given)])),)
     estimates = identify_matrix(segments, PLANT, specs_of(PLANT))
-    found = sticking(try_valves(estimates, [0]))
-    if found:
+    tried = try_valves(estimates, [0])
+    if found := sticking(tried):
         estimates = identify_matrix(behind_valves(segments, found), PLANT, specs_of(PLANT))
+        estimates = widened_for_bands(estimates, found, tried, 0.95)
     low, high = estimates[0].intervals.T
     covered = (low <= TRUTH) & (high >= TRUTH)
     if not given or not found:

@@ -18,7 +18,14 @@ from trueplant.identify.row import Row, Spec
 from trueplant.identify.strides import Sampling, choose_stride, samples_per_update
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import Validation, fit_percent, prediction_errors, simulate_piece
-from trueplant.identify.valves import FoundValve, behind_valves, sticking, try_valves, widened_for_valves
+from trueplant.identify.valves import (
+    FoundValve,
+    behind_valves,
+    sticking,
+    try_valves,
+    widened_for_bands,
+    widened_for_valves,
+)
 
 __all__ = [
     "INTEGRATING",
@@ -65,6 +72,7 @@ __all__ = [
     "sticking",
     "try_valves",
     "unanswered",
+    "widened_for_bands",
     "widened_for_holds",
     "widened_for_valves",
     "with_holds",

@@ -36,6 +36,8 @@ class FoundValve:
     valve: Valve
     p_value: float
     """That it is, with what a search over all valves and bands finds in noise taken off."""
+    error: float = 0.0
+    """Relative standard error of the band, as the likelihoods of those nearby have it; 0 where not looked for."""
 
     @property
     def band(self) -> float:
@@ -54,6 +56,9 @@ class Tried:
     """By output: the plant fitted behind it."""
     before: Mapping[int, RowFit]
     """And the plant fitted to OP on the same samples."""
+    leans: Mapping[int, Array]
+    """(size,) By output: by how much a standard error of the band moves the plant behind it; of a valve that sticks
+    beyond chance."""
 
     def shift(self, i: int) -> Array:
         """(1, size) by how much the parameters of output i would be larger."""
@@ -93,6 +98,22 @@ def widened_for_valves(
     return out
 
 
+def widened_for_bands(
+    estimates: Mapping[int, OutputEstimate],
+    valves: Mapping[int, FoundValve],
+    tried: Mapping[int, Sequence[Tried]],
+    confidence: float,
+) -> dict[int, OutputEstimate]:
+    """The estimates behind valves that stick, with what their bands leave open."""
+    out = dict(estimates)
+    for column, found in valves.items():
+        one = next(one for one in tried[column] if one.found is found)
+        for i in out.keys() & one.leans.keys():
+            shifts = placed(np.outer([1.0, -1.0], one.leans[i]), one.behind[i].row, out[i].row)
+            out[i] = averaged(out[i], shifts, np.full(2, 0.5), confidence, Source.VALVE)
+    return out
+
+
 def _tried(fits: Mapping[int, RowFit], column: int, inputs: int) -> tuple[Tried, ...]:
     parts = {i: of_a_part(fit) for i, fit in fits.items()}
     op = np.concatenate([piece.inputs[column] for piece in next(iter(parts.values())).row.pieces])
@@ -116,29 +137,47 @@ def _kind(
     is the most that counts.
     """
     gains = np.array([sum(test.gain(valve) for test in tests) for valve in kind])
-    valve = kind[int(np.argmax(gains))]
+    valve, error = kind[int(np.argmax(gains))], 0.0
     if len(kind) * families * chi2.sf(max(gains.max(), 0.0), 1) < levels.VALVE:
-        valve = _refined(list(fits.values()), column, valve)
+        valve, error = _refined(list(fits.values()), column, valve)
     behind = {i: _behind(fit, column, valve) for i, fit in fits.items()}
     most = sum(fits[i].deviance - behind[i].deviance for i in fits)
     gains = np.minimum(gains, most)
     p = float(min(1.0, len(kind) * families * chi2.sf(max(gains.max(), 0.0), 1)))
     odds = levels.STICKS / families * float(np.mean(np.exp(np.minimum(gains / 2, levels.LARGEST_EXPONENT))))
-    return Tried(FoundValve(valve, p), odds, behind, fits)
+    leans = {i: _lean(fit, column, valve, error) for i, fit in fits.items()} if p < levels.VALVE else {}
+    return Tried(FoundValve(valve, p, error), odds, behind, fits, leans)
 
 
-def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> Valve:
-    """The width that explains most, the plant fitted behind each: what was found beside a plant fitted to OP leans."""
+def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> tuple[Valve, float]:
+    """The width that explains most, and its relative standard error as the likelihoods of those nearby have it.
+
+    The plant is fitted behind each: what was found beside a plant fitted to OP leans.
+    """
+    error = 0.0
     for _ in range(levels.VALVE_ROUNDS):
         behind = [_behind(fit, column, valve) for fit in fits]
         tests = [_Test(moved, column, fit.row) for moved, fit in zip(behind, fits, strict=True)]
-        nearby = [Valve(valve.backlash * factor, valve.stick * factor) for factor in levels.VALVE_FACTORS]
-        gains = [sum(test.gain(one) for test in tests) for one in nearby]
-        best = nearby[int(np.argmax(gains))]
-        if best == valve:
+        nearby = [_times(valve, factor) for factor in levels.VALVE_FACTORS]
+        gains = np.array([sum(test.gain(one) for test in tests) for one in nearby])
+        best = int(np.argmax(gains))
+        apart = np.log(levels.VALVE_FACTORS / levels.VALVE_FACTORS[best])
+        shares = np.exp((gains - gains[best]) / 2) * np.gradient(apart)
+        error = float(np.sqrt(shares @ apart**2 / shares.sum()))
+        if nearby[best] == valve:
             break
-        valve = best
-    return valve
+        valve = nearby[best]
+    return valve, error
+
+
+def _times(valve: Valve, factor: float) -> Valve:
+    return Valve(valve.backlash * factor, valve.stick * factor)
+
+
+def _lean(fit: RowFit, column: int, valve: Valve, error: float) -> Array:
+    """(size,) by how much a relative standard error of the band moves the plant behind the valve."""
+    wider, narrower = (_behind(fit, column, _times(valve, float(np.exp(side)))) for side in (error, -error))
+    return np.asarray((wider.theta - narrower.theta) / 2)
 
 
 def _behind(fit: RowFit, column: int, valve: Valve) -> RowFit:

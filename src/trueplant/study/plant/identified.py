@@ -21,6 +21,7 @@ from trueplant.identify import (
     identify_plant,
     sticking,
     try_valves,
+    widened_for_bands,
     widened_for_holds,
     widened_for_valves,
     with_holds,
@@ -72,7 +73,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     say("looking for valves that do not follow OP")
     columns = [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"]
     tried = try_valves(estimates, columns)
-    valves = sticking(tried)
+    valves, found_in = sticking(tried), tried
     if valves:
         segments = behind_valves(segments, valves)
         found = _identified(study, segments, (), say)
@@ -90,6 +91,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         estimates = _resting_on_disturbances(study, estimates, fits)
     confidence = study.project.analysis.confidence
     estimates = widened_for_valves(widened_for_holds(estimates, holds, confidence), tried, confidence)
+    estimates = widened_for_bands(estimates, valves, found_in, confidence)
     if drawn := drawn_outputs(study):
         say("estimating what a historian left out")
         held = _identified(study, held_between(segments, drawn), ())
