@@ -37,33 +37,40 @@ def stride(samples: int, lag: float) -> int:
     return choose_stride([record(samples)], [Spec(0, FOPDT, (1.0, lag, 0.0))], np.inf)
 
 
+@pytest.mark.holds("identify.SAMPLES_PER_LAG")
 def test_a_lag_keeps_eighty_samples() -> None:
     assert 60 < 1600 / stride(60_000, 1600.0) < 110
 
 
+@pytest.mark.holds("identify.ENOUGH_SAMPLES")
 def test_a_short_record_keeps_a_thousand_samples() -> None:
     assert 700 < 6000 / stride(6000, 1e5) < 1400
 
 
+@pytest.mark.holds("identify.SHORTEST_BLOCK", "identify.LAGS_PER_BLOCK")
 def test_blocks_are_65536_samples_or_three_hundred_lags() -> None:
     assert 50_000 < block_length(0.0, 1.0) < 90_000
     assert 200 < block_length(1000.0, 1.0) / 1000 < 450
 
 
+@pytest.mark.holds("identify.SEARCHED_ERRORS")
 def test_a_long_record_is_searched_on_twenty_thousand_errors() -> None:
     taken = sum(piece.y.size for piece in most_moved(row_of(record(100_000))).pieces)
     assert 14_000 < taken < 28_000
 
 
+@pytest.mark.holds("identify.SAMPLES_PER_ORDER")
 def test_each_coefficient_of_the_noise_model_has_forty_samples() -> None:
     assert 30 < 1200 / largest_order(row_of(record(1200)), 1000) < 55
 
 
+@pytest.mark.holds("identify.FASTEST_LAG")
 def test_lags_end_at_a_twentieth_of_a_sample() -> None:
     low, _ = row_of(record(100)).bounds()
     assert 0.03 < low[1] < 0.08
 
 
+@pytest.mark.holds("identify.MOST_JOINED")
 def test_sixty_segments_at_most_share_an_operating_point() -> None:
     """A hundred of them, one sample apart: two pieces."""
     segments = [record(20, seed, first=21.0 * seed) for seed in range(100)]
@@ -71,12 +78,14 @@ def test_sixty_segments_at_most_share_an_operating_point() -> None:
     assert len(pieces) == 2
 
 
+@pytest.mark.holds("identify.LARGEST_RATIO")
 def test_a_time_constant_grows_or_shrinks_threefold_in_a_step() -> None:
     low = np.array([0.05])
     assert 2 < _limited(np.array([1.0]), np.array([100.0]), low)[0] < 4.5
     assert 0.25 < _limited(np.array([1.0]), np.array([-100.0]), low)[0] < 0.5
 
 
+@pytest.mark.holds("identify.NOISE_FREE")
 @pytest.mark.parametrize(("energy", "free"), [(0.7e-18, True), (1.4e-18, False)])
 def test_errors_of_a_billionth_of_the_output_are_rounding(energy: float, free: bool, monkeypatch: Any) -> None:
     y = np.array([1.0, -1.0, 1.0, -1.0])
@@ -85,6 +94,7 @@ def test_errors_of_a_billionth_of_the_output_are_rounding(energy: float, free: b
     assert free_of_noise(fit) is free
 
 
+@pytest.mark.holds("identify.LARGEST_FREE_RESPONSE")
 def test_a_free_response_is_no_larger_than_three_standard_deviations_of_a_forced_one() -> None:
     """Of an element with gain 2 and an input of standard deviation 5: the record begins in motion."""
     row = row_of(record(4000, std=5.0))
@@ -93,6 +103,7 @@ def test_a_free_response_is_no_larger_than_three_standard_deviations_of_a_forced
     assert 2 < unknown.largest[1] / 10.0 < 4.5
 
 
+@pytest.mark.holds("identify.SAMPLES_PER_LOAD")
 def test_each_load_has_a_hundred_prediction_errors(monkeypatch: Any) -> None:
     """A thousand errors in which any load would gain."""
     found: list[int] = []

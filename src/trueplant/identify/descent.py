@@ -13,16 +13,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
-from trueplant.identify.levels import (
-    FIRST_DAMPING,
-    LARGEST_DAMPING,
-    LARGEST_RATIO,
-    LEAST_DAMPING,
-    MOST_DAMPINGS,
-    NEGLIGIBLE,
-    ROUNDING,
-    SETTLED,
-)
+from trueplant.identify import levels
 
 
 class Point(Protocol):
@@ -65,7 +56,7 @@ class Problem(Generic[P]):
     """(n,) parameters by which the cost can have a kink, downhill on neither side: then all others move on."""
     least: float = -np.inf
     """A cost that is nothing but rounding: there the descent ends."""
-    settled: float = SETTLED
+    settled: float = levels.SETTLED
     """Gain in -2 log likelihood, done and expected, at which the descent ends."""
     reweighted: Callable[[Array, P, int], P | None] = lambda _x, _point, _step: None
     """After each step, counted from 0: the point under new weights, or None where they stay."""
@@ -91,7 +82,7 @@ class _Step(Generic[P]):
 
 def descend(problem: Problem[P], x: Array, point: P, iterations: int) -> Descent[P]:
     """From x, where the cost is that of `point`, downhill until no step gains what would matter."""
-    damping = FIRST_DAMPING
+    damping = levels.FIRST_DAMPING
     for done in range(iterations):
         pinned = ((x <= problem.low) & (point.slope > 0)) | ((x >= problem.high) & (point.slope < 0))
         active = problem.free & ~pinned & (np.diag(point.information) > 0)
@@ -102,7 +93,7 @@ def descend(problem: Problem[P], x: Array, point: P, iterations: int) -> Descent
             return Descent(x, point, True)
         gain = point.cost - step.point.cost
         settled = max(gain, step.expected) <= problem.settled * point.unit
-        x, point, damping = step.x, step.point, max(step.damping / 10, LEAST_DAMPING)
+        x, point, damping = step.x, step.point, max(step.damping / 10, levels.LEAST_DAMPING)
         again = problem.reweighted(x, point, done)
         if again is not None:
             point, settled = again, False
@@ -119,17 +110,17 @@ def _downhill(problem: Problem[P], x: Array, point: P, active: BoolArray, dampin
     scale = np.sqrt(np.maximum(np.diag(point.information)[active], 1e-300))
     normal = point.information[np.ix_(active, active)] / np.outer(scale, scale)
     growth = 8.0
-    for _ in range(MOST_DAMPINGS):
+    for _ in range(levels.MOST_DAMPINGS):
         step = np.zeros(active.size)
         step[active] = -np.linalg.solve(normal + damping * np.eye(scale.size), point.slope[active] / scale) / scale
         expected = float(-step @ point.slope)
-        if expected <= NEGLIGIBLE * point.unit:
+        if expected <= levels.NEGLIGIBLE * point.unit:
             return None
         trial = np.clip(_limited(x, step, problem.low), problem.low, problem.high)
         candidate = problem.at(trial, point)
-        if np.isfinite(candidate.cost) and candidate.cost < point.cost + ROUNDING * abs(point.cost):
+        if np.isfinite(candidate.cost) and candidate.cost < point.cost + levels.ROUNDING * abs(point.cost):
             return _Step(trial, candidate, expected, damping)
-        damping, growth = min(damping * growth, LARGEST_DAMPING), growth * 4
+        damping, growth = min(damping * growth, levels.LARGEST_DAMPING), growth * 4
     return None
 
 
@@ -137,5 +128,5 @@ def _limited(x: Array, step: Array, low: Array) -> Array:
     """A step that takes positive parameters at most to a third or to three times their value."""
     positive = np.isfinite(low) & (low > 0)
     trial = x + step
-    trial[positive] = np.clip(trial[positive], x[positive] / LARGEST_RATIO, x[positive] * LARGEST_RATIO)
+    trial[positive] = np.clip(trial[positive], x[positive] / levels.LARGEST_RATIO, x[positive] * levels.LARGEST_RATIO)
     return trial

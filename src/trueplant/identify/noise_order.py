@@ -11,7 +11,6 @@ from trueplant.identify import levels
 from trueplant.identify.between_experiments import refit_noise
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
-from trueplant.identify.levels import UNDERMODELLED
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 
@@ -31,7 +30,7 @@ def order_dependence(
     """
     runs = [of_a_part(run) for run in runs]
     used = fit.ar.size
-    undermodelled = bool(np.min(cross_p) < UNDERMODELLED)
+    undermodelled = bool(np.min(cross_p) < levels.UNDERMODELLED)
     limit = max(run.row.measured(k)[0].size for run in runs for k in range(len(run.row.pieces))) // 20
     orders = {used // 2, min(used, 1), 2 * used + 2} | ({0} if undermodelled else set())
     sigma = np.sqrt(np.diag(covariance))

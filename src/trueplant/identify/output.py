@@ -18,7 +18,6 @@ from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row, free_of_noise
 from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, mixed, normal_intervals, profile_of, variance_of, widened
-from trueplant.identify.levels import SEARCHED_FREEDOM, UNDERMODELLED
 from trueplant.identify.likelihood import absence_p, likelihood_ratio_p, ratio_p
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.minima import OpenMinima, open_minima
@@ -93,7 +92,7 @@ class OutputEstimate:
     @property
     def undermodelled(self) -> bool:
         """Is the structure simpler than what the prediction errors show of the plant?"""
-        return bool(min(np.min(self.cross_p), np.min(self.structure_p, initial=1.0)) < UNDERMODELLED)
+        return bool(min(np.min(self.cross_p), np.min(self.structure_p, initial=1.0)) < levels.UNDERMODELLED)
 
     @property
     def cross_p(self) -> Array:
@@ -123,7 +122,7 @@ class OutputEstimate:
             left = np.inf if self.freedom is None else self.freedom(np.arange(part.start, part.stop))
             return absence_p(self.fit, m, float(self.factor[part].mean()), left)
         without = np.where(self.row.is_gain, 0.0, self.theta)[part]
-        return ratio_p(self.rise(np.arange(part.start, part.stop), without), SEARCHED_FREEDOM + without.size)
+        return ratio_p(self.rise(np.arange(part.start, part.stop), without), levels.SEARCHED_FREEDOM + without.size)
 
     def without_answers(self, why: WhyUnanswered, text: str) -> OutputEstimate:
         """The same estimate, refuted: no parameter and no structure of it is given."""

@@ -14,7 +14,6 @@ import numpy as np
 from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, linearised
-from trueplant.identify.levels import RESIDUAL_LAGS
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.portmanteau import correlogram
 from trueplant.identify.validate import ResidualTests, prediction_errors
@@ -25,16 +24,16 @@ def homoscedastic_p(fit: RowFit) -> float:
     return squares_p(prediction_errors(fit))
 
 
-def squares_p(e: Array, lags: int = RESIDUAL_LAGS) -> float:
+def squares_p(e: Array) -> float:
     """p-value that errors e (n,), NaN where there are none, keep their size (McLeod and Li 1983).
 
     Squares of errors whose size changes are correlated over time.
     """
     there = np.isfinite(e)
-    if int(there.sum()) <= 2 * lags:
+    if int(there.sum()) <= 2 * levels.RESIDUAL_LAGS:
         return 1.0
     squares = e**2 - np.mean(e[there] ** 2)
-    return correlogram([squares], lags).p_value()
+    return correlogram([squares], levels.RESIDUAL_LAGS).p_value()
 
 
 def uneven(tests: ResidualTests) -> bool:

@@ -14,7 +14,6 @@ from trueplant.identify.instrumental.order import Order, nuisance, slices
 from trueplant.identify.instrumental.refine import refine
 from trueplant.identify.instrumental.samples import Samples
 from trueplant.identify.instrumental.several import step_records
-from trueplant.identify.levels import LONGEST_DEAD_TIME
 from trueplant.identify.linear_algebra import orthonormal
 
 
@@ -109,13 +108,13 @@ def simulation_cost(orders: Sequence[Order], theta: Array, samples: Sequence[Sam
     return total
 
 
-def scan(order: Order, samples: Sequence[Samples], share: float = LONGEST_DEAD_TIME) -> list[tuple[float, Array]]:
+def scan(order: Order, samples: Sequence[Samples], share: float | None = None) -> list[tuple[float, Array]]:
     """(cost, parameters) at the lowest minima over dead time, best first, one element alone.
 
     The cost of a dead time has several minima where the response oscillates or the input does; at each value on a
-    grid over the whole range (up to a share of the record where none is declared) the coefficients are fitted anew.
+    grid over the whole range (up to a share of the record, LONGEST_DEAD_TIME, where none is declared) the coefficients are fitted anew.
     """
-    longest = share * max(s.span for s in samples)
+    longest = (levels.LONGEST_DEAD_TIME if share is None else share) * max(s.span for s in samples)
     low, high = order.dead_time_range(longest)
     step = min(float(np.median(np.diff(s.t))) for s in samples)
     count = 1 if high <= low else int(np.clip(np.ceil((high - low) / step) + 1, 2, levels.DEAD_TIME_GRID))
