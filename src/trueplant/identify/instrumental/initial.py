@@ -112,7 +112,7 @@ def scan(order: Order, samples: Sequence[Samples], share: float | None = None) -
     """(cost, parameters) at the lowest minima over dead time, best first, one element alone.
 
     The cost of a dead time has several minima where the response oscillates or the input does; at each value on a
-    grid over the whole range (up to a share of the record, LONGEST_DEAD_TIME, where none is declared) the coefficients are fitted anew.
+    grid over the whole range (up to a share of the record, where none is declared) the coefficients are fitted anew.
     """
     longest = (levels.LONGEST_DEAD_TIME if share is None else share) * max(s.span for s in samples)
     low, high = order.dead_time_range(longest)
