@@ -39,17 +39,20 @@ def unanswered_of(lag: float, dead_time: float, errors: tuple[float, float, floa
     return {index: one.why for index, one in output.unanswered(estimate).items()}
 
 
+@pytest.mark.holds("identify.FEWEST_SAMPLES")
 @pytest.mark.parametrize(("lag", "fast"), [(1.5, True), (2.5, False)])
 def test_a_loop_that_answers_within_two_and_a_half_samples_has_no_dynamics(lag, fast):
     found = unanswered_of(lag, 0.5, (0.01, 0.01, 0.01))
     assert found == (dict.fromkeys((1, 2), WhyUnanswered.FASTER_THAN_RECORD) if fast else {})
 
 
+@pytest.mark.holds("identify.TOO_UNCERTAIN")
 @pytest.mark.parametrize(("error", "known"), [(0.4, True), (0.6, False)])
 def test_what_is_known_to_half_of_itself_is_not_known(error, known):
     assert (1 not in unanswered_of(10.0, 5.0, (0.01, 10 * error, 0.01))) is known
 
 
+@pytest.mark.holds("identify.PROFILED", "identify.HOPELESS_ERROR")
 @pytest.mark.parametrize(("relative", "profiled"), [(0.15, False), (0.3, True), (800.0, True), (1500.0, False)])
 def test_an_interval_is_profiled_where_a_lag_is_known_poorly_but_not_hopelessly(relative, profiled, monkeypatch):
     monkeypatch.setattr(output, "free_of_noise", lambda fit: False)
@@ -58,6 +61,7 @@ def test_an_interval_is_profiled_where_a_lag_is_known_poorly_but_not_hopelessly(
     assert (output._profiled(fit) == [0]) is profiled
 
 
+@pytest.mark.holds("identify.NOISE_SHIFT_ERRORS", "identify.NOISE_SHIFT_SHARE", "identify.RIVAL_NEAR")
 @pytest.mark.parametrize(
     ("shift", "error", "variance", "depends"),
     [
@@ -81,6 +85,7 @@ def test_a_parameter_depends_on_the_noise_model_that_moves_it_by_a_third(shift, 
     assert bool(found) is depends
 
 
+@pytest.mark.holds("identify.SHARED_FACTOR")
 def test_a_disturbance_that_outputs_share_widens_intervals_to_hold_a_bias_of_four_standard_errors(monkeypatch):
     """As large as they were in simulation; not so far that one of eight would be held as well."""
     z = float(norm.ppf(0.975))
@@ -96,6 +101,7 @@ def test_a_disturbance_that_outputs_share_widens_intervals_to_hold_a_bias_of_fou
     assert 4.0 < high - 1.0 < 8.0
 
 
+@pytest.mark.holds("identify.QUIET_SAMPLES")
 @pytest.mark.parametrize(("samples", "rest"), [(15, False), (30, True)])
 def test_a_record_starts_at_rest_if_its_input_stood_still_for_20_samples(samples, rest):
     n = 100
@@ -106,12 +112,14 @@ def test_a_record_starts_at_rest_if_its_input_stood_still_for_20_samples(samples
     assert piece.starts_at_rest is rest
 
 
+@pytest.mark.holds("identify.ORDER_CLEAR")
 @pytest.mark.parametrize(("gap", "words"), [(8.0, "hardly better"), (13.0, "clearly better")])
 def test_a_structure_is_clearly_better_by_ten_in_the_bayesian_criterion(gap, words):
     first, second = (Candidate(Order(0, 1 + k), k * gap, 0.0, 90.0) for k in range(2))
     assert words in _said((first, second))
 
 
+@pytest.mark.holds("identify.SAMPLES_PER_PARAMETER")
 @pytest.mark.parametrize(("samples", "fitted"), [(14, False), (18, True)])
 def test_a_run_is_fitted_alone_if_it_has_four_samples_for_each_coefficient(samples, fitted, monkeypatch):
     """Three parameters and one coefficient of the noise model."""
@@ -127,6 +135,7 @@ def test_a_run_is_fitted_alone_if_it_has_four_samples_for_each_coefficient(sampl
     assert bool(between_experiments.single_runs(pooled)) is fitted
 
 
+@pytest.mark.holds("identify.FEWEST_FREEDOM")
 def test_hardly_any_noise_known_widens_intervals_by_a_fifth_at_most(monkeypatch):
     """Student's quantile over the normal one; with fewer degrees of freedom it would say nothing sensible."""
     monkeypatch.setattr("trueplant.identify.covariance.restriction_of", lambda fit: None)

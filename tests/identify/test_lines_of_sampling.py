@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from support.simulated import segment_of
-from trueplant.identify import Row, Spec, estimate, loads, pieces_of
+from trueplant.identify import Row, Spec, estimate, initial_state, loads, pieces_of
 from trueplant.identify.blocks import block_length, most_moved
 from trueplant.identify.descent import _limited
 from trueplant.identify.estimate import free_of_noise, largest_order
@@ -97,10 +97,11 @@ def test_errors_of_a_billionth_of_the_output_are_rounding(energy: float, free: b
 @pytest.mark.holds("identify.LARGEST_FREE_RESPONSE")
 def test_a_free_response_is_no_larger_than_three_standard_deviations_of_a_forced_one() -> None:
     """Of an element with gain 2 and an input of standard deviation 5: the record begins in motion."""
-    row = row_of(record(4000, std=5.0))
-    unknown = row.unknown(np.array([2.0, 10.0, 1.0]), 0)
-    assert len(unknown.largest) == 2
-    assert 2 < unknown.largest[1] / 10.0 < 4.5
+    row, theta = row_of(record(4000, std=5.0)), np.array([2.0, 10.0, 1.0])
+    past = row._pasts[0]
+    (lag,) = initial_state._largest.py_func(theta, row._modes, past, past.span)
+    assert 2 < lag / 10.0 < 4.5
+    assert list(row.unknown(theta, 0).largest[1:]) == pytest.approx([lag])
 
 
 @pytest.mark.holds("identify.SAMPLES_PER_LOAD")

@@ -3,7 +3,7 @@
     PYTHONPATH=tests python -m pytest -p support.moved_levels tests
 
 Of the tests marked with `holds("room.LEVEL", ...)` at least one has to fail with either value of each level, or the level
-is listed at the end and the status is 1. Shares and chances are moved in odds, whole numbers rounded.
+is listed at the end and the status is 1. Shares of more than half are moved in odds, whole numbers rounded.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ FACTORS = {"doubled": 2.0, "halved": 0.5}
 
 
 def moved(value: Any, factor: float) -> Any:
-    """A level, or each member of one, doubled or halved: a share in odds, a whole number rounded."""
+    """A level, or each member of one, doubled or halved: a share of more than half in odds, a whole number rounded."""
     if isinstance(value, tuple):
         return tuple(moved(member, factor) for member in value)
     if isinstance(value, int):
         return round(factor * value)
-    if 0.4 <= value < 1:
+    if 0.5 < value < 1:
         odds = factor * value / (1 - value)
         return odds / (1 + odds)
     return factor * value
