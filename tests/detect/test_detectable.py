@@ -19,6 +19,7 @@ def test_the_largest_share_of_gain_lag_and_dead_time_plus_lag(errors, share):
     assert found == pytest.approx(share * (norm.isf(0.025) + norm.ppf(0.8)))
 
 
+@pytest.mark.holds("detect.POWER")
 def test_a_change_of_that_size_is_found_in_four_of_five_records():
     """10,000 estimates of a gain among 4 elements, tested at 5 % over all: 0.80 within 4 standard deviations."""
     covariance = np.diag([0.2, 0.1, 0.1]) ** 2

@@ -67,17 +67,20 @@ def exact(theta: Array) -> Series:
     return Series(at, at + 1, theta[:, None], np.ones((theta.size, 1, 1)))
 
 
+@pytest.mark.holds("detect.DRIFT_SHOWS")
 @pytest.mark.parametrize(("windows", "kind"), [(4, "undecided"), (6, "drift")])
 def test_a_drift_needs_five_windows(windows, kind) -> None:
     assert history(exact(20.0 * np.arange(windows)), draws=50).kind == kind
 
 
+@pytest.mark.holds("detect.FEWEST_WINDOWS")
 @pytest.mark.parametrize(("windows", "seen"), [(5, False), (8, True)])
 def test_scatter_is_estimated_from_six_windows_on(windows, seen) -> None:
     found = history(exact(np.where(np.arange(windows) % 2, 20.0, -20.0)), draws=50)
     assert (found.scatter > 2) is seen
 
 
+@pytest.mark.holds("detect.CLEAR")
 @pytest.mark.parametrize(("difference", "kind"), [(1.5, "undecided"), (3.0, "step")])
 def test_step_and_drift_are_told_apart_by_two_in_the_bayesian_criterion(difference, kind) -> None:
     """A step without noise that is better than a drift by just so much, its instant paid for."""

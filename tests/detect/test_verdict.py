@@ -67,6 +67,7 @@ def test_nothing_answered_is_not_identifiable():
     assert judge([evidence])[0].verdict == "not identifiable"
 
 
+@pytest.mark.holds("detect.WORTH_KNOWING")
 def test_unchanged_needs_the_power_to_see_a_change_worth_knowing():
     """The same estimate, which could have missed a change of 25 %, of 35 %, and any."""
     model, covariance = (1.0, 5.0), np.diag([0.1, 0.4]) ** 2
@@ -102,6 +103,7 @@ def test_importance_is_the_largest_singular_value_of_one_element_alone():
     assert np.isclose(importance_in_loop(delta, q_s)[1, 2], expected, rtol=1e-12)
 
 
+@pytest.mark.holds("detect.GRADE_A", "detect.GRADE_B")
 def test_grades():
     assert grade([0.05, 0.08], [True, True], True) == "A"
     assert grade([0.05, 0.2], [True, True], True) == "B"

@@ -2,14 +2,16 @@
 
     PYTHONPATH=tests python -m pytest -p support.moved_levels tests
 
-Of the tests marked with `holds("room.LEVEL", ...)` at least one has to fail with either value of each level, or the level
-is listed at the end and the status is 1. Shares of more than half are moved in odds, whole numbers rounded.
+Of the tests marked with `holds("room.LEVEL", ...)` at least one has to fail with either value of each level; the others
+are listed at the end, and the status is 1. Shares of more than half are moved in odds, whole numbers rounded.
 """
 
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Generator, Iterator
+from types import FunctionType
 from typing import Any
 
 import pytest
@@ -35,6 +37,14 @@ def home(level: str) -> tuple[Any, str]:
     return importlib.import_module(f"trueplant.{room}.levels"), name
 
 
+def defaults_of(value: Any) -> Iterator[FunctionType]:
+    """Functions of the package that have this very object as the default of an argument."""
+    for module in [m for name, m in sys.modules.items() if name.startswith("trueplant")]:
+        for function in vars(module).values():
+            if isinstance(function, FunctionType) and any(d is value for d in function.__defaults__ or ()):
+                yield function
+
+
 class Asked:
     """Which values of which levels some test has found out."""
 
@@ -55,8 +65,13 @@ class Asked:
         level, word = request.param
         levels, name = home(level)
         self.found.setdefault((level, word), "")
+        before = getattr(levels, name)
+        after = moved(before, FACTORS[word])
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(levels, name, moved(getattr(levels, name), FACTORS[word]))
+            patch.setattr(levels, name, after)
+            for function in defaults_of(before):
+                own = tuple(after if d is before else d for d in function.__defaults__ or ())
+                patch.setattr(function, "__defaults__", own)
             yield
 
     @pytest.hookimpl(wrapper=True)
