@@ -157,7 +157,7 @@ def projected_inputs(segments: Sequence[Segment]) -> tuple[list[Array], Array]:
 
 
 def _blocks(r: Array) -> Array:
-    """(N, n_blocks n_r): sums of each set-point over blocks of lags of growing length; all of its past at the end."""
+    """(N, n_blocks n_r): means of each set-point over blocks of lags of growing length."""
     n = len(r)
     edges = [0]
     while edges[-1] < levels.SETPOINT_MEMORY * n:
