@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace as Stub
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import kstest
 
 from support.simulated import random_switching
-from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
+from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of, sandwich
 from trueplant.identify.sandwich import correlated_lags, plant_covariance, sandwich_covariance, squares_p
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.structure import Structure
@@ -96,6 +98,16 @@ def test_no_standard_error_is_below_that_of_the_likelihood():
     more = sandwich_covariance(fit) - fit.covariance
     scale = np.sqrt(np.diag(fit.covariance))
     assert np.linalg.eigvalsh(more / np.outer(scale, scale)).min() > -1e-9
+
+
+def test_not_by_rounding_either(monkeypatch):
+    """Covariances that differ by nothing, of parameters of which one is as good as fixed: 50 at random."""
+    rng = np.random.default_rng(7)
+    for _ in range(50):
+        root = rng.standard_normal((6, 6)) * np.array([1e-15, 1e-3, 1e-2, 1.0, 10.0, 1e2])[:, None]
+        plain = root @ root.T
+        monkeypatch.setattr(sandwich, "plant_covariance", lambda fit, own=plain: own)
+        assert np.all(np.diag(sandwich_covariance(Stub(covariance=plain)) - plain) >= 0)
 
 
 def test_p_values_are_uniform_for_even_errors_and_tiny_for_a_burst():

@@ -24,6 +24,7 @@ Array = np.ndarray
 # -- settings --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.holds("study.LIMIT_MS", "study.LIMIT_SHARE", "study.LIMIT_MU", "study.HIGHEST_MS")
 def test_settings_keep_the_limits_of_simc_on_95_percent_of_the_plants_where_nobody_asks_for_others():
     """Tight SIMC settings have an Ms of 1.59 on a lag with dead time (Skogestad 2003); mu of performance is below 1."""
     limits = judging.limits_of(TuningLimits(), weighted=True, changed=False)
@@ -40,6 +41,7 @@ def test_settings_keep_the_limits_of_simc_on_95_percent_of_the_plants_where_nobo
 # -- controllers -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.holds("study.CONFIRMED", "study.LAW_ROUNDED")
 @pytest.mark.parametrize(
     ("left", "scale", "rounding", "confirmed"),
     [(0.015, 1.0, 0.0, True), (0.03, 1.0, 0.0, False), (1.2, 1.0, 1.0, True), (1.8, 1.0, 1.0, False)],
@@ -58,6 +60,7 @@ def test_a_law_is_confirmed_that_leaves_a_fiftieth_of_op_or_half_as_much_again_a
     assert found.confirmed is confirmed
 
 
+@pytest.mark.holds("study.LAW_ROUNDED")
 @pytest.mark.parametrize(("times", "written"), [(1.2, True), (1.8, False)])
 def test_op_is_written_from_its_samples_if_no_more_is_left_than_their_rounding_makes(times, written):
     u = np.tile([1.0, -1.0], 100) * times / np.sqrt(12)
@@ -68,6 +71,7 @@ def test_op_is_written_from_its_samples_if_no_more_is_left_than_their_rounding_m
 # -- how much work, how few samples ----------------------------------------------------------------------------------
 
 
+@pytest.mark.holds("study.MOST_WORK")
 @pytest.mark.parametrize(("samples", "refused"), [(400_000, False), (600_000, True)])
 def test_sixteen_elements_of_one_output_are_refused_from_half_a_million_samples_on(samples, refused):
     """16 of them took 16 s on 2,000: an hour."""
@@ -75,11 +79,13 @@ def test_sixteen_elements_of_one_output_are_refused_from_half_a_million_samples_
     assert bool(excitation._too_much(study)) is refused
 
 
+@pytest.mark.holds("study.LARGEST_SEGMENT")
 @pytest.mark.parametrize(("samples", "kept"), [(150_000, True), (300_000, False)])
 def test_long_segments_are_left_to_the_fit(samples, kept):
     assert bool(short_segments([range(samples)])) is kept  # type: ignore[list-item]
 
 
+@pytest.mark.holds("study.FEWEST_ERRORS")
 @pytest.mark.parametrize(("errors", "compared"), [(150, False), (300, True)])
 def test_the_disturbance_of_a_stretch_is_compared_from_200_errors_on(errors, compared, monkeypatch):
     monkeypatch.setattr(meanwhile.TwoFits, "of", lambda *given: "compared")
@@ -92,6 +98,7 @@ def test_the_disturbance_of_a_stretch_is_compared_from_200_errors_on(errors, com
 # -- test plans ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.holds("study.SHOWN_WIDENED")
 def test_where_no_limits_are_declared_a_signal_may_go_as_far_again_as_the_record_shows():
     low, high = stand._shown([np.array([40.0, 50.0])], None)
     assert 25 < low < 35
@@ -99,6 +106,7 @@ def test_where_no_limits_are_declared_a_signal_may_go_as_far_again_as_the_record
     assert stand._shown([np.array([5.0, 50.0])], stand.levels.PERCENT)[0] == 0.0
 
 
+@pytest.mark.holds("study.LATELY", "study.WELL_AFTER")
 @pytest.mark.parametrize(("since", "lags"), [(1.0, 3.0), (6.0, 4.0), (100.0, 10.0)])
 def test_op_is_averaged_well_after_the_last_move_and_lately(since, lags):
     """In lags and dead times of the slowest element: at least three, from two after the move on, ten at most."""
@@ -108,12 +116,14 @@ def test_op_is_averaged_well_after_the_last_move_and_lately(since, lags):
     assert stand._still_for(moves, slowest) == pytest.approx(lags * slowest, rel=0.1)
 
 
+@pytest.mark.holds("study.SLOW_NOISE")
 @pytest.mark.parametrize(("share", "drifts"), [(0.04, False), (0.065, True)])
 def test_noise_that_is_slow_beside_its_record_is_taken_for_a_drift(share, drifts):
     """Its time constant, over the length of the record."""
     assert stand._with_drift(np.array([-np.exp(-1 / (share * 1000))]), 1000)[1] is drifts
 
 
+@pytest.mark.holds("study.LARGER_DISTURBANCE")
 def test_the_disturbance_of_a_plan_is_larger_than_the_noise_model_says_but_not_twice_as_large(monkeypatch):
     """White noise of one: short records take a part of it for the plant."""
     segment = segment_of(Stub(h=1.0, t=np.arange(50.0), **{x: np.zeros((50, 1)) for x in "ruy"}))  # type: ignore[arg-type]
@@ -125,6 +135,7 @@ def test_the_disturbance_of_a_plan_is_larger_than_the_noise_model_says_but_not_t
     assert 1.2 < np.std(v) < 1.8
 
 
+@pytest.mark.holds("study.LEAST_ROOM")
 @pytest.mark.parametrize(("share", "room"), [(0.015, False), (0.03, True)])
 def test_limits_that_leave_a_fiftieth_of_the_moves_leave_no_room(share, room, monkeypatch):
     plan = plans.Plan(Moves({0: 1.0}, {0: 10.0}), 100.0)
@@ -138,6 +149,7 @@ def test_limits_that_leave_a_fiftieth_of_the_moves_leave_no_room(share, room, mo
     assert np.isfinite(found.length) == room
 
 
+@pytest.mark.holds("study.SPAN_PART")
 def test_a_setpoint_that_never_moved_is_moved_by_a_twentieth_of_its_span_in_a_plan():
     """As large as the moves of a plan are wished for where a record shows how far they go: twice what it saw."""
     segment = Stub(r=np.zeros((10, 1)), y=np.zeros((10, 1)))

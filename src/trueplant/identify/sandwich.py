@@ -53,8 +53,8 @@ def sandwich_covariance(fit: RowFit) -> Array:
     root = vectors * np.sqrt(np.maximum(values, levels.LOST**2 * values[-1]))
     whitened = np.linalg.solve(root, np.linalg.solve(root, covariance / np.outer(scale, scale)).T)
     ratios, directions = np.linalg.eigh((whitened + whitened.T) / 2)
-    wider = root @ (directions * np.sqrt(np.maximum(ratios, 1.0)))
-    return np.asarray(wider @ wider.T * np.outer(scale, scale))
+    wider = root @ (directions * np.sqrt(np.maximum(ratios - 1, 0.0)))
+    return np.asarray(plain + wider @ wider.T * np.outer(scale, scale))
 
 
 def plant_covariance(fit: RowFit) -> Array:

@@ -83,6 +83,7 @@ def said(found, today, asked):
     return recommend(proposed(*found), found, today, {(0, 0): "u"}, asked, "min")
 
 
+@pytest.mark.holds("study.WORTH_A_CHANGE")
 def test_an_unchanged_plant_with_sound_margins_is_left_alone():
     """Ms of 1.8 holds no limit of 1.59: only on a plant that has changed is that a reason to calm the loop."""
     found, today = {"certain-share": judged(0.97, 9.0)}, judged(0.2, 8.0, ms=1.8)
@@ -96,6 +97,7 @@ def test_an_unchanged_plant_with_sound_margins_is_left_alone():
     assert said({"certain-share": judged(0.97, 7.3)}, today, UNCHANGED).method is None
 
 
+@pytest.mark.holds("study.MORE_OVERSHOOT")
 def test_overshoot_and_settling_do_not_pay_for_a_load_step_on_an_unchanged_plant():
     def with_step(one: Judged, overshoot: float, settling: float) -> Judged:
         loop = one.metrics[0, 0].plant
@@ -112,6 +114,7 @@ def test_overshoot_and_settling_do_not_pay_for_a_load_step_on_an_unchanged_plant
         assert said(found, today, ASKED).method == "simc"
 
 
+@pytest.mark.holds("study.MORE_PEAK", "study.WORTH_MARGIN")
 def test_margin_does_not_pay_for_a_load_step_on_an_unchanged_plant():
     def with_peak(iae: float, Ms: float) -> Judged:
         one = judged(1.0, iae)
