@@ -1,4 +1,4 @@
-"""Levels of identify, detect and study that are no thresholds, by what they are instead; all others are held by tests."""
+"""Levels of identify, detect and study that are no thresholds, by what they are instead; tests hold all others."""
 
 from __future__ import annotations
 

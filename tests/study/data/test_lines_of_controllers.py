@@ -99,6 +99,14 @@ def test_a_long_record_is_cut_into_twenty_windows() -> None:
     assert 14 < begin.size < 28
 
 
+@pytest.mark.holds("study.LAW_SAMPLES")
+def test_fifty_thousand_samples_from_all_over_a_long_record_tell_its_law() -> None:
+    u = np.zeros(200_000)
+    parts = list(controller_check._enough([record(u, u)]))
+    assert 35_000 < sum(map(len, parts)) < 70_000
+    assert parts[-1].t[-1] > 180_000
+
+
 @pytest.mark.holds("study.LAW_WINDOW")
 @pytest.mark.parametrize(("samples", "judged"), [(14, False), (30, True)])
 def test_a_law_is_judged_from_twenty_samples_on(samples: int, judged: bool) -> None:

@@ -1,24 +1,27 @@
-"""Where the lines are in the search for set-points that are computed from the PVs: each held from both of its sides."""
+"""Are set-points computed from the PVs, and do PVs answer to them? Each line is held from both of its sides."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace as Stub
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from support.simulated import segment_of
+from trueplant.record import Segment
 from trueplant.study.data import excitation, setpoints
 
 Array = NDArray[np.float64]
 
 
-def computed(r: Array, y: Array) -> bool:
+def record(r: Array, y: Array) -> Segment:
     columns = {name: x[:, None] for name, x in (("r", r), ("u", r - y), ("y", y))}
-    sim: Any = Stub(h=1.0, t=np.arange(r.size, dtype=float), **columns)
-    return bool(setpoints.computed_setpoints([segment_of(sim)])[0])
+    return segment_of(Stub(h=1.0, t=np.arange(r.size, dtype=float), **columns))  # type: ignore[arg-type]
+
+
+def computed(r: Array, y: Array) -> bool:
+    return bool(setpoints.computed_setpoints([record(r, y)])[0])
 
 
 def walk(samples: int) -> Array:
@@ -50,8 +53,28 @@ def test_a_sine_is_foretold_by_its_own_past_to_a_millionth(size: float, counts: 
     assert computed(-0.3 * y, y) is counts
 
 
-@pytest.mark.holds("study.ANSWER_PAST")
-def test_an_answer_to_setpoints_is_what_ten_samples_of_its_own_past_leave() -> None:
-    asked = excitation.Asked.of([walk(1000)], [walk(1000)[:, None]])
-    assert asked is not None
-    assert 7 < asked.order < 15
+@pytest.mark.holds("study.SETPOINT_MOVES")
+def test_a_setpoint_that_always_moves_is_asked_at_its_last_twenty_thousand_moves() -> None:
+    y = walk(60_000)
+    found = setpoints._rows(record(-0.3 * y, y), 0, True)
+    assert found is not None
+    assert 14_000 < len(found[0]) < 28_000
+    assert found[0][-1] == -0.3 * y[-1] + 0.3 * y[-2]
+
+
+def asked(samples: int) -> excitation.Asked:
+    found = excitation.Asked.of([walk(samples)], [walk(samples)[:, None]])
+    assert found is not None
+    return found
+
+
+@pytest.mark.holds("study.ANSWER_PAST", "study.ANSWER_LAGS")
+def test_an_answer_is_what_six_lags_of_a_setpoint_add_to_ten_samples_of_a_pvs_own_past() -> None:
+    found = asked(1000)
+    assert 7 < found.order < 15
+    assert 4 < found.columns.shape[1] - 1 - found.order < 9
+
+
+@pytest.mark.holds("study.ANSWER_SAMPLES")
+def test_it_is_looked_for_in_twenty_thousand_samples_of_a_long_record() -> None:
+    assert 14_000 < len(asked(60_000).columns) < 28_000

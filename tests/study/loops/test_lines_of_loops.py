@@ -11,6 +11,7 @@ import pytest
 from trueplant.loop import PID, Controller
 from trueplant.result.recommendation_words import Outlook
 from trueplant.study.loops import metrics, whatif
+from trueplant.study.loops.candidates import BY_HAND
 
 LAW = Controller.diagonal([PID(Kc=1.0, Ti=10.0)])
 
@@ -35,7 +36,7 @@ def test_a_crossover_that_is_read_off_a_grid_may_be_higher_by_a_hundredth(
     now: float, fast: bool, monkeypatch: Any
 ) -> None:
     monkeypatch.setattr(whatif, "crossover", lambda *given: now)
-    found = Stub(method=whatif.BY_HAND, outlook=Outlook.CHANGE)
+    found = Stub(method=BY_HAND, outlook=Outlook.CHANGE)
     monkeypatch.setattr(whatif, "recommend", lambda *given: found)
     monkeypatch.setattr(whatif, "recommendation_sentence", lambda found: "")
     hand = Stub(place=(0, 0), input="u", highest=1.0, why="")
