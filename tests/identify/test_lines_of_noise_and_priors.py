@@ -19,7 +19,7 @@ from trueplant.identify.noise import choose_order
 from trueplant.identify.pieces import pieces_of
 from trueplant.identify.prior import Prior
 from trueplant.identify.sandwich import squares_p
-from trueplant.identify.shared_disturbance import _relation_p
+from trueplant.identify.shared_disturbance import _at_common_instants, _relation_p
 from trueplant.lti import Structure
 
 Array = np.ndarray
@@ -46,6 +46,13 @@ def everywhere(x: Array) -> Any:
 @pytest.mark.parametrize(("lag", "seen"), [(25, True), (40, False)])
 def test_noise_that_comes_again_is_seen_within_thirty_samples(lag: int, seen: bool) -> None:
     assert (choose_order(*everywhere(echo(4000, lag)), 240) == lag) is seen
+
+
+@pytest.mark.holds("identify.FEWEST_PER_ORDER")
+@pytest.mark.parametrize(("samples", "seen"), [(50, False), (80, True)])
+def test_five_samples_are_enough_to_try_a_coefficient(samples: int, seen: bool) -> None:
+    """Noise that comes again after eight: fifty of them, beside the eight before."""
+    assert (choose_order(*everywhere(echo(1000 + samples, 8)[1000:]), 8) == 8) is seen
 
 
 @pytest.mark.holds("identify.SPARE_ORDERS")
@@ -93,6 +100,14 @@ def test_errors_of_outputs_together_are_white_if_nothing_comes_again_within_twen
 def test_one_output_foretells_the_errors_of_another_within_eight_samples(late: int, seen: bool) -> None:
     x, t = white(4000), np.arange(4000.0)
     assert (_relation_p(t, np.roll(x, late) + white(4000, 2), t, x) < 1e-3) is seen
+
+
+@pytest.mark.holds("identify.ERRORS_PER_LAG")
+@pytest.mark.parametrize(("common", "compared"), [(60, False), (120, True)])
+def test_errors_of_two_outputs_are_compared_that_have_eighty_instants_in_common(common: int, compared: bool) -> None:
+    t, late = np.arange(400.0), np.arange(400.0) + 400 - common
+    e, _ = _at_common_instants(t, white(400), late, white(400, 2))
+    assert (e.size == common) is compared
 
 
 @pytest.mark.holds("identify.RESIDUAL_LAGS")

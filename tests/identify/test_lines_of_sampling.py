@@ -78,6 +78,12 @@ def test_sixty_segments_at_most_share_an_operating_point() -> None:
     assert len(pieces) == 2
 
 
+@pytest.mark.holds("identify.OFF_GRID")
+@pytest.mark.parametrize(("off", "pieces"), [(0.035, 1), (0.08, 2)])
+def test_what_a_gap_of_whole_samples_separates_is_one_piece(off: float, pieces: int) -> None:
+    assert len(pieces_of([record(20), record(20, 2, first=22 + off)], 0)) == pieces
+
+
 @pytest.mark.holds("identify.LARGEST_RATIO")
 def test_a_time_constant_grows_or_shrinks_threefold_in_a_step() -> None:
     low = np.array([0.05])

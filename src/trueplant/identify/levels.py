@@ -25,6 +25,8 @@ FASTEST_LAG = 0.05
 """Least time constant in samples: shorter ones act within the sample and cannot be told from none."""
 MOST_JOINED = 60
 """Segments in one piece: each costs a free response."""
+OFF_GRID = 0.05
+"""Share of a sample by which a gap may miss whole samples, and what lies beside it still be one piece. Judgement."""
 QUIET_SAMPLES = 20
 """A record starts at rest only if the inputs stood still for this many samples."""
 LARGEST_FREE_RESPONSE = 3.0
@@ -64,6 +66,8 @@ BETTER = 1e-9
 """Relative gain of the cost from which another minimum replaces the present one: less is rounding."""
 SAMPLES_PER_ORDER = 40
 """For each coefficient of the noise model."""
+FEWEST_PER_ORDER = 5
+"""Samples for each coefficient, and two more, below which an order is not tried."""
 NOISE_FREE = 1e-18
 """Energy of the output error relative to that of the output below which the record has no noise but rounding."""
 TRIED_STEPS = 15
@@ -224,6 +228,8 @@ SAMPLES_PER_PARAMETER = 4
 # Several outputs and several windows
 SHARED_LAGS = 8
 """Past prediction errors of another output, at the stride of the estimate, that are looked at."""
+ERRORS_PER_LAG = 10
+"""Instants that two outputs have to have in common for each of these. Judgement."""
 SHARED_DISTURBANCE = 1e-2
 """Significance, over all pairs of outputs, from which one is taken to predict the errors of another."""
 SHARED_FACTOR = 3.0

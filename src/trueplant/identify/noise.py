@@ -121,7 +121,7 @@ def _best_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: i
     best, order = np.inf, 0
     for p in range(largest + 1):
         power = _solve(sums, p)[1]
-        if sums.count < 5 * (p + 2) or power <= 0:
+        if sums.count < levels.FEWEST_PER_ORDER * (p + 2) or power <= 0:
             break
         criterion = sums.count * np.log(power / sums.count) + np.log(sums.count) * p
         if criterion < best - 1e-9:

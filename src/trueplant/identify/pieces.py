@@ -130,7 +130,7 @@ def _groups(segments: Sequence[Segment]) -> list[list[Segment]]:
         before = groups[-1][-1] if groups else None
         if before is not None and before.experiment == segment.experiment and len(groups[-1]) < levels.MOST_JOINED:
             missing = (segment.t[0] - before.t[-1]) / before.h
-            if 0.5 < missing < max(len(segment), len(before)) and abs(missing - round(missing)) < 0.05:
+            if 0.5 < missing < max(len(segment), len(before)) and abs(missing - round(missing)) < levels.OFF_GRID:
                 groups[-1].append(segment)
                 continue
         groups.append([segment])

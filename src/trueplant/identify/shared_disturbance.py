@@ -57,7 +57,7 @@ def _relation_p(t: Array, e: Array, s: Array, x: Array) -> float:
 def _at_common_instants(t: Array, e: Array, s: Array, x: Array) -> tuple[Array, Array]:
     """e, of the instants t, and x, of s, where there are both; empty if that is too seldom to compare them."""
     common, at, of = np.intersect1d(np.round(t, 9), np.round(s, 9), return_indices=True)
-    enough = common.size >= 10 * levels.SHARED_LAGS
+    enough = common.size >= levels.ERRORS_PER_LAG * levels.SHARED_LAGS
     return (e[at], x[of]) if enough else (np.zeros(0), np.zeros(0))
 
 

@@ -90,7 +90,7 @@ def validate(fit: RowFit) -> Validation | None:
     samples = sum(int(row.measured(k)[1].sum()) for k in range(len(train)))
     if (
         samples < levels.SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.size)
-        or min(t.y.size for t in test) < 3 * fit.theta.size
+        or min(t.y.size for t in test) < levels.SAMPLES_PER_PARAMETER * fit.theta.size
     ):
         return None
     trained = fit_row(row, fit.theta, fit.ar, iterations=30)

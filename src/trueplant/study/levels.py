@@ -5,7 +5,10 @@ from __future__ import annotations
 # -- data/excitation -------------------------------------------------------------------------------------------------
 
 EXCITED = 1e-3
-"""Of the answer of PV to set-points, for a record to count as excited at all."""
+"""Significance of the answer of PV to set-points, for a record to count as excited at all."""
+SAME_PROPORTION = 1e-3
+"""What is left of the moves of set-points, each scaled to the same size, beside what they have in common, below which
+they count as moving in one proportion: rounding."""
 FILLED_IN = 0.3
 """Share of a signal that its historian may fill in before the reader is told that the estimate suffers. Half of it
 does not show yet in simulated Wood-Berry records, two thirds are a bias (benchmarks/bench_compression.py)."""
@@ -14,7 +17,7 @@ BETWEEN = ((0.0, 1 / 6), (0.5, 4 / 6), (1.0, 1 / 6))
 MOSTLY_MANUAL = 0.5
 """Share of a record of closed loops in manual from which that is said beside the answer."""
 REACHED = 0.01
-"""Of the answer of a PV or OP whose set-point stands still to what moves elsewhere, to count as reached by it."""
+"""Significance of the answer of a PV or OP whose set-point stands still to what moves elsewhere, to be reached by it."""
 OTHER_TIMES = 199
 """To which the sources are shifted for that: enough for the level above."""
 ANSWER_LAGS = 6
@@ -31,6 +34,8 @@ output took 16 s on 2,000 samples, 8 took 5 s)."""
 
 UNEXPLAINED = 1e-3
 """Share of a set-point's moves (squared) that the PVs may leave unexplained if it is computed from them: rounding."""
+MOVES_PER_REGRESSOR = 2
+"""Moves of a set-point for each regressor, and two more, that it takes to say that it is computed from the PVs."""
 SURPRISE = 0.25
 """The largest unexplained move, in root mean squares of all: beyond it someone else moved the set-point, if rarely."""
 PREDICTED = 1e-12
@@ -116,6 +121,12 @@ T_KNOWN = 0.25
 """Standard error of T beyond which a frequency says nothing of that."""
 PLATEAU = 10
 """Samples for which a slave has to stay at a level to count as held there."""
+SLAVE_KNOWN = 0.9
+"""Share of a stretch in which the slave's set-point has to be recorded for the stretch to be looked at. Judgement."""
+AT_LEVEL = 0.02
+"""Share of the span of its set-point, noise apart, within which a slave is at a level, or the set-point stands still."""
+CLEARLY = 5.0
+"""Times that, or the noise, by which a set-point moves clearly. Judgement."""
 HELD = 0.02
 """Share of such samples from which it is said."""
 STUCK = 0.05
@@ -136,6 +147,11 @@ COHERENCE_DRAWN = 400
 
 OUTSIDE_BAND = 0.01
 """Of a plant outside the band, over the whole matrix."""
+
+# -- data/timing -----------------------------------------------------------------------------------------------------
+
+OFF_GRID = 0.05
+"""Share of a sample by which PV's updates have to miss whole samples for it to be stale at times. Judgement."""
 
 # -- data/tables -----------------------------------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace as Stub
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from support.simulated import segment_of
 from trueplant.record import Segment
-from trueplant.study.data import excitation, setpoints
+from trueplant.study.data import excitation, setpoints, timing
 
 Array = NDArray[np.float64]
 
@@ -78,3 +79,36 @@ def test_an_answer_is_what_six_lags_of_a_setpoint_add_to_ten_samples_of_a_pvs_ow
 @pytest.mark.holds("study.ANSWER_SAMPLES")
 def test_it_is_looked_for_in_twenty_thousand_samples_of_a_long_record() -> None:
     assert 14_000 < len(asked(60_000).columns) < 28_000
+
+
+@pytest.mark.holds("study.MOVES_PER_REGRESSOR")
+@pytest.mark.parametrize(("moves", "computed"), [(10, False), (20, True)])
+def test_fourteen_moves_are_enough_to_say_that_a_setpoint_is_computed(moves: int, computed: bool) -> None:
+    """From PV alone, which takes five regressors: twice that and four."""
+    every = 20
+    n = every * (moves + 2)
+    y = np.cumsum(np.random.default_rng(3).standard_normal(n))
+    at = every * (np.arange(n) // every)
+    r = np.where(at > 0, -0.3 * y[np.maximum(at - 1, 0)], 0.0)
+    assert setpoints._follows([record(r, y)], 0, few=True) is computed
+
+
+@pytest.mark.holds("study.SAME_PROPORTION")
+@pytest.mark.parametrize(("apart", "said"), [(1.4e-3, True), (3e-3, False)])
+def test_setpoints_move_in_one_proportion_if_a_thousandth_of_their_moves_is_their_own(
+    apart: float, said: bool, monkeypatch: Any
+) -> None:
+    """Half of what tells the second from the first, beside what both have in common."""
+    monkeypatch.setattr(excitation, "computed_somewhere", lambda study: np.zeros(2, dtype=bool))
+    common, own = np.tile([1.0, 1.0, -1.0, -1.0], 50), np.tile([1.0, -1.0, -1.0, 1.0], 50)
+    r = np.cumsum(np.column_stack([common, common + apart * own]), axis=0)
+    study: Any = Stub(segments=[Stub(closed=True, r=r)], project=Stub(output_names=("y1", "y2")))
+    assert bool(excitation.setpoint_rank_note(study)) is said
+
+
+@pytest.mark.holds("study.OFF_GRID")
+@pytest.mark.parametrize(("interval", "stale"), [(2.03, False), (2.08, True)])
+def test_a_pv_that_is_updated_every_other_sample_is_not_stale(interval: float, stale: bool) -> None:
+    screened = [Stub(refusal=None, update_interval=np.array([interval]))]
+    study: Any = Stub(screened=screened, segments=[Stub(h=1.0)], between=False)
+    assert (timing.timing_error(study) > 0) is stale

@@ -113,7 +113,7 @@ def colour(errors: Sequence[Array], valid: Sequence[BoolArray]) -> int:
     for p in (*range(min(longest, 6) + 1), *range(8, longest + 1, 4)):
         _, variance, _ = fit_ar(errors, valid, p)
         count = sum(int(whitened_valid(p, ok).sum()) for ok in valid)
-        if count < 5 * (p + 2) or variance <= 0:
+        if count < levels.FEWEST_PER_ORDER * (p + 2) or variance <= 0:
             break
         criterion = np.log(variance) + np.log(count) * p / count
         if criterion < best:

@@ -57,7 +57,7 @@ def _segments(record: Record, segments: Sequence[Segment], j: int) -> list[Segme
         index = np.searchsorted(record.t, segment.t + 0.25 * segment.h, side="right") - 1
         sp, pv = record.slave_sp[np.maximum(index, 0), j], record.slave_pv[np.maximum(index, 0), j]
         known = np.isfinite(sp)
-        if known.mean() < 0.9 or not known[0]:
+        if known.mean() < levels.SLAVE_KNOWN or not known[0]:
             continue
         sp = settled(sp[np.maximum.accumulate(np.where(known, np.arange(sp.size), 0))])
         column = np.ones((sp.size, 1), dtype=bool)
@@ -197,7 +197,7 @@ def _held(segments: Sequence[Segment]) -> tuple[float, float]:
     if good.sum() < levels.PLATEAU:
         return 0.0, 0.0
     noise = _noise(pv[good])
-    near = 0.02 * float(np.ptp(sp)) + 3 * noise
+    near = levels.AT_LEVEL * float(np.ptp(sp)) + 3 * noise
     return _share(sp, pv, near), _share(-sp, -pv, near)
 
 
@@ -216,7 +216,7 @@ def _stuck(segments: Sequence[Segment]) -> float:
         stuck = np.zeros(sp.size, dtype=bool)
         for window in (levels.PLATEAU, 3 * levels.PLATEAU, 10 * levels.PLATEAU):
             moved, stood = (maximum_filter1d(x, window) - minimum_filter1d(x, window) for x in (sp, pv))
-            stuck |= (moved > max(0.02 * span, 5 * flat)) & (stood < flat)
+            stuck |= (moved > max(levels.AT_LEVEL * span, levels.CLEARLY * flat)) & (stood < flat)
         still, size = still + int(np.sum(stuck)), size + sp.size
     return still / max(size, 1)
 
@@ -232,4 +232,4 @@ def _share(sp: Array, pv: Array, near: float) -> float:
     held = (sp > level + near) & (np.nan_to_num(pv, nan=-np.inf) > level - 2 * near)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(int), [0]])))
     stretches = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= levels.PLATEAU]
-    return float(sum(b - a for a, b in stretches if np.ptp(sp[a:b]) > 5 * near) / pv.size)
+    return float(sum(b - a for a, b in stretches if np.ptp(sp[a:b]) > levels.CLEARLY * near) / pv.size)

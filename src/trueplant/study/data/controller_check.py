@@ -195,7 +195,7 @@ class _Written:
         """May OP have been written between the samples?"""
         scans = [e.sample_time for (row, _), e in controller.entries.items() if row == i]
         h = study.screened[k].segments[0].h
-        if any(scan is not None and scan < 0.99 * h for scan in scans):
+        if any(scan is not None and scan < (1 - levels.WHOLE_SCAN) * h for scan in scans):
             return True
         return None in scans and not written_from_samples(study.records, k, i)
 

@@ -263,7 +263,7 @@ def setpoint_rank_note(study: Study) -> list[Reason]:
             )
         ]
     values = np.linalg.svd(stacked / size, compute_uv=False)
-    if values[-1] < 1e-3 * values[0]:
+    if values[-1] < levels.SAME_PROPORTION * values[0]:
         return [
             Reason(
                 Code.SETPOINT_RANK,

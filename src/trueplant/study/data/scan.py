@@ -67,4 +67,4 @@ def _closed_laws(records: Records) -> Iterator[tuple[int, Controller]]:
 
 
 def _faster(records: Records, law: Controller) -> bool:
-    return law.sample_time is not None and law.sample_time < 0.99 * records.segments[0].h
+    return law.sample_time is not None and law.sample_time < (1 - levels.WHOLE_SCAN) * records.segments[0].h

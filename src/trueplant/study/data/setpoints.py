@@ -33,7 +33,7 @@ def _follows(segments: Sequence[Segment], i: int, few: bool) -> bool:
         return False
     move, own, past, pvs = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     moves, columns = len(move), own.shape[1] + pvs.shape[1]
-    if moves < 2 * columns + 4:
+    if moves < levels.MOVES_PER_REGRESSOR * (columns + 2):
         return False
     energy, both = float(np.mean(move**2)), np.hstack([own, pvs])
     # the share below is no smaller than this one, which costs a tenth of it and answers nearly always

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from trueplant.study import levels
 from trueplant.study.study import Study
 
 
@@ -17,5 +18,5 @@ def timing_error(study: Study) -> float:
     """Standard error of the instants at which OP acts and PV is read, as far as the data show that it is there."""
     h, interval = study.segments[0].h, update_interval(study)
     samples = interval / h
-    stale = interval / 2 if samples > 1.05 and abs(samples - round(samples)) > 0.05 else 0.0
+    stale = interval / 2 if samples > 1 and abs(samples - round(samples)) > levels.OFF_GRID else 0.0
     return max(stale, h / 2 if study.between else 0.0)

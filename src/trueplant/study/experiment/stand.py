@@ -170,7 +170,7 @@ def bench_of(study: Study, plant: TransferMatrix, loop: LinearLoop | None) -> Be
         return Bench(plant, None, h, 1)
     scans = [law.sample_time for law in project.controllers if law.sample_time is not None]
     whole = [scan * max(1, round(h / scan)) for scan in scans]
-    if whole and abs(whole[0] / h - 1) < 0.01:
+    if whole and abs(whole[0] / h - 1) < levels.WHOLE_SCAN:
         h = whole[0]  # stamps may be rounded, scans are not
     return Bench(plant, loop.controller, h, steps_per_sample(project, Simulate(duration=10 * h, sample_time=h), plant))
 

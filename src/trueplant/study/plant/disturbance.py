@@ -81,7 +81,9 @@ def _without(segment: Segment, v: Array, controller: Controller | None) -> Segme
     if controller is None or not acts_alike(controller):
         return replace(segment, y=y)
     scan = controller.scan
-    seen = v if scan is not None and scan > 0.99 * segment.h else (v + np.vstack([v[1:], v[-1:]])) / 2
+    seen = (
+        v if scan is not None and scan > (1 - levels.WHOLE_SCAN) * segment.h else (v + np.vstack([v[1:], v[-1:]])) / 2
+    )
     return replace(segment, y=y, r=segment.r - seen)
 
 
