@@ -82,17 +82,20 @@ def widened(ends: Sequence[float] | Array, value: float, variance: float, confid
     return (max(float(low), 0.0) if ends[0] >= 0 else float(low)), float(high)
 
 
-def mixed(intervals: Array, theta: Array, shifts: Array, shares: Array, confidence: float) -> Array:
+def mixed(intervals: Array, theta: Array, shifts: Array, shares: Array, confidence: float, variances: Array) -> Array:
     """(n, 2) intervals where theta may be larger by each of `shifts` (m, n) with the probabilities `shares` (m,).
 
-    The ends are quantiles of the mixture of normals, one on each side of theta, as wide as the intervals say.
+    The ends are quantiles of the mixture of normals, one on each side of theta, as wide as the intervals say and wider
+    by `variances` (m, n).
     """
     z, tail = norm.ppf(0.5 + confidence / 2), (1 - confidence) / 2
     widths = np.maximum(np.abs(intervals - theta[:, None]).T / z, 1e-300)
+    widths = np.sqrt(widths[:, None] ** 2 + variances)
     out = intervals.copy()
     for side, share in ((0, tail), (1, 1 - tail)):
-        finite = np.isfinite(widths).all(axis=0)
-        low, high = intervals[:, 0] + shifts.min(axis=0), intervals[:, 1] + shifts.max(axis=0)
+        finite = np.isfinite(widths).all(axis=(0, 1))
+        low = theta + (shifts - z * widths[0]).min(axis=0)
+        high = theta + (shifts + z * widths[1]).max(axis=0)
         low, high = np.where(finite, low, 0.0), np.where(finite, high, 0.0)
         for _ in range(np.finfo(float).nmant):
             middle = (low + high) / 2

@@ -86,6 +86,9 @@ POLISHED_STEPS = 60
 """Of the fit that goes on."""
 STRUCTURE_SHARE = 0.2
 """Of the chance of a false alarm over a whole matrix, what is left to the rejection of structures that suffice."""
+RICHER_MEANT = 0.5
+"""Probability that the parameters of a structure that was asked for and does not suffice are those of the richer one,
+in what both have in common, and not of what comes nearest to the plant: even odds."""
 
 # A first model
 FIRST_SCALES = (20.0, 200.0, 2000.0)

@@ -88,6 +88,8 @@ class OutputEstimate:
     """(n_columns,) p-value that the structure of each element suffices; empty: not tested."""
     rejected: Mapping[int, Rejected] = field(default_factory=dict)
     """By column: structures that did not suffice and were replaced."""
+    kept: tuple[int, ...] = ()
+    """Columns whose structures do not suffice either, and were kept as they were asked for (`kept_structures`)."""
 
     @property
     def undermodelled(self) -> bool:
@@ -246,15 +248,22 @@ def _profiled(fit: RowFit) -> list[int]:
 
 
 def averaged(
-    estimate: OutputEstimate, shifts: Array, shares: Array, confidence: float, source: Source
+    estimate: OutputEstimate,
+    shifts: Array,
+    shares: Array,
+    confidence: float,
+    source: Source,
+    spreads: Array | None = None,
 ) -> OutputEstimate:
     """The estimate, where theta may be larger by each of `shifts` (m, size) with the probabilities `shares` (m,).
 
-    `source` is what leaves that open.
+    Each is known that much less well: by `spreads` (m, size, size). `source` is what leaves that open.
     """
-    more = (shifts.T * shares) @ shifts
+    spreads = np.zeros((*shifts.shape, shifts.shape[1])) if spreads is None else spreads
+    more = (shifts.T * shares) @ shifts + np.tensordot(shares, spreads, axes=1)
     low, high = estimate.row.bounds()
-    ends = mixed(estimate.intervals, estimate.theta, shifts, shares, confidence)
+    variances = np.diagonal(spreads, axis1=1, axis2=2)
+    ends = mixed(estimate.intervals, estimate.theta, shifts, shares, confidence, variances)
     return replace(
         estimate,
         covariance=estimate.covariance + more,

@@ -18,6 +18,7 @@ from trueplant.identify.blocks import of_a_part
 from trueplant.identify.covariance import inflation
 from trueplant.identify.estimate import free_of_noise, polished, with_own_noise
 from trueplant.identify.fit import RowFit, evaluate, fit_row
+from trueplant.identify.kept_structures import with_richer
 from trueplant.identify.likelihood import ratio_p
 from trueplant.identify.longest_noise import beside_longest_noise, restricted
 from trueplant.identify.output import OutputEstimate, Rejected
@@ -35,7 +36,7 @@ def with_structures(
 ) -> OutputEstimate:
     """The estimate, with richer structures for those elements whose own ones the record rejects.
 
-    Those in the `pinned` columns keep theirs: only the p-values that they suffice are added.
+    Those in the `pinned` columns keep theirs, and are no surer than richer ones would be (`kept_structures`).
 
     `again` estimates the row with other elements. `tested` is the number of elements of the whole matrix; the chance
     over all of them that a structure that suffices is rejected is STRUCTURE_SHARE of 1 - confidence. One that has taken
@@ -62,7 +63,12 @@ def with_structures(
         p = sufficient_p(fit, confidence)
     whole = np.ones(estimate.row.pieces[0].inputs.shape[0])
     whole[[spec.column for spec in estimate.row.specs]] = p
-    return replace(estimate, structure_p=whole)
+    estimate = replace(estimate, structure_p=whole)
+    kept = tuple(spec.column for m, spec in enumerate(estimate.row.specs) if spec.column in pinned and p[m] < level[m])
+    if not kept:
+        return estimate
+    richer = with_structures(estimate, again, tested, confidence)
+    return replace(with_richer(estimate, richer, kept, confidence), kept=kept)
 
 
 def _wider(spec: Spec, structure: Structure, guess: Array) -> Spec:

@@ -17,6 +17,7 @@ class Source(Enum):
     NOISE_MODEL = "noise model"
     LEFT_OUT = "dead time too short to see"
     NOT_SHOWN = "elements that do not show"
+    STRUCTURE = "structure that does not suffice"
     ROUNDING = "timing and rounding"
     MINIMA = "other plants that fit as well"
     PROFILE = "uneven interval"

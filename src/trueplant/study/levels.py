@@ -17,7 +17,7 @@ BETWEEN = ((0.0, 1 / 6), (0.5, 4 / 6), (1.0, 1 / 6))
 MOSTLY_MANUAL = 0.5
 """Share of a record of closed loops in manual from which that is said beside the answer."""
 REACHED = 0.01
-"""Significance of the answer of a PV or OP whose set-point stands still to what moves elsewhere, to be reached by it."""
+"""Significance of the answer of a PV or OP whose set-point stands still to what moves elsewhere, to be reached."""
 OTHER_TIMES = 199
 """To which the sources are shifted for that: enough for the level above."""
 ANSWER_LAGS = 6
@@ -124,7 +124,7 @@ PLATEAU = 10
 SLAVE_KNOWN = 0.9
 """Share of a stretch in which the slave's set-point has to be recorded for the stretch to be looked at. Judgement."""
 AT_LEVEL = 0.02
-"""Share of the span of its set-point, noise apart, within which a slave is at a level, or the set-point stands still."""
+"""Share of the span of its set-point, noise apart, within which a slave is at a level, or that stands still."""
 CLEARLY = 5.0
 """Times that, or the noise, by which a set-point moves clearly. Judgement."""
 HELD = 0.02

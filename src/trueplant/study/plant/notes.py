@@ -139,7 +139,20 @@ def _undermodelled_notes(study: Study, found: Identified, i: int, estimate: Outp
         )
         text = f"the prediction errors still follow the input: {advice}"
         notes.append(Reason(Code.UNDERMODELLED, text, f"{', '.join(follows)} -> {name}"))
-    beyond = [study.columns[j] for j, p in enumerate(estimate.structure_p) if p < UNDERMODELLED]
+    kept = [study.columns[j] for j in estimate.kept]
+    if kept:
+        notes.append(
+            Reason(
+                Code.UNDERMODELLED,
+                "a richer structure (a further lag, a lead or an oscillation) predicts better beyond chance than the "
+                "one that is declared. It was kept, as it was asked for, and its gain and its lags are as uncertain as "
+                "the richer one leaves them. Ask for a richer one, or leave structure = ... out",
+                f"{', '.join(kept)} -> {name}",
+            )
+        )
+    beyond = [
+        study.columns[j] for j, p in enumerate(estimate.structure_p) if p < UNDERMODELLED and j not in estimate.kept
+    ]
     if beyond:
         notes.append(
             Reason(
