@@ -102,8 +102,8 @@ def test_tclab_runs_disagree_and_their_spread_is_in_the_intervals(tclab):
         spread = abs(both[0].plant - both[1].plant)
         assert low < min(p.plant for p in both)
         assert high > max(p.plant for p in both)
-        # the errors of each run follow its inputs, so that what other noise models say counts as well
-        assert high - low <= 4 * spread
+        # the errors of each run follow its inputs, and a richer structure suits them better: both count as well
+        assert high - low <= 5 * spread
 
 
 @pytest.mark.slow
