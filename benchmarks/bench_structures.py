@@ -1,8 +1,8 @@
 """Declared first order, and what the plant really is: is the structure rejected, named, and the gain covered?
 
 Simulated single loops under PI, set-point switching at random, AR(1) disturbance. Run with a number of seeds; with
-`--kept` the first order is kept whatever the record says, as it is where a project asks for it. Time is how long the plant
-takes to answer, its mean residence time: lag and dead time of the first order.
+`--kept` the first order is kept whatever the record says, as it is where a project asks for it. Time is how long the
+plant takes to answer, its mean residence time: lag and dead time of the first order.
 
     python benchmarks/bench_structures.py 200 [--kept]
 """
