@@ -27,9 +27,9 @@ def with_richer(
     size = estimate.theta.size
     shifts, spreads = np.zeros((2, size)), np.zeros((2, size, size))
     for column in columns:
-        (structure, p, covariance), other = _element(estimate, column), _element(richer, column)
-        shift, variance = _apart(_moments(structure, p, covariance), _moments(*other))
-        part, directions = _place(estimate, column), _directions(structure, p)
+        shift, variance = _apart(_moments(estimate, column), _moments(richer, column))
+        part, structure = _element(estimate, column)
+        directions = _directions(structure, estimate.theta[part])
         shifts[1, part] = shift @ directions
         spreads[1, part, part] = (directions.T * variance) @ directions
     shares = np.array([1 - levels.RICHER_MEANT, levels.RICHER_MEANT])
@@ -39,61 +39,51 @@ def with_richer(
 @dataclass(frozen=True, eq=False)
 class _Moments:
     integrators: int
-    gain: float
-    """At rest; the slope where the element integrates."""
-    time: float
-    """To answer: lags and dead times less leads, its mean residence time."""
+    values: Array
+    """(2,) gain at rest (slope where the element integrates), and time to answer."""
     variances: Array
-    """(2,) of the logarithm of the gain, and of the time."""
+    """(2,)"""
 
 
 def _apart(own: _Moments, other: _Moments) -> tuple[Array, Array]:
-    """How far the other element is away in its relative gain and its time, and by how much less both are known (2,)."""
+    """How far the other element's gain and time are away, and by how much less both are known (2,)."""
     if own.integrators != other.integrators:
-        return np.zeros(2), np.array([1.0, own.time**2])
-    ratio = other.gain / own.gain
-    variances = other.variances * [ratio**2, 1.0]
-    return np.array([ratio - 1, other.time - own.time]), np.maximum(variances - own.variances, 0.0)
+        return np.zeros(2), own.values**2
+    return other.values - own.values, np.maximum(other.variances - own.variances, 0.0)
 
 
-def _moments(structure: Structure, p: Array, covariance: Array) -> _Moments:
-    gain, time, by_gain, by_time = _values(structure, p)
-    variances = [by @ covariance @ by for by in (by_gain / gain, by_time)]
-    return _Moments(structure.integrators, gain, time, np.array(variances))
+def _moments(estimate: OutputEstimate, column: int) -> _Moments:
+    """With what the prior adds to the covariance taken off: it keeps finite what the record does not tell."""
+    part, structure = _element(estimate, column)
+    values, derivatives = _values(structure, estimate.theta[part])
+    by_data = np.maximum(estimate.fit.standard_errors_by_data[part] ** 2 - np.diag(estimate.covariance)[part], 0.0)
+    covariance = estimate.covariance[part, part] + np.diag(by_data)
+    return _Moments(structure.integrators, values, np.einsum("ij,jk,ik->i", derivatives, covariance, derivatives))
 
 
-def _values(structure: Structure, p: Array) -> tuple[float, float, Array, Array]:
-    """Gain and time of an element, and their derivatives by its parameters."""
-    gains, dead_times = p[structure.is_gain], structure.dead_times(p)
+def _values(structure: Structure, p: Array) -> tuple[Array, Array]:
+    """(2,) gain and time of an element, and (2, n_p) their derivatives by its parameters.
+
+    Delayed terms count alike for the time: what they say together has no mean where their gains cancel.
+    """
     frequency, damping = p[structure.is_frequency], p[structure.is_damping]
-    gain = float(gains.sum())
-    delay = float(gains @ dead_times) / gain
-    time = float(p[structure.is_lag].sum() + np.sum(2 * damping / frequency) - p[structure.is_lead].sum() + delay)
-    by_time = structure.is_lag.astype(float) - structure.is_lead
-    by_time[structure.is_gain] = (dead_times - delay) / gain
+    dead_times = structure.is_dead_time / max(int(structure.is_dead_time.sum()), 1)
+    by_time = structure.is_lag - structure.is_lead.astype(float) + dead_times
+    time = float(by_time @ p + np.sum(2 * damping / frequency))
     by_time[structure.is_frequency], by_time[structure.is_damping] = -2 * damping / frequency**2, 2 / frequency
-    if structure.has_dead_time:
-        by_time[structure.is_dead_time] = gains / gain
-    return gain, time, structure.is_gain.astype(float), by_time
+    by_gain = structure.is_gain.astype(float)
+    return np.array([by_gain @ p, time]), np.array([by_gain, by_time])
 
 
 def _directions(structure: Structure, p: Array) -> Array:
-    """(2, n_p) how the parameters move with the relative gain, and with the time: by lags, or else by dead time."""
+    """(2, n_p) how the parameters move with the gain, and with the time: by lags, or else by dead time."""
     slower = np.where(structure.is_lag, p, 0.0) - np.where(structure.is_frequency, p, 0.0)
     lags = float(p[structure.is_lag].sum() + np.sum(2 * p[structure.is_damping] / p[structure.is_frequency]))
     by_time = slower / lags if lags > 0 else structure.is_dead_time.astype(float)
-    return np.array([np.where(structure.is_gain, p, 0.0), by_time])
+    return np.array([structure.is_gain / structure.is_gain.sum(), by_time])
 
 
-def _place(estimate: OutputEstimate, column: int) -> slice:
-    return next(
-        part for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True) if spec.column == column
-    )
-
-
-def _element(estimate: OutputEstimate, column: int) -> tuple[Structure, Array, Array]:
-    """Structure, parameters and covariance, which the prior keeps finite and here does not."""
-    part = _place(estimate, column)
-    structure = next(spec.structure for spec in estimate.row.specs if spec.column == column)
-    by_data = np.maximum(estimate.fit.standard_errors_by_data[part] ** 2 - np.diag(estimate.covariance)[part], 0.0)
-    return structure, estimate.theta[part], estimate.covariance[part, part] + np.diag(by_data)
+def _element(estimate: OutputEstimate, column: int) -> tuple[slice, Structure]:
+    """Its place in theta, and its structure."""
+    m = [spec.column for spec in estimate.row.specs].index(column)
+    return estimate.row.slices[m], estimate.row.specs[m].structure
