@@ -18,7 +18,7 @@ from trueplant.study.experiment.plans import more_data
 from trueplant.study.loops.derived import with_derived
 from trueplant.study.loops.retuning import Retuning, retuning_of
 from trueplant.study.loops.robustness import LoopToday, robustness_of
-from trueplant.study.loops.settled import against_settled_loop
+from trueplant.study.loops.settled import against_settled_loop, settled_for
 from trueplant.study.methods.compare import compare_methods
 from trueplant.study.methods.detectors import published_detections
 from trueplant.study.plant.elements import judge
@@ -57,7 +57,7 @@ def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
     say("comparing methods")
     compared = compare_methods(study, identified, plant.nominal)
     say("margins and robustness of today's loops")
-    loop = robustness_of(study, plant) if judged.answered else LoopToday()
+    loop = robustness_of(study, plant, settled_for(study, controllers)) if judged.answered else LoopToday()
     retuned = Retuning()
     if judged.answered:
         say("settings for the controllers")

@@ -15,7 +15,8 @@ from trueplant.lti import KnownRow, Structure, TransferMatrix, UncertainPlant
 from trueplant.study import levels
 from trueplant.study.data.controller_check import check_controllers
 from trueplant.study.data.prepare import prepare
-from trueplant.study.loops.settled import against_settled_loop, share_diverging
+from trueplant.study.loops.robustness import _drawn
+from trueplant.study.loops.settled import against_settled_loop, settled_for, share_diverging
 from trueplant.study.plant.identified import Identified, identify
 
 TF = "2 exp(-13.4 s)/(60 s + 1)"
@@ -79,3 +80,26 @@ def test_a_controller_that_is_not_confirmed_refutes_nothing(settled):
     doubted = [replace(check, confirmed=False) for check in checks]
     assert against_settled_loop(study, scaled(found, 5.0), doubted).estimates[0].refuted is None
     assert against_settled_loop(study, scaled(found, 5.0), []).estimates[0].refuted is None
+
+
+def test_plants_on_which_it_would_have_run_away_are_none_of_those_that_are_left_open(settled):
+    """Half of the gains that are left open are too large for the loop; a short record shows only the largest."""
+    study, _, _ = settled
+    plant, law = known(FOPDT, [7.0, 60.0, 13.4], [1.5, 0.0, 0.0]), PID(Kc=1.0, Ti=60.0)
+    loop = LinearLoop(plant.nominal, Controller.diagonal([law]))
+    every, short, long = (_drawn(study, loop, plant, span) for span in (None, 600.0, 1e5))
+    assert every is not None and short is not None and long is not None
+    assert every.count == levels.STABILITY_DRAWS
+    assert 0.2 < every.share_stable < 0.8
+    stable = every.share_stable * every.count
+    for found, span in ((short, 600.0), (long, 1e5)):
+        assert found.count == pytest.approx((1 - share(plant, law, span)) * every.count)
+        assert found.share_stable * found.count == pytest.approx(stable)
+    assert long.share_stable > 0.97
+    assert every.share_stable < short.share_stable < long.share_stable
+
+
+def test_for_how_long_it_did_not_run_away(settled):
+    study, _, checks = settled
+    assert settled_for(study, checks) == pytest.approx(1499, abs=200)
+    assert settled_for(study, [replace(checks[0], confirmed=False)]) is None

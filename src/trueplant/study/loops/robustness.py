@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueplant.arrays import Array, ComplexArray
+from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.errors import LoopError
 from trueplant.loop import Controller, Linear, LinearLoop
 from trueplant.lti import TransferMatrix, UncertainPlant
@@ -43,11 +43,11 @@ class LoopToday:
     notes: tuple[Reason, ...] = ()
 
 
-def robustness_of(study: Study, known: UncertainPlant) -> LoopToday:
+def robustness_of(study: Study, known: UncertainPlant, settled: float | None) -> LoopToday:
     """Margins of each loop (the others closed), pairing, robust performance, and the share of likely plants that hold.
 
     The controller is that of the last usable closed experiment, linearised about the mean PV where it acts on a
-    transformed one.
+    transformed one. `settled` is for how long it is known not to have run away (`settled_for`).
     """
     k, loop = study.loop_experiment, study.loop(known.nominal)
     if k is None or loop is None:
@@ -62,7 +62,7 @@ def robustness_of(study: Study, known: UncertainPlant) -> LoopToday:
         worse=tuple(b.input for a, b in zip(on_model, on_plant, strict=True) if _worse(a, b)),
         peaks=peaks,
         pairing=pairing_of(names, controller, {"model": model, "plant": today}),
-        drawn=_drawn(study, loop, known),
+        drawn=_drawn(study, loop, known, settled),
     )
     notes = _notes(table)
     if beyond := study.project.experiments[k].beyond():
@@ -123,16 +123,20 @@ def pairing_of(
 # -- the plants that the data leave open --------------------------------------------------------------------------
 
 
-def _drawn(study: Study, loop: LinearLoop, known: UncertainPlant) -> DrawnStability | None:
+def _drawn(study: Study, loop: LinearLoop, known: UncertainPlant, settled: float | None) -> DrawnStability | None:
     """How many of the plants drawn from the estimate today's controller keeps stable, below which Ms, and within wP.
 
-    None where that cannot be counted (`drawn_responses`).
+    Plants on which the loop would have run away in a record in which it did not are none of those that the data leave
+    open. None where that cannot be counted (`drawn_responses`).
     """
     seed = study.project.analysis.seed
     drawn = drawn_responses(seed, loop, known)
     if drawn is None:
         return None
     w, response, law = drawn
+    bounded = None if settled is None else bounded_for(seed, loop, known, settled)
+    if bounded is not None and bounded.any():
+        response = response[bounded]
     found = peaks(response, law, w)
     rows = []
     for i in loop.inputs:
@@ -140,7 +144,7 @@ def _drawn(study: Study, loop: LinearLoop, known: UncertainPlant) -> DrawnStabil
         held = float(np.mean(found.stable & (found.Ms[:, i] <= levels.HIGHEST_MS)))
         rows.append(DrawnLoop(study.project.input_names[i], held, middle, high))
     share = _share_performance(study, response, law, w, found)
-    return DrawnStability(levels.STABILITY_DRAWS, seed, found.share_stable, levels.HIGHEST_MS, tuple(rows), share)
+    return DrawnStability(len(response), seed, found.share_stable, levels.HIGHEST_MS, tuple(rows), share)
 
 
 def drawn_responses(
@@ -163,6 +167,18 @@ def drawn_responses(
     w = common_grid(plant, controller, _crossover(plant, controller))
     response = draws.response(w - 1j * growth if growth else w)[:, :, :, : plant.shape[1]]
     return w, response, controller(on_axis(w) + growth)
+
+
+def bounded_for(seed: int, loop: LinearLoop, known: UncertainPlant, span: float) -> BoolArray | None:
+    """(count,) of the drawn plants, on which the loop would grow by less than RUNS_AWAY within the span.
+
+    The poles to the right of Re s = log(RUNS_AWAY) / span are counted; None where they cannot be (`drawn_responses`).
+    """
+    drawn = drawn_responses(seed, loop, known, float(np.log(levels.RUNS_AWAY)) / span)
+    if drawn is None:
+        return None
+    w, response, law = drawn
+    return peaks(response, law, w).stable
 
 
 def _share_performance(study: Study, response: ComplexArray, law: ComplexArray, w: Array, found: Peaks) -> float | None:
@@ -211,11 +227,12 @@ def _notes(table: LoopRobustness) -> list[Reason]:
         )
     if table.drawn and table.drawn.share_stable < 1 and table.margins.plant[0].stable:
         unstable = 100 * (1 - table.drawn.share_stable)
+        of = "" if table.drawn.count == levels.STABILITY_DRAWS else ", without those on which it would have run away"
         notes.append(
             Reason(
                 Code.DRAWN,
                 f"in {number(unstable, 2)} % of the plants that these data leave open, today's controller is unstable "
-                f"({table.drawn.count} plants drawn from the estimate)",
+                f"({table.drawn.count} plants drawn from the estimate{of})",
             )
         )
     return notes

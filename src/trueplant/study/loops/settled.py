@@ -13,11 +13,10 @@ from trueplant.lti import UncertainPlant
 from trueplant.record import Segment
 from trueplant.result import ControllerCheck
 from trueplant.study import levels
-from trueplant.study.loops.robustness import drawn_responses
+from trueplant.study.loops.robustness import bounded_for
 from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.updated import updated_plant
 from trueplant.study.study import Study
-from trueplant.tune.drawn import peaks
 
 
 def against_settled_loop(study: Study, identified: Identified, checks: Sequence[ControllerCheck]) -> Identified:
@@ -28,7 +27,7 @@ def against_settled_loop(study: Study, identified: Identified, checks: Sequence[
     segment, loop = _settled(study, checks), study.loop(known.nominal)
     if segment is None or loop is None:
         return identified
-    share = share_diverging(study.project.analysis.seed, loop, known, segment.t[-1] - segment.t[0])
+    share = share_diverging(study.project.analysis.seed, loop, known, _span(segment))
     if share <= levels.REFUTED_SHARE:
         return identified
     where = study.project.experiments[segment.experiment].name
@@ -42,6 +41,16 @@ def against_settled_loop(study: Study, identified: Identified, checks: Sequence[
         for i, one in identified.estimates.items()
     }
     return replace(identified, estimates=estimates)
+
+
+def settled_for(study: Study, checks: Sequence[ControllerCheck]) -> float | None:
+    """For how long today's loop did not run away, in time units; None where no record shows that it did not."""
+    segment = _settled(study, checks)
+    return None if segment is None else _span(segment)
+
+
+def _span(segment: Segment) -> float:
+    return float(segment.t[-1] - segment.t[0])
 
 
 def _settled(study: Study, checks: Sequence[ControllerCheck]) -> Segment | None:
@@ -64,12 +73,6 @@ def _settled(study: Study, checks: Sequence[ControllerCheck]) -> Segment | None:
 
 
 def share_diverging(seed: int, loop: LinearLoop, known: UncertainPlant, span: float) -> float:
-    """Share of the drawn plants on which the loop would grow by more than RUNS_AWAY within the span.
-
-    The poles to the right of Re s = log(RUNS_AWAY) / span are counted; 0 where they cannot be (`drawn_responses`).
-    """
-    drawn = drawn_responses(seed, loop, known, float(np.log(levels.RUNS_AWAY)) / span)
-    if drawn is None:
-        return 0.0
-    w, response, law = drawn
-    return 1.0 - peaks(response, law, w).share_stable
+    """Share of the drawn plants on which the loop would run away within the span; 0 where that cannot be counted."""
+    bounded = bounded_for(seed, loop, known, span)
+    return 0.0 if bounded is None else 1.0 - float(np.mean(bounded))
