@@ -175,5 +175,7 @@ def test_intervals_of_a_mixture_are_its_quantiles():
     assert found == pytest.approx(np.quantile(draws, [0.025, 0.975], axis=0).T, abs=0.02)
     nothing = np.zeros((3, 2))
     assert mixed(intervals, theta, nothing, shares, 0.95, nothing) == pytest.approx(intervals)
+    known = np.column_stack([theta, theta])
+    assert mixed(known, theta, nothing, shares, 0.95, nothing) == pytest.approx(known)
     open_ended = np.array([[-np.inf, 3.2], [9.0, np.inf]])
     assert np.array_equal(mixed(open_ended, theta, shifts, shares, 0.95, nothing), open_ended)

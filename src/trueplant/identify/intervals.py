@@ -90,7 +90,7 @@ def mixed(intervals: Array, theta: Array, shifts: Array, shares: Array, confiden
     """
     z, tail = norm.ppf(0.5 + confidence / 2), (1 - confidence) / 2
     widths = np.maximum(np.abs(intervals - theta[:, None]).T / z, 1e-300)
-    widths = np.sqrt(widths[:, None] ** 2 + variances)
+    widths = np.hypot(widths[:, None], np.sqrt(variances))
     out = intervals.copy()
     for side, share in ((0, tail), (1, 1 - tail)):
         finite = np.isfinite(widths).all(axis=(0, 1))
