@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
 
 from support.short_record import CONTROLLER, loop_project
 from trueplant import Project, run
-from trueplant.loop import PID, Controller, alternating_steps, simulate
+from trueplant.loop import PID, Controller, Simulation, alternating_steps, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.study.experiment.moves import Moves
 
@@ -59,13 +60,11 @@ def test_where_little_is_known_the_first_of_two_tests_is_planned(tmp_path: Path)
 LEVEL = TransferMatrix.of([["0.05 exp(-4 s)/s"]], "min")
 
 
-def test_a_level_in_manual_is_tested_within_its_limits(tmp_path: Path) -> None:
-    """The plan on the true level, 100 times with noise of its own: within limits, and back at the end (simulated)."""
-    moved = np.zeros((160, 1))
-    moved[20:60], moved[60:100] = 2.0, -2.0
-    sim = simulate(LEVEL, None, np.zeros((160, 1)), 1.0, u=30 + moved, u0=30.0, y0=50.0, noise=0.8, seed=2)
-    pl.DataFrame({"t": sim.t, "op": sim.u[:, 0], "pv": sim.y[:, 0]}).write_csv(tmp_path / "record.csv")
-    text = """
+def planned_for(folder: Path, record: Simulation, limits: tuple[list[float], list[float]], tf: str) -> dict[str, Any]:
+    """What is planned after a record of a level in manual, within limits of PV and of OP."""
+    columns = {"t": record.t, "op": record.u[:, 0], "pv": record.y[:, 0]}
+    pl.DataFrame(columns).write_csv(folder / "record.csv")
+    text = f"""
 time_unit = "min"
 [[experiment]]
 file = "record.csv"
@@ -74,18 +73,27 @@ loop = "open"
 name = "level"
 pv = "pv"
 unit = "%"
-limits = [40, 60]
+limits = {limits[0]}
 [[input]]
 name = "feed"
 op = "op"
 unit = "%"
-limits = [10, 60]
+limits = {limits[1]}
 [[model]]
 output = "level"
 input = "feed"
-tf = "0.05 exp(-4 s)/s"
+tf = "{tf}"
 """
-    entry = run(Project.from_toml(text, tmp_path)).to_dict()["more_data"][0]
+    entry: dict[str, Any] = run(Project.from_toml(text, folder)).to_dict()["more_data"][0]
+    return entry
+
+
+def test_a_level_in_manual_is_tested_within_its_limits(tmp_path: Path) -> None:
+    """The plan on the true level, 100 times with noise of its own: within limits, and back at the end (simulated)."""
+    moved = np.zeros((160, 1))
+    moved[20:60], moved[60:100] = 2.0, -2.0
+    sim = simulate(LEVEL, None, np.zeros((160, 1)), 1.0, u=30 + moved, u0=30.0, y0=50.0, noise=0.8, seed=2)
+    entry = planned_for(tmp_path, sim, ([40, 60], [10, 60]), "0.05 exp(-4 s)/s")
     (move,) = entry["moves"]
     course = Moves({0: move["size"]}, {0: move["every"]}).course(entry["length"], 1.0, 1, rest=60)
     assert abs(course.sum()) < 1e-9
@@ -100,26 +108,7 @@ def test_a_level_that_drifts_in_manual_gets_no_long_test(tmp_path: Path) -> None
     moved = np.ones((160, 1))
     moved[20:60], moved[60:100] = 3.0, -1.0
     sim = simulate(LEVEL, None, np.zeros((160, 1)), 1.0, u=moved, noise=0.5, seed=2)
-    pl.DataFrame({"t": sim.t, "op": sim.u[:, 0], "pv": sim.y[:, 0]}).write_csv(tmp_path / "record.csv")
     high = float(sim.y[-1, 0]) + 3.0  # an hour away
-    text = f"""
-time_unit = "min"
-[[experiment]]
-file = "record.csv"
-loop = "open"
-[[output]]
-name = "level"
-pv = "pv"
-limits = [-20, {high}]
-[[input]]
-name = "feed"
-op = "op"
-limits = [-20, 20]
-[[model]]
-output = "level"
-input = "feed"
-tf = "0.06 exp(-3 s)/s"
-"""
-    entry = run(Project.from_toml(text, tmp_path)).to_dict()["more_data"][0]
+    entry = planned_for(tmp_path, sim, ([-20, high], [-20, 20]), "0.06 exp(-3 s)/s")
     assert entry["moves"] == []
     assert entry["not_worth"] in ("limits-too-near", "too-long")
