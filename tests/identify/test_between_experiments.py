@@ -28,9 +28,7 @@ def test_one_parameter_is_the_posterior_of_the_random_effects_model():
     variance = float(np.sum(weight * (plant - mean) ** 2))
     pooled = float(np.sum(values / errors**2) / np.sum(errors**-2.0))
     least = float(1 / np.sum(errors**-2.0))
-    found = _mixture(
-        values[:, None], (errors**2)[:, None, None], np.array([pooled]), np.array([size]), np.array([True])
-    )
+    found = _mixture(values[:, None], (errors**2)[:, None, None], np.array([pooled]), np.array([size]), np.array([0]))
     assert found.shift[0] == pytest.approx(mean - pooled, abs=0.05 * np.sqrt(variance))
     assert found.added[0, 0] == pytest.approx(variance - least, rel=0.05)
     assert found.spread[0] == pytest.approx(float(np.sum(weight * spread)), rel=0.05)
@@ -40,17 +38,17 @@ def test_one_parameter_is_the_posterior_of_the_random_effects_model():
 def test_intervals_cover_the_mean_plant_over_the_prior_of_the_spread(runs):
     """2,000 simulated sets of runs: three standard deviations of 95 % coverage by the binomial are 1.5 %."""
     rng = np.random.default_rng(runs)
-    gain = np.array([True, False, False])
+    kinds = np.array([0, 1, 2])
     truth = np.array([2.0, 10.0, 15.0])
     root = np.diag([0.03, 0.05, 0.02]) @ np.array([[1, 0, 0], [0.5, 0.9, 0], [0, 0.3, 0.95]])
     covariance = np.broadcast_to(np.outer(truth, truth) * (root @ root.T), (runs, 3, 3))
     covered = []
     for _ in range(2000):
-        spreads = np.abs(rng.normal(0, levels.BETWEEN_RUNS, 2))
-        relative = np.where(gain, *spreads) * rng.standard_normal((runs, 3)) + rng.standard_normal((runs, 3)) @ root.T
+        spreads = np.abs(rng.normal(0, levels.BETWEEN_RUNS, 3))
+        relative = spreads * rng.standard_normal((runs, 3)) + rng.standard_normal((runs, 3)) @ root.T
         theta = truth * (1 + relative)
         pooled = theta.mean(axis=0)
-        found = _mixture(theta, covariance, pooled, truth, gain)
+        found = _mixture(theta, covariance, pooled, truth, kinds)
         sigma = np.sqrt(np.diag(covariance[0] / runs + found.added))
         covered.append(np.abs(pooled + found.shift - truth) < norm.ppf(0.975) * sigma)
     assert np.all(np.abs(np.mean(covered, axis=0) - 0.95) < 0.025)
@@ -60,7 +58,7 @@ def test_the_spread_grows_smoothly_with_the_difference():
     """Runs that differ by three standard errors and runs that differ by none are treated by one formula."""
     covariance = np.broadcast_to(np.eye(1) * 1e-4, (2, 1, 1))
     added = [
-        float(_mixture(np.array([[1.0], [1.0 + d]]), covariance, np.ones(1), np.ones(1), np.array([True])).added[0, 0])
+        float(_mixture(np.array([[1.0], [1.0 + d]]), covariance, np.ones(1), np.ones(1), np.array([0])).added[0, 0])
         for d in np.linspace(0, 0.2, 41)
     ]
     steps = np.diff(added)
@@ -73,7 +71,7 @@ def test_the_pooled_estimate_counts_where_runs_agree_and_not_where_they_are_far_
     theta = np.array([[1.0 - apart], [1.0 + apart], [1.0]])
     covariance = np.full((3, 1, 1), error**2)
     pooled = 1.0 + error / np.sqrt(3)
-    found = _mixture(theta, covariance, np.array([pooled]), np.ones(1), np.array([True]))
+    found = _mixture(theta, covariance, np.array([pooled]), np.ones(1), np.array([0]))
     taken = (pooled + found.shift[0] - 1.0) / (pooled - 1.0)
     assert taken == pytest.approx(share, abs=0.05)
 

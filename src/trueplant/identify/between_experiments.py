@@ -1,9 +1,9 @@
 """Several experiments of one plant: how far they differ, and what that leaves of their common estimate.
 
 Each experiment is fitted alone. The plant of each is taken to differ from their mean by a relative spread, one for
-all gains and one for all lags and dead times, normal. Before the experiments are looked at, the spreads are half-normal
-with a standard deviation of BETWEEN_RUNS; what the experiments say of them is their marginal likelihood. Mean and
-covariance are averaged over both spreads, without a test of whether the experiments agree.
+all gains, one for all lags and leads and one for all dead times, normal. Before the experiments are looked at, the
+spreads are half-normal with a standard deviation of BETWEEN_RUNS; what the experiments say of them is their marginal
+likelihood. Mean and covariance are averaged over the spreads, without a test of whether the experiments agree.
 With one parameter this is the random-effects model of meta-analysis (Roever 2020).
 """
 
@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import chi2
 
-from trueplant.arrays import Array, BoolArray
+from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
 from trueplant.identify.covariance import scaled
 from trueplant.identify.estimate import noise_signals
@@ -35,8 +35,8 @@ class Runs:
     """(n_runs, n, n)."""
     p_value: float
     """That the runs agree (Cochran's Q)."""
-    spread: tuple[float, float]
-    """Relative standard deviation between runs of gains, and of lags and dead times."""
+    spread: Array
+    """(3,) relative standard deviation between runs of gains, of lags and leads, and of dead times."""
     shift: Array
     """(n,) from the pooled estimate to the mean of the runs."""
     added: Array
@@ -90,8 +90,7 @@ def compare_runs(pooled: RowFit, factor: Array) -> Runs | None:
     covariance = scaled(np.array([fit.covariance for _, fit in fits]), factor)
     free = np.flatnonzero(pooled.free)
     sizes = sizes_of(pooled)[free]
-    gain = pooled.row.is_gain[free]
-    mixed = _mixture(theta[:, free], covariance[:, free][:, :, free], pooled.theta[free], sizes, gain)
+    mixed = _mixture(theta[:, free], covariance[:, free][:, :, free], pooled.theta[free], sizes, kinds_of(pooled)[free])
     shift, added = np.zeros(theta.shape[1]), np.zeros((theta.shape[1],) * 2)
     shift[free], added[np.ix_(free, free)] = mixed.shift, mixed.added
     experiments = tuple(experiment for experiment, _ in fits)
@@ -108,24 +107,29 @@ def sizes_of(pooled: RowFit) -> Array:
     return np.where(sizes > 0, sizes, 1.0)
 
 
+def kinds_of(pooled: RowFit) -> IntArray:
+    """(n,) which of the spreads each parameter has."""
+    return np.where(pooled.row.is_gain, 0, np.where(pooled.row.is_dead_time, 2, 1))
+
+
 @dataclass(frozen=True, eq=False)
 class _Mixture:
     """What the runs say together, averaged over the spreads between them."""
 
     p_value: float
-    spread: tuple[float, float]
+    spread: Array
     shift: Array
     added: Array
 
 
-def _mixture(theta: Array, covariance: Array, pooled: Array, sizes: Array, gain: BoolArray) -> _Mixture:
-    """Of runs theta (n_runs, n) with covariance (n_runs, n, n).
+def _mixture(theta: Array, covariance: Array, pooled: Array, sizes: Array, kinds: IntArray) -> _Mixture:
+    """Of runs theta (n_runs, n) with covariance (n_runs, n, n), and the spread (`kinds_of`) of each parameter.
 
     Where runs do not differ, `pooled` (n,) is their mean, free of the errors of short runs; the more they differ, the
     less it says. In between it counts by its share of the information on the mean.
     """
-    grid = np.array([(a, b) for a in levels.RUN_SPREADS for b in levels.RUN_SPREADS])
-    between = (np.where(gain, grid[:, :1], grid[:, 1:]) * sizes) ** 2
+    grid = np.stack(np.meshgrid(*[levels.RUN_SPREADS] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    between = (grid[:, kinds] * sizes) ** 2
     scale = np.outer(sizes, sizes)
     # (n_grid, n_runs, n, n) in units of the sizes
     each = (covariance / scale)[None] + ((between / sizes**2)[:, None, :, None] * np.eye(sizes.size))
@@ -140,15 +144,14 @@ def _mixture(theta: Array, covariance: Array, pooled: Array, sizes: Array, gain:
     log = np.linalg.slogdet(precision)[1].sum(axis=1) - np.linalg.slogdet(total)[1] - misfit
     log = log / 2 - np.sum((grid / levels.BETWEEN_RUNS) ** 2, axis=1) / 2
     steps = np.gradient(levels.RUN_SPREADS)
-    weights = np.exp(log - log.max()) * np.outer(steps, steps).ravel()
+    weights = np.exp(log - log.max()) * np.einsum("i,j,k->ijk", steps, steps, steps).ravel()
     weights /= weights.sum()
     mean = weights @ centre
     around = centre - mean
     whole = np.einsum("g,gij->ij", weights, means) + (around.T * weights) @ around
     freedom = (len(theta) - 1) * sizes.size
-    spread = tuple(float(x) for x in weights @ grid)
     p_value = float(chi2.sf(max(float(misfit[0]), 0.0), freedom))
-    return _Mixture(p_value, (spread[0], spread[1]), mean * sizes - pooled, (whole - means[0]) * scale)
+    return _Mixture(p_value, weights @ grid, mean * sizes - pooled, (whole - means[0]) * scale)
 
 
 def refit_noise(fit: RowFit, order: int) -> RowFit:

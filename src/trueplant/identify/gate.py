@@ -21,7 +21,7 @@ from scipy.stats import t
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.between_experiments import sizes_of
+from trueplant.identify.between_experiments import kinds_of, sizes_of
 from trueplant.identify.estimate import fit_noise
 from trueplant.identify.fit import RowFit, fit_row, linearised, residuals
 from trueplant.identify.output import OutputEstimate
@@ -95,7 +95,7 @@ def _parts(estimate: OutputEstimate) -> list[_Part]:
     """Each experiment, and the data that the validation kept back."""
     pieces, runs = estimate.row.pieces, estimate.runs
     # One run may differ from the mean of the runs by as much as was found between them.
-    spread = 0.0 if runs is None else np.where(estimate.row.is_gain, *runs.spread) * sizes_of(estimate.fit)
+    spread = 0.0 if runs is None else runs.spread[kinds_of(estimate.fit)] * sizes_of(estimate.fit)
     between = np.diag(np.broadcast_to(np.square(spread), estimate.theta.shape))
     parts = [
         _Part(k, tuple(p for p in pieces if p.experiment == k), estimate.theta, estimate.covariance + between)

@@ -142,8 +142,8 @@ NO_INFORMATION = 1e30
 BETWEEN_RUNS = 0.1
 """Standard deviation of the relative spread between runs of one plant, before they are looked at: what repeated step
 tests of one rig differ by."""
-RUN_SPREADS = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 22)])
-"""Spreads over which the average is taken: 39 % from one to the next."""
+RUN_SPREADS = np.concatenate([[0.0], np.geomspace(2e-3, 1.0, 14)])
+"""Spreads over which the average is taken: 61 % from one to the next."""
 RUNS_DISAGREE = 0.05
 """Significance from which it is said that experiments disagree."""
 TOO_UNCERTAIN = 0.5

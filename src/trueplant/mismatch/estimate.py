@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.errors import Refused
 from trueplant.loop.controller import Controller
-from trueplant.lti.structure import Structure
-from trueplant.lti.transfer import TransferMatrix
+from trueplant.lti.structure import Structure, structure_of
+from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.mismatch import levels
 from trueplant.mismatch.local import FrequencyResponse, local_response
 from trueplant.mismatch.periodic import periodic_response
@@ -54,6 +55,7 @@ def fit_locally(
     """
     parameters: dict[Element, Array] = {}
     covariance: dict[Element, Array] = {}
+    near = {place: known for place, of in structures.items() if (known := _parameters(model[place], of)) is not None}
     plant, converged = model, False
     respond = periodic_response if periodic else local_response
     corner = min((abs(p) for place in structures for p in model[place].poles if p), default=np.inf)
@@ -78,9 +80,11 @@ def fit_locally(
             )
             if periodic:
                 covariance[i, j] = covariance[i, j] * response.dof / (response.dof - 2)
-        plant = _with_elements(
-            model, {e: structures[e] for e in parameters if _speaks(parameters[e], covariance[e])}, parameters
-        )
+        for place in structures:
+            found = parameters[place]
+            if _speaks(found, covariance[place]) and _contradicts(found, covariance[place], near.get(place)):
+                near[place] = found
+        plant = _with_elements(model, {place: structures[place] for place in near}, near)
         converged = bool(before) and all(_settled(before[e], parameters[e], covariance[e]) for e in structures)
         if converged:
             break
@@ -115,6 +119,28 @@ def _check(response: FrequencyResponse, corner: float) -> None:
 def _speaks(parameters: Array, covariance: Array) -> bool:
     """Is the gain (or slope) known to better than half its size? Else the model is the better place to go on from."""
     return bool(np.sqrt(covariance[0, 0]) < levels.SPEAKS * abs(parameters[0]))
+
+
+def _parameters(system: TransferFunction, structure: Structure) -> Array | None:
+    """Of an element of that structure; None of one that has another."""
+    if system.is_zero:
+        return None
+    own, values = structure_of(system)
+    return np.array(values) if own.names == structure.names else None
+
+
+def _contradicts(found: Array, covariance: Array, near: Array | None) -> bool:
+    """Is what was found another element than the one that the response was taken about?
+
+    A response that says little has minima far apart, and taken about one of them the next one would confirm it.
+    """
+    if near is None:
+        return True
+    shift = found - near
+    return bool(
+        chi2.sf(shift @ np.linalg.pinv(covariance, rcond=1e-14, hermitian=True) @ shift, shift.size)
+        < levels.SAME_ELEMENT
+    )
 
 
 def _settled(before: Array, now: Array, covariance: Array) -> bool:

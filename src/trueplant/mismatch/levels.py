@@ -19,6 +19,8 @@ NEIGHBOURS = 4
 """Lines to each side over which the noise on the loop's response is averaged."""
 SPEAKS = 0.5
 """Relative standard error below which a frequency says something of an element."""
+SAME_ELEMENT = 0.05
+"""Significance from which an element is not the one that its response was taken about."""
 BAND_NEGLIGIBLE = 0.01
 """Systematic error of local polynomials, relative to an element's response, that is never held against a plant."""
 WORST_CONDITION = 1e8

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from trueplant.arrays import Array
 from trueplant.errors import Refused, TrueplantError
 from trueplant.identify import paper_route
 from trueplant.loop import Controller
@@ -45,7 +46,25 @@ def answer_of(study: Study, identified: Identified, name: str, plant: TransferMa
         if name != "closed-form" or not _repeat(segments, closed):
             raise
         fit = fit_locally(segments, structures, model, form, law, periodic=True)
-    return Estimated(fit.parameters, fit.covariance, fit.response)
+    return Estimated(fit.parameters, _no_surer_than_what_was_taken_off(study, identified, fit.covariance), fit.response)
+
+
+def _no_surer_than_what_was_taken_off(
+    study: Study, identified: Identified, covariance: Mapping[tuple[int, int], Array]
+) -> dict[tuple[int, int], Array]:
+    """Where the fit has estimated what a measured disturbance does to an output, the answer for it rests on that fit.
+
+    OP answers disturbances, too: what is wrong in their elements passes for the plant.
+    """
+    along = {i for i, j in identified.specs if j >= study.n_u}
+    wider = dict(covariance)
+    for i in along & set(identified.estimates):
+        fit = identified.estimates[i]
+        for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
+            place = i, spec.column
+            if place in wider and identified.specs[place].structure == spec.structure:
+                wider[place] = wider[place] + fit.covariance[part, part]
+    return wider
 
 
 def why_not(study: Study, every: Sequence[Segment], name: str, taken_along: bool = False) -> str | None:

@@ -105,11 +105,12 @@ def _noise_notes(estimate: OutputEstimate, name: str) -> list[Reason]:
         )
     runs = estimate.runs
     if runs is not None and not runs.agree:
+        gains, lags, dead_times = (f"{100 * spread:.0f} %" for spread in runs.spread)
         notes.append(
             Reason(
                 Code.RUNS_DISAGREE,
                 "the experiments disagree by more than their residuals justify: from one to the other gains differ by "
-                f"some {100 * runs.spread[0]:.0f} %, lags and dead times by some {100 * runs.spread[1]:.0f} %. The "
+                f"some {gains}, lags by some {lags}, dead times by some {dead_times} of dead time and lag. The "
                 "intervals speak of their mean, and count that",
                 name,
             )
