@@ -61,5 +61,6 @@ def order_dependence(
 
 def _is_rival(other: RowFit, fit: RowFit) -> bool:
     """Might the other noise model be the right one, by the Bayesian criterion?"""
-    worse = fit.count * np.log(other.variance / fit.variance) + np.log(fit.count) * (other.ar.size - fit.ar.size)
+    size = max(other.variance, np.finfo(float).tiny) / max(fit.variance, np.finfo(float).tiny)
+    worse = fit.count * np.log(size) + np.log(fit.count) * (other.ar.size - fit.ar.size)
     return bool(worse < levels.RIVAL_NEAR)

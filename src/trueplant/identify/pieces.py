@@ -62,6 +62,15 @@ class Piece:
         return np.asarray(self.start + self.h * np.arange(self.y.size))
 
     @cached_property
+    def about_its_mean(self) -> Array:
+        """(N,) y without its mean, 0 where it was not measured.
+
+        A noise model near a walk cancels levels, and a level that no longer shows in the prediction errors is not
+        estimated: PV at 50 would then hold the noise model there.
+        """
+        return np.where(self.valid, self.y - self.y[self.valid].mean(), 0.0) if self.valid.any() else self.y
+
+    @cached_property
     def spread(self) -> float:
         """Standard deviation of y where it was measured."""
         return float(np.std(self.y[self.valid])) if self.valid.any() else 0.0

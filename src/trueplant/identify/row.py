@@ -137,8 +137,9 @@ class Row:
         )
 
     def measured(self, k: int) -> tuple[Array, BoolArray]:
+        """Output (n,) of piece k about its mean, 0 where it was not measured, and where it was."""
         piece = self.pieces[k]
-        return piece.y[:: self.stride], piece.valid[:: self.stride]
+        return piece.about_its_mean[:: self.stride], piece.valid[:: self.stride]
 
     def without_unseen(self, theta: Array) -> Row:
         """The row without the outputs that still answer to inputs from before a record that starts in motion.

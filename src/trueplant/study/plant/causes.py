@@ -119,8 +119,7 @@ def _biases(study: Study, estimate: OutputEstimate, i: int) -> dict[int, tuple[f
         segment = _begun_in(study, piece)
         first = min(round((piece.start - segment.t[0]) / segment.h), len(segment) - 1)
         start = np.hstack([segment.u, segment.d])[first, columns]
-        y, _ = row.measured(k)
-        offset = float((y - row.response(estimate.theta, k) - v)[good][-1])
+        offset = float((piece.y[:: row.stride] - row.response(estimate.theta, k) - v)[good][-1])
         mean = start + np.mean(piece.inputs[columns], axis=1)
         out[piece.experiment] = (offset - float(dc @ start), level_variance(v[good], max(fit.ar.size, 1)), mean)
     return out
