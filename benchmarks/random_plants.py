@@ -50,6 +50,8 @@ STRUCTURE_SHARES = (0.35, 0.15, 0.2, 0.1, 0.1, 0.1)
 RULES = ("simc", "improved-simc", "lambda", "imc", "amigo", "tyreus-luyben", "max-ki")
 SCALE = 10.0
 """Minutes: what all times are drawn around."""
+OPERATING_POINTS = (50.0, 351.5, -18.0, 1210.0)
+"""Of PV and set-point of each loop: real ones are no deviations."""
 ORDER = 25
 """Of the autoregression that the Cramer-Rao bound takes for the noise."""
 
@@ -318,7 +320,8 @@ def _project(case: Case) -> tuple[dict[str, Array], Project]:
     frame = {"time": sim.t}
     loops = []
     for k in range(n):
-        frame |= {f"sp{k}": sim.r[:, k], f"op{k}": sim.u[:, k], f"pv{k}": sim.y[:, k]}
+        level = OPERATING_POINTS[k]
+        frame |= {f"sp{k}": sim.r[:, k] + level, f"op{k}": sim.u[:, k], f"pv{k}": sim.y[:, k] + level}
         limits = None if case.op_limits is None else tuple(case.op_limits[k])
         law = case.law.entries[k, k]
         loops.append(tp.Loop(f"L{k}", pv=f"pv{k}", sp=f"sp{k}", op=f"op{k}", op_limits=limits, controller=law))
