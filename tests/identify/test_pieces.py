@@ -23,10 +23,9 @@ def pieces(seed: int, level: float) -> list[Segment]:
     rng = np.random.default_rng(seed)
     v = coloured(rng, 6000, 1, [1, -0.75], [1], 0.14)
     whole = segment_of(simulate(PLANT, LAW, random_switching(rng, 6000, 1, 60.0), 1.0, v=v))
-    ends = np.cumsum(np.concatenate([[0], rng.geometric(1 / 60, 60) + rng.geometric(1 / 240, 60)]))
-    lengths = rng.geometric(1 / 60, 60)
+    lengths, gaps = rng.geometric(1 / 60, 60), rng.geometric(1 / 240, 60)
     found = []
-    for first, length in zip(ends, lengths, strict=False):
+    for first, length in zip(np.cumsum(lengths + gaps) - lengths, lengths, strict=True):
         part = slice(int(first), int(first + length))
         if length > 10 and part.stop < 6000:
             cut = {name: getattr(whole, name)[part] for name in ("t", "r", "u", "d", "free")}

@@ -117,7 +117,7 @@ def _check(response: FrequencyResponse, corner: float) -> None:
 
 
 def _speaks(parameters: Array, covariance: Array) -> bool:
-    """Is the gain (or slope) known to better than half its size? Else the model is the better place to go on from."""
+    """Is the gain (or slope) known to better than half its size? Else what it was taken about is better."""
     return bool(np.sqrt(covariance[0, 0]) < levels.SPEAKS * abs(parameters[0]))
 
 
@@ -137,10 +137,8 @@ def _contradicts(found: Array, covariance: Array, near: Array | None) -> bool:
     if near is None:
         return True
     shift = found - near
-    return bool(
-        chi2.sf(shift @ np.linalg.pinv(covariance, rcond=1e-14, hermitian=True) @ shift, shift.size)
-        < levels.SAME_ELEMENT
-    )
+    apart = float(shift @ np.linalg.pinv(covariance, rcond=1e-14, hermitian=True) @ shift)
+    return bool(chi2.sf(apart, shift.size) < levels.SAME_ELEMENT)
 
 
 def _settled(before: Array, now: Array, covariance: Array) -> bool:

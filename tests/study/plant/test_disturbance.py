@@ -111,12 +111,19 @@ def test_forms_that_a_step_breaks_are_not_applied(stepped):
         assert name not in stepped.to_dict()["methods"]
 
 
-@pytest.mark.parametrize("seed", [9, 111])
-def test_measured_disturbance_with_a_drifted_model_in_the_closed_form(tmp_path, seed):
+@pytest.mark.parametrize(
+    ("seed", "agreement"),
+    [
+        (9, "joint and closed-form agree with the fit within their uncertainties"),
+        (111, "closed-form agrees with the fit within their uncertainties"),
+    ],
+)
+def test_measured_disturbance_with_a_drifted_model_in_the_closed_form(tmp_path, seed, agreement):
     """Feed gain 3.8, model 3.0: estimated along by the fit, taken off in (17).
 
     Of the second record the first response says so little that its deepest minimum is another plant: taken about that
-    one, the next response confirmed it, with a dead time of reflux -> top of 9.51 +- 0.08 min where 1.4 is true.
+    one, the next response confirmed it, with a dead time of reflux -> top of 9.51 +- 0.08 min where 1.4 is true. Noise
+    hides the loop's answer there from the joint form.
     """
     rng = np.random.default_rng(seed)
     samples = 4000
@@ -142,10 +149,7 @@ def test_measured_disturbance_with_a_drifted_model_in_the_closed_form(tmp_path, 
         "feed -> top as the fit estimated it along; feed -> bottom as declared"
         in result.to_dict()["methods"]["assumed"]
     )
-    (said,) = result.to_dict()["methods"][
-        "agreement"
-    ]  # noise hides the loop's answer from the joint form in one of them
-    assert "closed-form" in said and said.endswith("with the fit within their uncertainties")
+    assert result.to_dict()["methods"]["agreement"] == [agreement]
 
 
 def test_closed_form_is_refused_where_setpoint_and_pv_act_differently(tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import norm
 
 from trueplant.arrays import Array
+from trueplant.disturbance.fit import DisturbedFit
 from trueplant.identify import OutputEstimate, Spec, unanswered
 from trueplant.mismatch import FrequencyResponse
 from trueplant.result import MethodElement, MethodParameter
@@ -24,6 +25,16 @@ class Estimated:
     parameters: Mapping[tuple[int, int], Array]
     covariance: Mapping[tuple[int, int], Array]
     response: FrequencyResponse | None = None
+
+    @classmethod
+    def by_fits(cls, fits: Mapping[int, OutputEstimate | DisturbedFit]) -> Estimated:
+        """What fits of single outputs say, element by element."""
+        parameters, covariance = {}, {}
+        for i, fit in fits.items():
+            for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
+                parameters[i, spec.column] = fit.theta[part]
+                covariance[i, spec.column] = fit.covariance[part, part]
+        return cls(parameters, covariance)
 
     def hopeless(self, place: tuple[int, int]) -> bool:
         return bool(np.sqrt(self.covariance[place][0, 0]) > levels.HOPELESS * abs(self.parameters[place][0]))

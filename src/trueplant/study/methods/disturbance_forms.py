@@ -27,7 +27,7 @@ def answers_with_disturbance(
     wanted = study.project.analysis.method
     if wanted not in ("auto", "all", "direct", "closed-form"):
         return {}, {}
-    fit = _of_fits(disturbed)
+    fit = Estimated.by_fits(disturbed.fits)
     answers = {} if wanted == "closed-form" else {WITH_FIT: fit}
     why = "" if wanted == "direct" else why_not(study, identified.segments, "closed-form", taken_along=True)
     if why is None:
@@ -36,15 +36,6 @@ def answers_with_disturbance(
         except (TrueplantError, np.linalg.LinAlgError) as error:
             why = str(error)
     return answers, {WITH_CLOSED_FORM: why} if why else {}
-
-
-def _of_fits(disturbed: Disturbed) -> Estimated:
-    parameters, covariance = {}, {}
-    for i, fit in disturbed.fits.items():
-        for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-            parameters[i, spec.column] = fit.theta[part]
-            covariance[i, spec.column] = fit.covariance[part, part]
-    return Estimated(parameters, covariance)
 
 
 def _closed_form(

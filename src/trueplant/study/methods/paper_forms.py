@@ -57,14 +57,8 @@ def _no_surer_than_what_was_taken_off(
     OP answers disturbances, too: what is wrong in their elements passes for the plant.
     """
     along = {i for i, j in identified.specs if j >= study.n_u}
-    wider = dict(covariance)
-    for i in along & set(identified.estimates):
-        fit = identified.estimates[i]
-        for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-            place = i, spec.column
-            if place in wider and identified.specs[place].structure == spec.structure:
-                wider[place] = wider[place] + fit.covariance[part, part]
-    return wider
+    of_fits = Estimated.by_fits({i: fit for i, fit in identified.estimates.items() if i in along}).covariance
+    return {place: own + of_fits.get(place, 0.0) for place, own in covariance.items()}
 
 
 def why_not(study: Study, every: Sequence[Segment], name: str, taken_along: bool = False) -> str | None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueplant.identify import OutputEstimate
+from trueplant.identify.between_experiments import kinds_of
 from trueplant.identify.levels import SHARED_FACTOR, UNDERMODELLED
 from trueplant.result import Code, ControllerCheck, Reason
 from trueplant.study.data.excitation import compression_notes, manual_notes, setpoint_rank_note
@@ -105,13 +106,14 @@ def _noise_notes(estimate: OutputEstimate, name: str) -> list[Reason]:
         )
     runs = estimate.runs
     if runs is not None and not runs.agree:
-        gains, lags, dead_times = (f"{100 * spread:.0f} %" for spread in runs.spread)
+        kinds = zip(("gains differ", "lags", "dead times"), runs.spread, ("", "", " of dead time and lag"), strict=True)
+        estimated = set(kinds_of(estimate.fit)[estimate.fit.free])
+        differ = [f"{kind} by some {100 * s:.0f} %{of}" for k, (kind, s, of) in enumerate(kinds) if k in estimated]
         notes.append(
             Reason(
                 Code.RUNS_DISAGREE,
-                "the experiments disagree by more than their residuals justify: from one to the other gains differ by "
-                f"some {gains}, lags by some {lags}, dead times by some {dead_times} of dead time and lag. The "
-                "intervals speak of their mean, and count that",
+                "the experiments disagree by more than their residuals justify: from one to the other "
+                f"{', '.join(differ)}. The intervals speak of their mean, and count that",
                 name,
             )
         )

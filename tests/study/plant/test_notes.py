@@ -1,0 +1,38 @@
+"""What is said of how far experiments differ. All records are simulated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from support.simulated import coloured, random_switching
+from trueplant import Project, run
+from trueplant.loop import PID, Controller, simulate
+from trueplant.lti import TransferMatrix
+from trueplant.result import Code
+
+
+def test_only_what_was_estimated_is_said_to_differ(tmp_path: Path) -> None:
+    """Two runs of one loop without a dead time, whose gains are 1.6 and 2.4: nothing is said of dead times."""
+    law = Controller.diagonal([PID(Kc=0.4, Ti=8.0, sample_time=1.0)])
+    for k, gain in enumerate((1.6, 2.4)):
+        rng = np.random.default_rng(k)
+        plant = TransferMatrix.of([[f"{gain}/(8 s + 1)"]], "min")
+        v = coloured(rng, 800, 1, [1, -0.8], [1], 0.1)
+        record = simulate(plant, law, random_switching(rng, 800, 1, 40.0), 1.0, v=v)
+        columns = {"t": record.t, "sp": record.r[:, 0], "op": record.u[:, 0], "pv": record.y[:, 0]}
+        pl.DataFrame(columns).write_csv(tmp_path / f"run{k}.csv")
+    made = Project(
+        time_unit="min",
+        data={"time": "t"},
+        experiment=[{"file": "run0.csv"}, {"file": "run1.csv"}],
+        output=[{"name": "level", "pv": "pv", "sp": "sp"}],
+        input=[{"name": "valve", "op": "op"}],
+        model=[{"output": "level", "input": "valve", "tf": "2/(8 s + 1)"}],
+    )
+    result = run(Project.from_toml(made.to_toml(), tmp_path))
+    (said,) = (note.message for note in result.notes if note.code == Code.RUNS_DISAGREE)
+    assert "gains differ by some" in said and "lags by some" in said
+    assert "dead times" not in said
