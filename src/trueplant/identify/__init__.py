@@ -11,6 +11,7 @@ from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
 from trueplant.identify.loads import FoundLoad, found_loads, with_loads
 from trueplant.identify.longest_noise import estimate_beside_longest_noise
 from trueplant.identify.matrix import Identification, Open, identify_matrix, identify_plant, specs_of
+from trueplant.identify.operating_points import OperatingPoints, operating_points
 from trueplant.identify.output import OutputEstimate, Rejected, identify_output, unanswered
 from trueplant.identify.pieces import Held, pieces_of
 from trueplant.identify.residual_tests import RESIDUAL_TESTS
@@ -39,6 +40,7 @@ __all__ = [
     "Identification",
     "Open",
     "Options",
+    "OperatingPoints",
     "OutputEstimate",
     "Rejected",
     "Row",
@@ -61,6 +63,7 @@ __all__ = [
     "found_loads",
     "identify_matrix",
     "identify_output",
+    "operating_points",
     "identify_plant",
     "likelihood_ratio_p",
     "paper_route",

@@ -9,9 +9,8 @@ import numpy as np
 from scipy.stats import norm
 
 from trueplant.arrays import Array
-from trueplant.detect import CommonFactor, Found, common_factors, level_variance
-from trueplant.identify import FoundValve, OutputEstimate
-from trueplant.identify.fit import residuals
+from trueplant.detect import CommonFactor, Found, common_factors
+from trueplant.identify import FoundValve, OperatingPoints, OutputEstimate, operating_points
 from trueplant.identify.pieces import Piece
 from trueplant.record import Segment
 from trueplant.result import Code, Element, ElementVerdict, Reason
@@ -34,7 +33,7 @@ def causes_of(
     estimates = {i: estimate for i, estimate in identified.estimates.items() if estimate.refuted is None}
     level = levels.CAUSES * (1 - study.project.analysis.confidence) / len(TESTED)
     causes = [*_saturated(study), *_valves(study, identified.valves), *changed_meanwhile(study, estimates, level)]
-    causes += _levels(study, estimates, found, level)
+    causes += _levels(study, estimates, level)
     return causes + _plant(study, estimates, found, elements)
 
 
@@ -75,23 +74,19 @@ def _valves(study: Study, valves: Mapping[int, FoundValve]) -> list[Reason]:
     return causes
 
 
-def _levels(
-    study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[tuple[int, int], Found], level: float
-) -> list[Reason]:
+def _levels(study: Study, estimates: Mapping[int, OutputEstimate], level: float) -> list[Reason]:
     """Where PV sits at another level than in the first experiment, for the same OP."""
     sizes, places = [], []
-    for i, estimate in estimates.items():
-        if any(spec.structure.integrators for spec in estimate.row.specs):
+    found = {i: _operating_points(study, estimate, i) for i, estimate in estimates.items()}
+    tests = sum(max(len(points.levels) - 1, 0) for points in found.values() if points is not None)
+    for i, points in found.items():
+        if points is None:
             continue
-        bias = _biases(study, estimate, i)
-        if len(bias) < 2:
-            continue
-        first, rest = next(iter(bias.values())), list(bias.items())[1:]
-        for k, (value, variance, u) in rest:
-            shift, move = value - first[0], u - first[2]
-            slope = _gain_covariance(found, i, move)
-            sigma = float(np.sqrt(variance + first[1] + slope))
-            if 2 * norm.sf(abs(shift) / max(sigma, 1e-300)) * len(rest) * len(estimates) >= level:
+        covariance = points.covariance
+        for n, k in enumerate(points.experiments[1:], start=1):
+            shift = points.levels[n] - points.levels[0]
+            sigma = float(np.sqrt(covariance[n, n] + covariance[0, 0] - 2 * covariance[n, 0]))
+            if 2 * norm.sf(abs(shift) / max(sigma, 1e-300)) * tests >= level:
                 continue
             unit = study.project.outputs[i].unit
             half = norm.isf((1 - study.project.analysis.confidence) / 2) * sigma
@@ -106,23 +101,22 @@ def _levels(
     return [Reason(Code.CAUSE_OPERATING_POINT, message, "; ".join(places))]
 
 
-def _biases(study: Study, estimate: OutputEstimate, i: int) -> dict[int, tuple[float, float, Array]]:
-    """By experiment: level of the output for an OP of 0, its variance, and the mean OP that it was seen at."""
-    row, fit = estimate.row, estimate.fit
-    dc = np.array([system.dc_gain for system in (s.structure.transfer(estimate.theta[p]) for s, p in _parts(estimate))])
-    columns = [s.column for s in row.specs]
-    out = {}
-    for k, ((v, _, _), piece) in enumerate(zip(residuals(fit), row.pieces, strict=True)):
-        good = np.isfinite(v)
-        if good.sum() < levels.FEWEST_ERRORS or piece.experiment in out:
+def _operating_points(study: Study, estimate: OutputEstimate, i: int) -> OperatingPoints | None:
+    """The output's level in each experiment, by the first piece that is long enough; None where nothing settles it."""
+    row, taken = estimate.row, {spec.column for spec in estimate.row.specs}
+    fixed = np.array([0.0 if j in taken else study.model[i, j].dc_gain for j in range(len(study.columns))])
+    if any(spec.structure.integrators for spec in row.specs) or not np.isfinite(fixed).all():
+        return None
+    starts: dict[int, Array] = {}
+    seen: set[int] = set()
+    for k, piece in enumerate(row.pieces):
+        if piece.experiment in seen or piece.valid[:: row.stride].sum() < levels.FEWEST_ERRORS:
             continue
         segment = _begun_in(study, piece)
         first = min(round((piece.start - segment.t[0]) / segment.h), len(segment) - 1)
-        start = np.hstack([segment.u, segment.d])[first, columns]
-        offset = float((piece.y[:: row.stride] - row.response(estimate.theta, k) - v)[good][-1])
-        mean = start + np.mean(piece.inputs[columns], axis=1)
-        out[piece.experiment] = (offset - float(dc @ start), level_variance(v[good], max(fit.ar.size, 1)), mean)
-    return out
+        starts[k] = np.hstack([segment.u, segment.d])[first]
+        seen.add(piece.experiment)
+    return operating_points(estimate.fit, estimate.theta, estimate.covariance, starts, fixed)
 
 
 def _begun_in(study: Study, piece: Piece) -> Segment:
@@ -133,12 +127,6 @@ def _begun_in(study: Study, piece: Piece) -> Segment:
 
 def _parts(estimate: OutputEstimate) -> list[tuple[Any, slice]]:
     return list(zip(estimate.row.specs, estimate.row.slices, strict=True))
-
-
-def _gain_covariance(found: Mapping[tuple[int, int], Found], i: int, move: Array) -> float:
-    """Variance that the gains' errors put into the difference of two levels, as if they were independent."""
-    own = [x for (row, _), x in sorted(found.items()) if row == i]
-    return float(sum(step**2 * x.covariance[0, 0] for step, x in zip(move, own, strict=True)))
 
 
 def _plant(
