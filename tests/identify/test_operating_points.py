@@ -43,7 +43,7 @@ def difference(seed: int, pole: float, bias: float) -> tuple[float, float]:
 
 @pytest.mark.parametrize("pole", [0.5, 0.95])
 def test_the_difference_of_levels_is_as_sure_as_it_says(pole):
-    """Gains' errors count with the OPs' distance, slow noise with its length (95 % of 60 within two standard errors)."""
+    """Gains' errors count with the OPs' distance, slow noise with its length: 60 records."""
     found = np.array([difference(seed, pole, 2.0) for seed in range(RECORDS)])
     z = (found[:, 0] - 2.0) / found[:, 1]
     assert np.mean(np.abs(z) < norm.isf(0.025)) >= 0.87
