@@ -20,6 +20,9 @@ from trueplant.result import (
     Detection,
     Element,
     Importance,
+    LoopMargins,
+    LoopRobustness,
+    Margins,
     Methods,
     Parameter,
     Provenance,
@@ -31,8 +34,11 @@ from trueplant.result.codec import plain
 from trueplant.result.detectors_words import detector_lines
 from trueplant.result.numbers import number, value_with_interval
 from trueplant.result.parameter_words import number_of, word_of
+from trueplant.result.plan_words import not_worth_sentence
+from trueplant.result.plans import MoreData, NotWorth
 from trueplant.result.summary import (
     html_summary,
+    loop_line,
     parameter_line,
     text_summary,
     told_elements,
@@ -148,12 +154,43 @@ def test_a_number_without_a_useful_interval_is_in_no_headline():
 def test_another_structure_is_said_where_no_parameter_says_it():
     plain_one = _parameter(changed=False)
     other = _element("y1", "u1", parameters=(plain_one,), structure="sopdt+lead", rejected_structure="fopdt")
-    assert "u1 -> y1 does not have its model's structure fopdt: sopdt+lead fits." in _result(other).headline
+    assert _result(other).headline == (
+        "The model is too simple: u1 -> y1 does not have its model's structure fopdt: sopdt+lead fits. That may be as "
+        "old as the model."
+    )
+    several = _result(other, replace(other, output="y2"), replace(other, output="y3")).headline
+    assert several.endswith("Nor do u1 -> y2, u1 -> y3 have their own. All of that may be as old as the model.")
     first = replace(_element(), importance=Importance(9.0, "loop"))
     assert "Changed too: u1 -> y1 (another structure)." in _result(first, other).headline
     # a gain that has changed says more
     said = _result(replace(other, parameters=(_parameter("gain", "", 1.0, 2.0, 0.1),))).headline
     assert "responds with a gain of 2.00" in said and "structure" not in said
+
+
+def test_a_changed_parameter_is_said_before_a_structure_that_matters_more():
+    simpler = _element(
+        "y1", "u1", parameters=(_parameter(changed=False),), rejected_structure="fopdt", structure="sopdt", weight=9.0
+    )
+    said = _result(simpler, _element()).headline
+    assert said.startswith("The plant has changed: heater 2 -> temperature 2 responds with a time constant of 183 s")
+    assert said.endswith("Changed too: u1 -> y1 (another structure).")
+
+
+def test_nothing_known_of_the_plant_is_no_stable_plant():
+    loop = LoopMargins("u1", True, Ms=1.05)
+    table = LoopRobustness("run.csv", Margins((loop,), (loop,)), ())
+    unknown = _element("y1", "u1", "not identifiable", (_parameter(plant=None, changed=False),))
+    told = replace(unknown, parameters=(_parameter(changed=False),))
+    said, known = (loop_line(_result(one, robustness=table)) for one in (unknown, told))
+    assert "keeps the model stable" in said and "these data do not say" in said and "plant stable" not in said
+    assert "keeps the plant stable" in known
+
+
+def test_limits_that_nobody_declared_are_not_said_to_be_near():
+    plan = MoreData("", limited_by="PV of y", not_worth=NotWorth.LIMITS_TOO_NEAR, longest=480.0)
+    assert "so near its limits" in not_worth_sentence("min", plan)
+    assumed = not_worth_sentence("min", replace(plan, assumed_limits=("PV of y",)))
+    assert "no limits are declared for PV of y" in assumed and "near" not in assumed
 
 
 def test_what_could_not_be_judged_is_said():

@@ -288,8 +288,7 @@ def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
         lag, dead = fit.row.lag(m, p), structure.longest_dead_time(p)
         gains = np.flatnonzero(structure.is_gain)
         silent = all(not np.any(piece.inputs[spec.column]) for piece in fit.row.pieces)
-        within = estimate.covariance[part, part][np.ix_(gains, gains)]
-        no_gain = chi2.sf(p[gains] @ inverse(within) @ p[gains], len(gains)) > levels.NO_GAIN
+        no_gain = _no_gain(estimate, part.start + gains)
         fast = not structure.integrators and lag + dead < levels.FEWEST_SAMPLES * h
         for k, gain in enumerate(structure.is_gain):
             index = part.start + k
@@ -310,6 +309,15 @@ def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
             elif s[k] > levels.TOO_UNCERTAIN * size and (not gain or model > 0 or s[k] > levels.NO_INFORMATION):
                 found[index] = _too_uncertain(estimate, index, levels.TOO_UNCERTAIN * size)
     return found
+
+
+def _no_gain(estimate: OutputEstimate, gains: IntArray) -> bool:
+    """May the gain, or all gains of delayed terms, be zero? Of a single one its interval says so."""
+    if gains.size == 1:
+        low, high = estimate.intervals[gains[0]]
+        return bool(low <= 0 <= high)
+    told, values = estimate.covariance[np.ix_(gains, gains)], estimate.theta[gains]
+    return bool(chi2.sf(values @ inverse(told) @ values, gains.size) > levels.NO_GAIN)
 
 
 def _too_uncertain(estimate: OutputEstimate, index: int, most: float) -> Unanswered:

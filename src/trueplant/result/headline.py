@@ -19,15 +19,18 @@ def headline(result: Outcome) -> str:
     if result.status == Status.REFUSED:
         return _refusal(result)
     first = [e for e in result.elements if e.verdict in (ElementVerdict.FOUND, ElementVerdict.NONE_FOUND)]
-    changed = sorted((e for e in result.elements if e.verdict == ElementVerdict.CHANGED), key=weight)
+    all_changed = sorted((e for e in result.elements if e.verdict == ElementVerdict.CHANGED), key=weight)
+    changed = sorted(all_changed, key=_only_simpler)
     open_ones = [e for e in result.elements if e.verdict == ElementVerdict.NOT_IDENTIFIABLE]
     kept = len(result.elements) - len(changed) - len(open_ones) - len(first)
     if first and not changed and not kept:
         text = _first_model(first)
     elif changed:
-        text = f"The plant has changed: {_what_changed(changed[0])}."
+        simpler = _only_simpler(changed[0])
+        text = f"{'The model is too simple' if simpler else 'The plant has changed'}: {_what_changed(changed[0])}."
+        text += " That may be as old as the model." if simpler and len(changed) == 1 else ""
         if len(changed) > 1:
-            text += f" {_also(changed[1:])}"
+            text += f" {_also(changed[1:], simpler)}"
         if kept:
             text += f" {counted(kept, 'element')} with no change found."
     elif kept:
@@ -139,7 +142,17 @@ def _listed(clauses: Sequence[str]) -> str:
     return clauses[0] if len(clauses) == 1 else f"{'; '.join(clauses[:-1])}; and {clauses[-1]}"
 
 
-def _also(elements: Sequence[Element]) -> str:
+def _only_simpler(element: Element) -> bool:
+    """Is all that is known of its change that the model's structure does not suffice, as it perhaps never has?"""
+    moved = any(p.changed and p.plant is not None for p in element.parameters)
+    return not moved and element.rejected_structure is not None and element.tf_model not in ("0", "0.0", "")
+
+
+def _also(elements: Sequence[Element], simpler: bool) -> str:
+    if simpler:
+        where = counted(len(elements), "other element") if len(elements) > 3 else ", ".join(map(_arrow, elements))
+        does, own = ("does", "its own") if len(elements) == 1 else ("do", "their own")
+        return f"Nor {does} {where} have {own}. All of that may be as old as the model."
     named = [f"{_arrow(e)} ({_short(e)})" for e in elements[:3]]
     rest = f" and {len(elements) - 3} more" if len(elements) > 3 else ""
     return f"Changed too: {', '.join(named)}{rest}."
@@ -165,6 +178,11 @@ def _phrase(parameter: Parameter, parameters: Sequence[Parameter]) -> str:
 
 def _is_number(value: float | None) -> bool:
     return value is not None and math.isfinite(value)
+
+
+def is_answered(result: Outcome) -> bool:
+    """Do the data tell any parameter of the plant?"""
+    return any(parameter.plant is not None for element in result.elements for parameter in element.parameters)
 
 
 def is_useful(parameter: Parameter) -> bool:

@@ -53,11 +53,17 @@ def not_worth_sentence(unit: str, plan: MoreData) -> str:
     """Why no test is worth it; `unit` is that of time."""
     assert plan.longest is not None  # said with every plan that was looked for
     if plan.not_worth is NotWorth.MATTERS_LITTLE:
-        return "a test is not worth it, because what is open matters little to the loops"
+        return "a test is not worth it, because what is open matters little beside what is known"
     if plan.not_worth is NotWorth.NO_LIMITS:
         return (
             "no test can be planned, because an OP that has not moved would have to, and nothing says how far it may: "
             "declare the limits of each OP"
+        )
+    if plan.not_worth is NotWorth.LIMITS_TOO_NEAR and plan.limited_by in plan.assumed_limits:
+        return (
+            f"no test can be planned, because no limits are declared for {_signal(plan.limited_by)}, and the range "
+            "that the records show, with as much to each side, leaves no room for a move beside the disturbance: "
+            "declare its limits"
         )
     if plan.not_worth is NotWorth.LIMITS_TOO_NEAR:
         return (

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 from trueplant.result import levels
 from trueplant.result.element import Element, Parameter
-from trueplant.result.headline import is_useful, weight
+from trueplant.result.headline import is_answered, is_useful, weight
 from trueplant.result.numbers import counted, number, spoken
 from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of
@@ -107,7 +107,7 @@ def _changed(p: Parameter) -> str:
 def _tuning(result: Outcome) -> str:
     """Whether today's controllers stand it, or that nobody knows; empty where nothing has changed and none is known."""
     found = result.robustness
-    if result.status == Status.REFUSED:
+    if result.status == Status.REFUSED or not is_answered(result):
         return ""
     if found is None:
         return _unknown_tuning(result)

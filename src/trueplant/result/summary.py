@@ -9,7 +9,7 @@ from trueplant.result.controllers import KEEP
 from trueplant.result.detectors_words import detector_lines
 from trueplant.result.element import Element, Parameter
 from trueplant.result.faceplate_words import faceplate_values
-from trueplant.result.headline import headline
+from trueplant.result.headline import headline, is_answered
 from trueplant.result.methods_words import comparison_lines
 from trueplant.result.numbers import number, percentage, sentence, spoken, value_with_interval
 from trueplant.result.outcome import Outcome
@@ -127,6 +127,9 @@ def loop_line(result: Outcome) -> str:
         which = "the loops" if every else f"the loop of {' and '.join(unstable)}"
         return f"{whose} leaves {which} unstable on the plant as estimated."
     modelled = any(element.tf_model is not None for element in result.elements)
+    if not is_answered(result):
+        peak = _highest_peak(Margins(found.margins.model, found.margins.model), modelled=False)
+        return f"{whose} keeps the model stable{peak}: what it does on the plant, these data do not say."
     text = f"{whose} keeps the plant stable{_highest_peak(found.margins, modelled)}."
     on_model, on_plant = found.peaks.get("model"), found.peaks.get("plant")
     if modelled and on_model and on_plant and on_model.RP and on_plant.RP:

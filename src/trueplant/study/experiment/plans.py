@@ -159,14 +159,15 @@ def _answer(question: Question, stand: Stand) -> tuple[MoreData, ...]:
             tried.setdefault(tuple(moves.size), []).append(_shortest(question, stand, moves))
     if not tried:
         why = NotWorth.LIMITS_TOO_NEAR if tight else NotWorth.NO_LIMITS
-        return (_not_worth(question, why, limited_by=tight),)
+        return (_not_worth(question, why, limited_by=tight, assumed=stand.room.shown),)
     finished = [_best(question, stand, sorted(plans, key=lambda p: p.length)) for plans in tried.values()]
     enough = sorted((p for p in finished if p.told), key=lambda p: (p.length, len(p.moves.size)))
     if enough:
         return tuple(_entry(question, stand, plan) for plan in enough)
     nearest = min(finished, key=lambda p: p.length)
     if not nearest.moves.size:
-        return (_not_worth(question, NotWorth.LIMITS_TOO_NEAR, limited_by=nearest.moves.limited_by),)
+        why, limited_by = NotWorth.LIMITS_TOO_NEAR, nearest.moves.limited_by
+        return (_not_worth(question, why, limited_by=limited_by, assumed=stand.room.shown),)
     return (_not_worth(question, NotWorth.TOO_LONG, nearest.length, nearest.moves.limited_by),)
 
 
@@ -287,13 +288,16 @@ def _settled(question: Question, stand: Stand, plan: Plan) -> Plan:
     return replace(plan, then=then, told=True, suffices=bool(question.reached(covariances)[at]))
 
 
-def _not_worth(question: Question, why: NotWorth, needs: float = np.inf, limited_by: str = "") -> MoreData:
+def _not_worth(
+    question: Question, why: NotWorth, needs: float = np.inf, limited_by: str = "", assumed: tuple[str, ...] = ()
+) -> MoreData:
     """Why no test is worth it."""
     found = MoreData(
         sentence="",
         not_worth=why,
         needs=needs if np.isfinite(needs) else None,
         limited_by=limited_by,
+        assumed_limits=assumed,
         longest=question.longest,
     )
     return replace(found, sentence=not_worth_sentence(question.study.project.time_unit, found))

@@ -50,7 +50,7 @@ def _saturated(study: Study) -> list[Reason]:
         return []
     message = (
         f"the actuator was saturated: OP stood at a limit in {_respectively(shares)} % of the samples. The estimate "
-        "takes OP as it was recorded and does not suffer, but the loop was not linear then"
+        "takes OP as it was recorded, but meanwhile there was no control: the loop was not what its tuning makes of it"
     )
     return [Reason(Code.CAUSE_VALVE_SATURATED, message, "; ".join(places))]
 
@@ -159,6 +159,8 @@ def _plant(
         other_dynamics = bool(dynamics) or e.rejected_structure is not None
         if e.tf_model == "0":
             message = "the plant has an element here that the model lacks"
+        elif e.rejected_structure is not None and not any(p.changed for p in e.parameters):
+            message = "the model's structure is too simple here, which may be as old as the model"
         elif len(outputs) == len(inputs) == 1 and not other_dynamics:
             causes.append(_one_loop(e))
             continue

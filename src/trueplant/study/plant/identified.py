@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from scipy.stats import norm
+
 from trueplant.disturbance import DisturbedFit
 from trueplant.identify import (
     FoundHold,
@@ -157,8 +159,8 @@ def _missing(study: Study, taken: Mapping[Place, Spec]) -> tuple[Reason, ...]:
     return tuple(
         Reason(
             Code.MISSING_ELEMENT,
-            f"{study.columns[j]} moves {study.project.output_names[i]}, which the model does not have: an element of "
-            "first order with dead time was found in the record and estimated along",
+            f"{study.columns[j]} moves {study.project.output_names[i]}, which the model does not have: an element was "
+            "found in the record and estimated along",
             f"{study.columns[j]} -> {study.project.output_names[i]}",
         )
         for i, j in sorted(taken.keys() - study.specs.keys())
@@ -179,11 +181,17 @@ def _doubtful(study: Study, places: Sequence[Place]) -> Iterator[Reason]:
 
 
 def _loads(study: Study, estimates: Mapping[int, OutputEstimate]) -> tuple[Reason, ...]:
-    """What is said of steps that nobody recorded: a note for each experiment."""
+    """What is said of steps that nobody recorded: a note for each experiment.
+
+    Nothing of those that the structures taken since explain as well: they stay in the estimate, where they do no harm.
+    """
     told: dict[int, list[str]] = {}
+    quantile = norm.isf((1 - study.project.analysis.confidence) / 2)
     for found in found_loads(_fits(estimates)):
+        if abs(found.size) < quantile * found.error:
+            continue
         column = found.load.column
-        size = f"{found.size:.3g} (95 % +- {1.96 * found.error:.2g}) {study.input_unit(column)}".rstrip()
+        size = f"{found.size:.3g} ± {quantile * found.error:.2g} {study.input_unit(column)}".rstrip()
         when = study.screened[found.experiment].record.calendar.text(found.load.time)
         step = f"at {when} like {study.columns[column]} by {size}"
         told.setdefault(found.experiment, []).append(step)

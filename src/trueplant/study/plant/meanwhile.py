@@ -36,7 +36,7 @@ def changed_meanwhile(study: Study, estimates: Mapping[int, OutputEstimate], lev
     runs = [(i, fit) for i, own in experiments.items() for _, fit in own]
     likeliest = cache(likeliest_change)  # of one experiment both questions ask for the same
     causes = [_disturbance(study, pair, likeliest(pair.fit), level / len(pairs)) for pair in pairs]
-    causes += [_moved(study, i, likeliest(fit), level / len(runs)) for i, fit in runs]
+    causes += [_moved(study, i, estimates[i], likeliest(fit), level / len(runs)) for i, fit in runs]
     return [cause for cause in causes if cause is not None]
 
 
@@ -95,17 +95,21 @@ def _compared(pair: _Pair, moved: Moved) -> TwoFits | None:
     return TwoFits.of(pair.fit, *stretches)
 
 
-def _moved(study: Study, i: int, moved: Moved | None, level: float) -> Reason | None:
+def _moved(study: Study, i: int, estimate: OutputEstimate, moved: Moved | None, level: float) -> Reason | None:
     """The plant of an experiment was not the same before and after some instant, whatever the noise did."""
     p = 1.0 if moved is None else moved.p_value(study.project.analysis.confidence)
     if moved is None or not p < level:
         return None
     k = moved.fit.row.pieces[0].experiment
     when = study.screened[k].record.calendar.text(moved.refined().time)
+    tested = f"(p = {p:.1g}, with a noise of its own for each)"
+    suits = f"one plant suits it best until about {when}, and another from then on {tested}"
     message = (
-        "the plant was not the same throughout the record: one plant suits it best until about "
-        f"{when}, and another from then on (p = {p:.1g}, with a noise of its own for each). "
-        "What is given for it here lies between the two; `trueplant track` says what has changed and since when"
+        f"{suits}: the plant has moved meanwhile, or its structure is too simple here, and what comes nearest to it "
+        "differs from move to move; `trueplant track` shows which stretches differ"
+        if estimate.undermodelled or estimate.kept
+        else f"the plant was not the same throughout the record: {suits}. What is given for it here lies between the "
+        "two; `trueplant track` says what has changed and since when"
     )
     return Reason(
         Code.CAUSE_MOVED_MEANWHILE, message, f"{study.project.output_names[i]}, {study.project.experiments[k].name}"

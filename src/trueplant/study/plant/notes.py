@@ -108,7 +108,7 @@ def _noise_notes(estimate: OutputEstimate, name: str) -> list[Reason]:
     if runs is not None and not runs.agree:
         kinds = zip(("gains differ", "lags", "dead times"), runs.spread, ("", "", " of dead time and lag"), strict=True)
         estimated = set(kinds_of(estimate.fit)[estimate.fit.free])
-        differ = [f"{kind} by some {100 * s:.0f} %{of}" for k, (kind, s, of) in enumerate(kinds) if k in estimated]
+        differ = [_differing(kind, s, of) for k, (kind, s, of) in enumerate(kinds) if k in estimated]
         notes.append(
             Reason(
                 Code.RUNS_DISAGREE,
@@ -128,6 +128,10 @@ def _noise_notes(estimate: OutputEstimate, name: str) -> list[Reason]:
             )
         )
     return notes
+
+
+def _differing(kind: str, spread: float, of: str) -> str:
+    return f"{kind} by some {100 * spread:.0f} %{of}" if spread >= 0.005 else f"{kind} not measurably"
 
 
 def _undermodelled_notes(study: Study, found: Identified, i: int, estimate: OutputEstimate, name: str) -> list[Reason]:
