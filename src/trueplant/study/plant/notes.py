@@ -135,42 +135,45 @@ def _differing(kind: str, spread: float, of: str) -> str:
 
 
 def _undermodelled_notes(study: Study, found: Identified, i: int, estimate: OutputEstimate, name: str) -> list[Reason]:
-    notes = []
-    follows = [study.columns[j] for j, p in enumerate(estimate.cross_p) if p < UNDERMODELLED]
-    if follows:
-        absent = [one for j, one in enumerate(study.columns) if one in follows and _absent(study, found, i, j)]
-        advice = (
-            f'ask for the missing element from {", ".join(absent)} (tf = "0" with a structure)'
-            if absent
-            else "the structure is simpler than the plant; intervals are widened by what other noise models say"
-        )
-        text = f"the prediction errors still follow the input: {advice}"
-        notes.append(Reason(Code.UNDERMODELLED, text, f"{', '.join(follows)} -> {name}"))
-    kept = [study.columns[j] for j in estimate.kept]
-    if kept:
-        notes.append(
-            Reason(
-                Code.UNDERMODELLED,
-                "a richer structure (a further lag, a lead or an oscillation) predicts better beyond chance than the "
-                "one that is declared. It was kept, as it was asked for, and its gain and its lags are as uncertain as "
-                "the richer one leaves them. Ask for a richer one, or leave structure = ... out",
-                f"{', '.join(kept)} -> {name}",
-            )
-        )
-    beyond = [
-        study.columns[j] for j, p in enumerate(estimate.structure_p) if p < UNDERMODELLED and j not in estimate.kept
+    columns, kept = study.columns, set(estimate.kept)
+    follows = {j for j, p in enumerate(estimate.cross_p) if p < UNDERMODELLED}
+    richer = {j for j, p in enumerate(estimate.structure_p) if p < UNDERMODELLED} - kept
+    absent = {j for j in follows if _absent(study, found, i, j)}
+    left = follows - kept - richer - absent
+    tried = {j for j in left if j in estimate.rejected}
+    beyond = "its gain at rest and its time constants may differ from those given by more than their intervals"
+    said = [
+        (
+            absent,
+            "the prediction errors still follow the input: ask for the missing element from "
+            f'{", ".join(columns[j] for j in sorted(absent))} (tf = "0" with a structure)',
+        ),
+        (
+            tried,
+            "the prediction errors still follow the input: no structure that was tried describes the plant, and "
+            f"{beyond}",
+        ),
+        (
+            left - tried,
+            f"the prediction errors still follow the input: the structure is simpler than the plant, and {beyond}",
+        ),
+        (
+            kept,
+            "a richer structure (a further lag, a lead or an oscillation) predicts better beyond chance than the one "
+            "that is declared. It was kept, as it was asked for, and its gain and its lags are as uncertain as the "
+            "richer one leaves them. Ask for a richer one, or leave structure = ... out",
+        ),
+        (
+            richer,
+            "a richer structure (a further lag and lead, or an oscillation) predicts better beyond chance: the plant's "
+            f"element is not of the structure declared, and {beyond}. Ask for a richer one (structure = ...)",
+        ),
     ]
-    if beyond:
-        notes.append(
-            Reason(
-                Code.UNDERMODELLED,
-                "a richer structure (a further lag and lead, or an oscillation) predicts better beyond chance: the "
-                "plant's element is not of the structure declared, and its gain at rest may differ from the one given "
-                "by more than its interval. Ask for a richer one (structure = ...)",
-                f"{', '.join(beyond)} -> {name}",
-            )
-        )
-    return notes
+    return [
+        Reason(Code.UNDERMODELLED, text, f"{', '.join(columns[j] for j in sorted(places))} -> {name}")
+        for places, text in said
+        if places
+    ]
 
 
 def grouped(notes: Sequence[Reason]) -> tuple[Reason, ...]:
