@@ -68,7 +68,10 @@ def test_an_unchanged_element_says_what_would_have_been_seen(result, page):
     unchanged = [e for e in result.elements if e.verdict == "unchanged"]
     assert unchanged
     for element in unchanged:
-        assert f"(a change of {100 * element.detectable_change:.2g} % would have been seen)" in page
+        assert (
+            f"(a change of gain, lag or dead time by {100 * element.detectable_change:.2g} % would have been seen)"
+            in page
+        )
     assert page.count("would have been seen)") == len(unchanged)
 
 

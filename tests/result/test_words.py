@@ -128,7 +128,10 @@ def test_unchanged_plant():
 def test_no_change_found_says_what_would_have_been_seen():
     kept = _element(verdict="unchanged")
     said = _result(replace(kept, detectable_change=0.09), replace(kept, detectable_change=0.154)).headline
-    assert said == "No change was found in any of the 2 elements; a change of more than 15 % would have been seen."
+    assert said == (
+        "No change was found in any of the 2 elements; one of gain, lag or dead time by more than 15 % would have been "
+        "seen."
+    )
 
 
 def test_no_change_found_without_power_is_no_all_clear():

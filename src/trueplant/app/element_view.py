@@ -14,8 +14,8 @@ from trueplant.report.frame import Book, Drawn
 from trueplant.report.numbers import MISSING, number
 from trueplant.report.walk import Table
 from trueplant.result import Curves, Element, Result
+from trueplant.result.headline import seen
 from trueplant.result.parameter_words import word_of
-from trueplant.result.summary import seen
 
 TRENDS = 6
 """Experiments that are drawn; the report has all of them."""

@@ -29,8 +29,9 @@ def render(result: Result) -> str:
 
     The same result gives the same text. Raises nothing for results without curves, elements or data.
     """
+    from trueplant.result.headline import seen
     from trueplant.result.reason import is_common
-    from trueplant.result.summary import loop_line, seen, told_elements, told_reasons, worth_knowing
+    from trueplant.result.summary import loop_line, told_elements, told_reasons, worth_knowing
 
     book = Book()
     scale = tables.percent_scale(result.elements)

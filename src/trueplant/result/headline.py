@@ -100,10 +100,10 @@ def _missed(elements: Sequence[Element]) -> str:
 
 def _would_be_seen(elements: Sequence[Element]) -> str:
     """How large a change would have been found."""
-    shares = [e.detectable_change for e in elements if e.detectable_change is not None]
+    shares = [e.detectable_change for e in elements if e.detectable_change is not None and not _is_lacking(e)]
     if not shares or not math.isfinite(max(shares)):
         return ""
-    return f"; a change of more than {number(100 * max(shares), 2)} % would have been seen"
+    return f"; one of gain, lag or dead time by more than {number(100 * max(shares), 2)} % would have been seen"
 
 
 def weight(element: Element) -> tuple[float, float]:
@@ -119,7 +119,7 @@ def _arrow(element: Element) -> str:
 def _what_changed(element: Element) -> str:
     moved = [p for p in element.parameters if p.changed and p.plant is not None]
     where = _arrow(element)
-    if element.tf_model in ("0", "0.0", ""):
+    if _is_lacking(element):
         known = [p for p in element.parameters if p.plant is not None]
         values = ", ".join(f"{_phrase(p, known)} of {_quantity(p.plant, p.unit)}" for p in known)
         return f"{where} responds with {values}, where the model has no response" if values else f"{where} responds"
@@ -145,7 +145,23 @@ def _listed(clauses: Sequence[str]) -> str:
 def _only_simpler(element: Element) -> bool:
     """Is all that is known of its change that the model's structure does not suffice, as it perhaps never has?"""
     moved = any(p.changed and p.plant is not None for p in element.parameters)
-    return not moved and element.rejected_structure is not None and element.tf_model not in ("0", "0.0", "")
+    return not moved and element.rejected_structure is not None and not _is_lacking(element)
+
+
+def _is_lacking(element: Element) -> bool:
+    """Does the model have no such element?"""
+    return element.tf_model in ("0", "0.0", "")
+
+
+def seen(element: Element) -> str:
+    """How large a change of an unchanged element would have been found; empty where nothing is known of that."""
+    share = element.detectable_change
+    if element.verdict != ElementVerdict.UNCHANGED or share is None:
+        return ""
+    size = f"{number(100 * share, 2)} %"
+    if _is_lacking(element):
+        return f" (an answer of {size} of all that PV does would have been seen)"
+    return f" (a change of gain, lag or dead time by {size} would have been seen)"
 
 
 def _also(elements: Sequence[Element], simpler: bool) -> str:
@@ -159,7 +175,7 @@ def _also(elements: Sequence[Element], simpler: bool) -> str:
 
 
 def _short(element: Element) -> str:
-    if element.tf_model in ("0", "0.0", ""):
+    if _is_lacking(element):
         return "not in the model"
     parts = []
     for p in element.parameters:

@@ -9,14 +9,14 @@ from trueplant.result.controllers import KEEP
 from trueplant.result.detectors_words import detector_lines
 from trueplant.result.element import Element, Parameter
 from trueplant.result.faceplate_words import faceplate_values
-from trueplant.result.headline import headline, is_answered
+from trueplant.result.headline import headline, is_answered, seen
 from trueplant.result.methods_words import comparison_lines
 from trueplant.result.numbers import number, percentage, sentence, spoken, value_with_interval
 from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of, number_of
 from trueplant.result.reason import Code, Reason, is_common, ranked
 from trueplant.result.robustness import Margins
-from trueplant.result.status import ElementVerdict, Status
+from trueplant.result.status import Status
 
 _SYMBOLS = {"gain": "K", "slope": "K'", "dead_time": "dead time"}
 
@@ -103,14 +103,6 @@ def worth_knowing(result: Outcome) -> list[Reason]:
         Code.DRAWN: "that the data leave open" in loops,
     }
     return [note for note in ranked(result.notes) if not is_common(note) and not said.get(note.code, False)]
-
-
-def seen(element: Element) -> str:
-    """How large a change of an unchanged element would have been found."""
-    share = element.detectable_change
-    if element.verdict != ElementVerdict.UNCHANGED or share is None:
-        return ""
-    return f" (a change of {number(100 * share, 2)} % would have been seen)"
 
 
 def loop_line(result: Outcome) -> str:
