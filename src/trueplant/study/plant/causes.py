@@ -136,7 +136,7 @@ def _plant(
     judged: Sequence[Element],
 ) -> list[Reason]:
     """Sensor span and actuator gain where whole rows or columns scale alike, else the plant itself."""
-    changed = [e for e in judged if e.verdict == ElementVerdict.CHANGED]
+    changed = [e for e in judged if e.verdict == ElementVerdict.CHANGED and not _only_another_structure(e)]
     if not changed:
         return []
     dynamics = {(e.output, e.input) for e in changed if _dynamics_changed(study, found, e)}
@@ -159,8 +159,6 @@ def _plant(
         other_dynamics = bool(dynamics) or e.rejected_structure is not None
         if e.tf_model == "0":
             message = "the plant has an element here that the model lacks"
-        elif e.rejected_structure is not None and not any(p.changed for p in e.parameters):
-            message = "the model's structure is too simple here, which may be as old as the model"
         elif len(outputs) == len(inputs) == 1 and not other_dynamics:
             causes.append(_one_loop(e))
             continue
@@ -172,6 +170,12 @@ def _plant(
             message += ": a sensor's span or a valve's gain would move the gain alone"
         causes.append(Reason(Code.CAUSE_PLANT, message, f"{e.input} -> {e.output}"))
     return causes
+
+
+def _only_another_structure(element: Element) -> bool:
+    """May its change be as old as the model? What takes the structure's place is said with the structures."""
+    moved = any(p.changed for p in element.parameters)
+    return element.tf_model != "0" and element.rejected_structure is not None and not moved
 
 
 def _one_loop(element: Element) -> Reason:

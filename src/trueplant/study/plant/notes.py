@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueplant.identify import OutputEstimate
+from trueplant.identify import OutputEstimate, unanswered
 from trueplant.identify.between_experiments import kinds_of
 from trueplant.identify.levels import SHARED_FACTOR, UNDERMODELLED
 from trueplant.result import Code, ControllerCheck, Reason
@@ -29,13 +29,14 @@ def notes_of(study: Study, found: Identified, consistency: Sequence[ControllerCh
     notes = [*setpoint_rank_note(study), *manual_notes(study), *compression_notes(study)]
     notes += [*controller_notes(consistency), *_scan_note(study)]
     notes += _hold_notes(study, found)
+    answered = {i for i, estimate in found.estimates.items() if len(unanswered(estimate)) < estimate.theta.size}
     for i, estimate in found.estimates.items():
         name = study.project.output_names[i]
         notes += refuted_note(estimate, name)
         notes += _shared_disturbance_note(study, estimate, name)
-        notes += _noise_notes(estimate, name)
-        notes += _undermodelled_notes(study, found, i, estimate, name)
-    if len({segment.experiment for segment in study.segments}) == 1:
+        notes += _noise_notes(estimate, name) if i in answered else []
+        notes += _undermodelled_notes(study, found, i, i in answered)
+    if answered and len({segment.experiment for segment in study.segments}) == 1:
         notes.append(
             Reason(
                 Code.ONE_EXPERIMENT,
@@ -134,14 +135,16 @@ def _differing(kind: str, spread: float, of: str) -> str:
     return f"{kind} by some {100 * spread:.0f} %{of}" if spread >= 0.005 else f"{kind} not measurably"
 
 
-def _undermodelled_notes(study: Study, found: Identified, i: int, estimate: OutputEstimate, name: str) -> list[Reason]:
+def _undermodelled_notes(study: Study, found: Identified, i: int, answered: bool) -> list[Reason]:
+    estimate, name = found.estimates[i], study.project.output_names[i]
     columns, kept = study.columns, set(estimate.kept)
     follows = {j for j, p in enumerate(estimate.cross_p) if p < UNDERMODELLED}
     richer = {j for j, p in enumerate(estimate.structure_p) if p < UNDERMODELLED} - kept
     absent = {j for j in follows if _absent(study, found, i, j)}
     left = follows - kept - richer - absent
     tried = {j for j in left if j in estimate.rejected}
-    beyond = "its gain at rest and its time constants may differ from those given by more than their intervals"
+    beyond = ", and its gain at rest and its time constants may differ from those given by more than their intervals"
+    beyond = beyond if answered else ""
     said = [
         (
             absent,
@@ -150,12 +153,11 @@ def _undermodelled_notes(study: Study, found: Identified, i: int, estimate: Outp
         ),
         (
             tried,
-            "the prediction errors still follow the input: no structure that was tried describes the plant, and "
-            f"{beyond}",
+            f"the prediction errors still follow the input: no structure that was tried describes the plant{beyond}",
         ),
         (
             left - tried,
-            f"the prediction errors still follow the input: the structure is simpler than the plant, and {beyond}",
+            f"the prediction errors still follow the input: the structure is simpler than the plant{beyond}",
         ),
         (
             kept,
@@ -166,7 +168,7 @@ def _undermodelled_notes(study: Study, found: Identified, i: int, estimate: Outp
         (
             richer,
             "a richer structure (a further lag and lead, or an oscillation) predicts better beyond chance: the plant's "
-            f"element is not of the structure declared, and {beyond}. Ask for a richer one (structure = ...)",
+            f"element is not of the structure declared{beyond}. Ask for a richer one (structure = ...)",
         ),
     ]
     return [
