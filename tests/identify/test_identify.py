@@ -299,3 +299,17 @@ def test_the_better_of_two_fits_does_not_depend_on_units_where_samples_are_missi
     low, high = (fit_row(row, theta, np.r_[-0.8, np.zeros(order - 1)]) for order in (1, 9))
     assert high.count < 0.8 * low.count
     assert is_better(low, high) and not is_better(high, low)
+
+
+def test_a_gain_whose_interval_is_without_zero_is_told_from_zero():
+    """Its standard error alone would not say so: the interval is the promise."""
+    estimate = identify_output([segment_of(wood_berry(5))], 0, started_wrong(0))
+    part = estimate.row.slices[0]
+    lopsided, wide = estimate.intervals.copy(), estimate.covariance.copy()
+    wide[part.start, part.start] = estimate.theta[part.start] ** 2
+    lopsided[part.start] = 0.1 * estimate.theta[part.start], 4 * estimate.theta[part.start]
+    for ends, said in ((lopsided[part.start], False), ((-1.0, 4.0), True)):
+        lopsided[part.start] = ends
+        reasons = unanswered(replace(estimate, intervals=lopsided.copy(), covariance=wide))
+        dynamics = [reasons.get(k) for k in range(part.start + 1, part.stop)]
+        assert said == any(one is not None and one.why is WhyUnanswered.GAIN_NOT_TOLD_FROM_ZERO for one in dynamics)

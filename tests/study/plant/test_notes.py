@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
+import pytest
 
 from support.simulated import coloured, random_switching
 from trueplant import Project, run
+from trueplant.identify import FoundLoad
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
+from trueplant.record.types import Load
 from trueplant.result import Code
+from trueplant.study.plant import identified
 
 
 def test_only_what_was_estimated_is_said_to_differ(tmp_path: Path) -> None:
@@ -58,3 +63,16 @@ def test_a_structure_that_is_too_simple_is_said_once(tmp_path: Path) -> None:
     (said,) = (note for note in notes if note.code == Code.UNDERMODELLED)
     assert "It was kept" in said.message and said.where == "valve -> level"
     assert not [note for note in notes if "was not the same throughout" in note.message]
+
+
+def test_a_step_that_may_be_none_is_not_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that other structures explain as well: its interval holds 0, and the other's does not."""
+    found = [FoundLoad(0, Load(0, 10.0), 5.0, 3.0), FoundLoad(0, Load(0, 20.0), 5.0, 1.0)]
+    monkeypatch.setattr(identified, "found_loads", lambda _: found)
+    record = SimpleNamespace(calendar=SimpleNamespace(text=lambda time: f"{time:g} s"))
+    project = SimpleNamespace(analysis=SimpleNamespace(confidence=0.95), experiments=[SimpleNamespace(name="run.csv")])
+    study = SimpleNamespace(
+        project=project, screened=[SimpleNamespace(record=record)], columns=("heating",), input_unit=lambda _: "%"
+    )
+    (note,) = identified._loads(study, {})
+    assert "at 20 s like heating by 5 ± 2 %" in note.message and "10 s" not in note.message
