@@ -1,6 +1,6 @@
 """Which elements changed, and whether it matters."""
 
-from trueplant.detect.causes import CommonFactor, common_factors, level_variance
+from trueplant.detect.causes import CommonFactor, common_factors
 from trueplant.detect.correlation import cross_correlation, partial_correlation
 from trueplant.detect.detectable import detectable_change
 from trueplant.detect.elements import Found, elements_found, judge_elements, verdicts
@@ -43,7 +43,6 @@ __all__ = [
     "importance_open_loop",
     "judge",
     "judge_elements",
-    "level_variance",
     "likeliest_change",
     "middle",
     "nominal_sensitivity",

@@ -1,4 +1,4 @@
-"""Tests that distinguish causes: common factors of gains, a shifted level."""
+"""A test that distinguishes causes: common factors of gains."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from trueplant.arrays import Array
-from trueplant.identify.noise import fit_ar, whiten
 
 
 @dataclass(frozen=True)
@@ -53,12 +52,3 @@ def common_factors(ratio: Array, covariance: Array, present: NDArray[np.bool_], 
         if p_equal >= level:
             found.append(CommonFactor(kind, k, factor, float(weights.sum() ** -0.5), p_equal))
     return found
-
-
-def level_variance(v: Array, order: int) -> float:
-    """Variance of the mean of v (N,): its long-run variance by an autoregression, over N."""
-    centred = v - np.mean(v)
-    ar = fit_ar([centred], [np.ones(v.size, dtype=bool)], order)[0]
-    e = whiten(ar, centred)
-    gain = 1 / max(abs(1 + float(np.sum(ar))), 1e-3)
-    return float(np.mean(e**2) * gain**2 / v.size)

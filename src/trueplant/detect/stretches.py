@@ -16,7 +16,6 @@ from scipy.stats import chi2, norm, rankdata, t
 
 from trueplant.arrays import Array, IntArray
 from trueplant.detect import levels
-from trueplant.detect.causes import level_variance
 from trueplant.detect.change_point import change_point
 from trueplant.identify import RowFit, fit_row
 from trueplant.identify.covariance import inflation, scaled
@@ -25,6 +24,7 @@ from trueplant.identify.fit import linearised, residuals
 from trueplant.identify.levels import SAMPLES_PER_PARAMETER, UNDERMODELLED
 from trueplant.identify.likelihood import held_at, rise
 from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.noise import fit_ar, whiten
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
 from trueplant.identify.sandwich import noise_covariance, plant_covariance
@@ -79,7 +79,7 @@ class TwoFits:
         parts = scores[:count], scores[count:]
         apart = float(parts[1].mean() - parts[0].mean())
         order = levels.CHANGE_LARGEST_ORDER
-        variances = np.array([max(level_variance(part, order), levels.SMALLEST_VARIANCE) for part in parts])
+        variances = np.array([max(_level_variance(part, order), levels.SMALLEST_VARIANCE) for part in parts])
         # A spectral density from an autoregression has n/(2 order) degrees of freedom (Berk 1974); Satterthwaite's sum.
         freedom = variances.sum() ** 2 / sum(
             v**2 * 2 * order / part.size for v, part in zip(variances, parts, strict=True)
@@ -293,3 +293,12 @@ def _correlation(signals: Sequence[Array]) -> float:
     centred = [v - v.mean() for v in signals if v.size]
     power = sum(float(v @ v) for v in centred)
     return float(sum(v[1:] @ v[:-1] for v in centred) / max(power, levels.SMALLEST_VARIANCE))
+
+
+def _level_variance(v: Array, order: int) -> float:
+    """Variance of the mean of v (N,): its long-run variance by an autoregression, over N."""
+    centred = v - np.mean(v)
+    ar = fit_ar([centred], [np.ones(v.size, dtype=bool)], order)[0]
+    e = whiten(ar, centred)
+    gain = 1 / max(abs(1 + float(np.sum(ar))), 1e-3)
+    return float(np.mean(e**2) * gain**2 / v.size)

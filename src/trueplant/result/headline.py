@@ -19,8 +19,8 @@ def headline(result: Outcome) -> str:
     if result.status == Status.REFUSED:
         return _refusal(result)
     first = [e for e in result.elements if e.verdict in (ElementVerdict.FOUND, ElementVerdict.NONE_FOUND)]
-    all_changed = sorted((e for e in result.elements if e.verdict == ElementVerdict.CHANGED), key=weight)
-    changed = sorted(all_changed, key=_only_simpler)
+    changed = [e for e in result.elements if e.verdict == ElementVerdict.CHANGED]
+    changed.sort(key=lambda element: (_only_simpler(element), weight(element)))
     open_ones = [e for e in result.elements if e.verdict == ElementVerdict.NOT_IDENTIFIABLE]
     kept = len(result.elements) - len(changed) - len(open_ones) - len(first)
     if first and not changed and not kept:

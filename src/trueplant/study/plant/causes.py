@@ -33,7 +33,7 @@ def causes_of(
     estimates = {i: estimate for i, estimate in identified.estimates.items() if estimate.refuted is None}
     level = levels.CAUSES * (1 - study.project.analysis.confidence) / len(TESTED)
     causes = [*_saturated(study), *_valves(study, identified.valves), *changed_meanwhile(study, estimates, level)]
-    causes += _levels(study, estimates, level)
+    causes += _levels(study, identified.segments, estimates, level)
     return causes + _plant(study, estimates, found, elements)
 
 
@@ -74,10 +74,12 @@ def _valves(study: Study, valves: Mapping[int, FoundValve]) -> list[Reason]:
     return causes
 
 
-def _levels(study: Study, estimates: Mapping[int, OutputEstimate], level: float) -> list[Reason]:
+def _levels(
+    study: Study, segments: Sequence[Segment], estimates: Mapping[int, OutputEstimate], level: float
+) -> list[Reason]:
     """Where PV sits at another level than in the first experiment, for the same OP."""
     sizes, places = [], []
-    found = {i: _operating_points(study, estimate, i) for i, estimate in estimates.items()}
+    found = {i: _operating_points(study, segments, estimate, i) for i, estimate in estimates.items()}
     tests = sum(max(len(points.levels) - 1, 0) for points in found.values() if points is not None)
     for i, points in found.items():
         if points is None:
@@ -86,7 +88,8 @@ def _levels(study: Study, estimates: Mapping[int, OutputEstimate], level: float)
         for n, k in enumerate(points.experiments[1:], start=1):
             shift = points.levels[n] - points.levels[0]
             sigma = float(np.sqrt(covariance[n, n] + covariance[0, 0] - 2 * covariance[n, 0]))
-            if 2 * norm.sf(abs(shift) / max(sigma, 1e-300)) * tests >= level:
+            # where nothing is known of a gain, sigma may be no number
+            if not 2 * norm.sf(abs(shift) / max(sigma, 1e-300)) * tests < level:
                 continue
             unit = study.project.outputs[i].unit
             half = norm.isf((1 - study.project.analysis.confidence) / 2) * sigma
@@ -101,7 +104,9 @@ def _levels(study: Study, estimates: Mapping[int, OutputEstimate], level: float)
     return [Reason(Code.CAUSE_OPERATING_POINT, message, "; ".join(places))]
 
 
-def _operating_points(study: Study, estimate: OutputEstimate, i: int) -> OperatingPoints | None:
+def _operating_points(
+    study: Study, segments: Sequence[Segment], estimate: OutputEstimate, i: int
+) -> OperatingPoints | None:
     """The output's level in each experiment, by the first piece that is long enough; None where nothing settles it."""
     row, taken = estimate.row, {spec.column for spec in estimate.row.specs}
     fixed = np.array([0.0 if j in taken else study.model[i, j].dc_gain for j in range(len(study.columns))])
@@ -112,16 +117,16 @@ def _operating_points(study: Study, estimate: OutputEstimate, i: int) -> Operati
     for k, piece in enumerate(row.pieces):
         if piece.experiment in seen or piece.valid[:: row.stride].sum() < levels.FEWEST_ERRORS:
             continue
-        segment = _begun_in(study, piece)
+        segment = _begun_in(segments, piece)
         first = min(round((piece.start - segment.t[0]) / segment.h), len(segment) - 1)
         starts[k] = np.hstack([segment.u, segment.d])[first]
         seen.add(piece.experiment)
     return operating_points(estimate.fit, estimate.theta, estimate.covariance, starts, fixed)
 
 
-def _begun_in(study: Study, piece: Piece) -> Segment:
+def _begun_in(segments: Sequence[Segment], piece: Piece) -> Segment:
     """The segment in which a piece of an output begins, or that before the gap in which it does."""
-    before = [s for s in study.segments if s.experiment == piece.experiment and s.t[0] < piece.start + 0.5 * s.h]
+    before = [s for s in segments if s.experiment == piece.experiment and s.t[0] < piece.start + 0.5 * s.h]
     return before[-1]
 
 
