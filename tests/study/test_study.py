@@ -161,6 +161,7 @@ def test_an_element_that_was_left_out_is_named_and_estimated_along(tmp_path):
     result = run(Project.from_toml(Project(**tables).to_toml(), tmp_path))
     notes = [note.message for note in result.notes if note.code == "missing-element"]
     assert len(notes) == 1 and notes[0].startswith("reflux moves bottom,")
+    assert "cause-plant" not in {note.code for note in result.notes}
     (element,) = (e for e in result.elements if e.input == "reflux" and e.output == "bottom")
     assert element.verdict == "changed" and element.tf_model == "0"
     gain = element.parameters[0]

@@ -159,9 +159,12 @@ def _plant(
         causes.append(_factor_cause(factor, name, study))
     rest = [e for e in changed if (e.output, e.input) not in explained]
     beside = {(e.output, e.input) for e in judged if e.verdict == ElementVerdict.UNCHANGED}
+    asked = {(outputs[i], study.columns[j]) for i, j in study.specs}
     for e in rest:
         message = "the plant itself has changed"
         other_dynamics = bool(dynamics) or e.rejected_structure is not None
+        if (e.output, e.input) not in asked:
+            continue  # of what the record showed unasked the note says all
         if e.tf_model == "0":
             message = "the plant has an element here that the model lacks"
         elif len(outputs) == len(inputs) == 1 and not other_dynamics:
