@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from support.one_loop import one_loop, single
 from support.simulated import coloured, random_switching
 from trueplant import Project, run
 from trueplant.identify import FoundLoad
@@ -45,23 +46,11 @@ def test_only_what_was_estimated_is_said_to_differ(tmp_path: Path) -> None:
 
 def test_a_structure_that_is_too_simple_is_said_once(tmp_path: Path) -> None:
     """Declared first order, true a slow tail: one note, that it was kept; and no plant that moved for certain."""
-    plant = TransferMatrix.of([["2 (40 s + 1) exp(-3 s)/((100 s + 1)(8 s + 1))"]], "min")
-    rng = np.random.default_rng(5)
-    v = coloured(rng, 2000, 1, [1, -0.8], [1], 0.05)
-    law = Controller.diagonal([PID(Kc=0.4, Ti=12.0, sample_time=1.0)])
-    record = simulate(plant, law, random_switching(rng, 2000, 1, 60.0), 1.0, v=v)
-    columns = {"t": record.t, "sp": record.r[:, 0], "op": record.u[:, 0], "pv": record.y[:, 0]}
-    pl.DataFrame(columns).write_csv(tmp_path / "run.csv")
-    made = Project(
-        time_unit="min",
-        data={"files": ["run.csv"], "time": "t"},
-        output=[{"name": "level", "pv": "pv", "sp": "sp"}],
-        input=[{"name": "valve", "op": "op"}],
-        model=[{"output": "level", "input": "valve", "tf": "2 exp(-3 s)/(60 s + 1)", "structure": "fopdt"}],
-    )
-    notes = run(Project.from_toml(made.to_toml(), tmp_path)).notes
+    plant = TransferMatrix.of([["2 (120 s + 1) exp(-13.4 s)/((300 s + 1)(40 s + 1))"]])
+    record = one_loop(5, plant, samples=4000, std=0.05)
+    notes = single(tmp_path, record, "2 exp(-13.4 s)/(150 s + 1)", structure="fopdt").notes
     (said,) = (note for note in notes if note.code == Code.UNDERMODELLED)
-    assert "It was kept" in said.message and said.where == "valve -> level"
+    assert "It was kept" in said.message and said.where == "u -> y"
     assert not [note for note in notes if "was not the same throughout" in note.message]
 
 
