@@ -27,9 +27,11 @@ def unanswered_of(lag: float, dead_time: float, errors: tuple[float, float, floa
     row = Stub(pieces=[piece], specs=[Spec(0, FOPDT, (2.0, lag, dead_time))], slices=[slice(0, 3)])
     row.lag = lambda m, p: FOPDT.lag(p)
     fit = Stub(row=row, standard_errors_by_data=np.zeros(3))
+    theta = np.array([2.0, lag, dead_time])
     estimate: Any = Stub(
         fit=fit,
-        theta=np.array([2.0, lag, dead_time]),
+        theta=theta,
+        intervals=theta[:, None] + norm.ppf([0.025, 0.975]) * np.array(errors)[:, None],
         refuted=None,
         covariance=np.diag(np.square(errors)),
         order_dependence={},

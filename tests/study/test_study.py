@@ -131,9 +131,7 @@ def test_a_load_that_nobody_recorded_is_dated_and_sized_and_is_no_mismatch(tmp_p
     result = run(project(tmp_path))
     assert not changed(result)
     (note,) = (note for note in result.notes if note.code == "load-step")
-    at, size, half = map(
-        float, re.search(r"at ([\d.]+) min like steam by (\S+) \(95 % \+- (\S+?)\)", note.message).groups()
-    )
+    at, size, half = map(float, re.search(r"at ([\d.]+) min like steam by (\S+) ± ([\d.]+)", note.message).groups())
     assert abs(at - 700) <= 5 and abs(size - 0.1) < 2 * half < 0.05
     steps = [{"output": name, "kind": "step", "std": 0.1} for name in ("top", "bottom")]
     declared = run(project(tmp_path, unmeasured=steps))
