@@ -20,13 +20,13 @@ def headline(result: Outcome) -> str:
         return _refusal(result)
     first = [e for e in result.elements if e.verdict in (ElementVerdict.FOUND, ElementVerdict.NONE_FOUND)]
     changed = [e for e in result.elements if e.verdict == ElementVerdict.CHANGED]
-    changed.sort(key=lambda element: (_only_simpler(element), weight(element)))
+    changed.sort(key=lambda element: (only_simpler(element), weight(element)))
     open_ones = [e for e in result.elements if e.verdict == ElementVerdict.NOT_IDENTIFIABLE]
     kept = len(result.elements) - len(changed) - len(open_ones) - len(first)
     if first and not changed and not kept:
         text = _first_model(first)
     elif changed:
-        simpler = _only_simpler(changed[0])
+        simpler = only_simpler(changed[0])
         text = f"{'The model is too simple' if simpler else 'The plant has changed'}: {_what_changed(changed[0])}."
         text += " That may be as old as the model." if simpler and len(changed) == 1 else ""
         if len(changed) > 1:
@@ -100,7 +100,7 @@ def _missed(elements: Sequence[Element]) -> str:
 
 def _would_be_seen(elements: Sequence[Element]) -> str:
     """How large a change would have been found."""
-    shares = [e.detectable_change for e in elements if e.detectable_change is not None and not _is_lacking(e)]
+    shares = [e.detectable_change for e in elements if e.detectable_change is not None and not is_lacking(e)]
     if not shares or not math.isfinite(max(shares)):
         return ""
     return f"; one of gain, lag or dead time by more than {number(100 * max(shares), 2)} % would have been seen"
@@ -119,7 +119,7 @@ def _arrow(element: Element) -> str:
 def _what_changed(element: Element) -> str:
     moved = [p for p in element.parameters if p.changed and p.plant is not None]
     where = _arrow(element)
-    if _is_lacking(element):
+    if is_lacking(element):
         known = [p for p in element.parameters if p.plant is not None]
         values = ", ".join(f"{_phrase(p, known)} of {_quantity(p.plant, p.unit)}" for p in known)
         return f"{where} responds with {values}, where the model has no response" if values else f"{where} responds"
@@ -142,13 +142,13 @@ def _listed(clauses: Sequence[str]) -> str:
     return clauses[0] if len(clauses) == 1 else f"{'; '.join(clauses[:-1])}; and {clauses[-1]}"
 
 
-def _only_simpler(element: Element) -> bool:
+def only_simpler(element: Element) -> bool:
     """Is all that is known of its change that the model's structure does not suffice, as it perhaps never has?"""
     moved = any(p.changed and p.plant is not None for p in element.parameters)
-    return not moved and element.rejected_structure is not None and not _is_lacking(element)
+    return not moved and element.rejected_structure is not None and not is_lacking(element)
 
 
-def _is_lacking(element: Element) -> bool:
+def is_lacking(element: Element) -> bool:
     """Does the model have no such element?"""
     return element.tf_model in ("0", "0.0", "")
 
@@ -159,7 +159,7 @@ def seen(element: Element) -> str:
     if element.verdict != ElementVerdict.UNCHANGED or share is None:
         return ""
     size = f"{number(100 * share, 2)} %"
-    if _is_lacking(element):
+    if is_lacking(element):
         return f" (an answer of {size} of all that PV does would have been seen)"
     return f" (a change of gain, lag or dead time by {size} would have been seen)"
 
@@ -175,7 +175,7 @@ def _also(elements: Sequence[Element], simpler: bool) -> str:
 
 
 def _short(element: Element) -> str:
-    if _is_lacking(element):
+    if is_lacking(element):
         return "not in the model"
     parts = []
     for p in element.parameters:

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 from trueplant.result import levels
 from trueplant.result.element import Element, Parameter
-from trueplant.result.headline import is_answered, is_useful, weight
+from trueplant.result.headline import is_answered, is_lacking, is_useful, weight
 from trueplant.result.numbers import counted, number, spoken
 from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of
@@ -72,7 +72,7 @@ def _answer(element: Element, several: bool) -> str:
     """How an output answers now, by the parameters that changed."""
     output = spoken(element.output)
     to = f" to {spoken(element.input)}" if several else ""
-    if element.tf_model in ("0", "0.0", ""):
+    if is_lacking(element):
         return f"{output} answers to {spoken(element.input)}, which the model does not have"
     words = [(_size(p, element), _changed(p)) for p in element.parameters if p.changed]
     largest = max((size for size, word in words if word), default=0.0)

@@ -14,6 +14,7 @@ from trueplant.identify import FoundValve, OperatingPoints, OutputEstimate, oper
 from trueplant.identify.pieces import Piece
 from trueplant.record import Segment
 from trueplant.result import Code, Element, ElementVerdict, Reason
+from trueplant.result.headline import only_simpler
 from trueplant.study import levels
 from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.meanwhile import changed_meanwhile
@@ -141,7 +142,7 @@ def _plant(
     judged: Sequence[Element],
 ) -> list[Reason]:
     """Sensor span and actuator gain where whole rows or columns scale alike, else the plant itself."""
-    changed = [e for e in judged if e.verdict == ElementVerdict.CHANGED and not _only_another_structure(e)]
+    changed = [e for e in judged if e.verdict == ElementVerdict.CHANGED and not only_simpler(e)]
     if not changed:
         return []
     dynamics = {(e.output, e.input) for e in changed if _dynamics_changed(study, found, e)}
@@ -178,12 +179,6 @@ def _plant(
             message += ": a sensor's span or a valve's gain would move the gain alone"
         causes.append(Reason(Code.CAUSE_PLANT, message, f"{e.input} -> {e.output}"))
     return causes
-
-
-def _only_another_structure(element: Element) -> bool:
-    """May its change be as old as the model? What takes the structure's place is said with the structures."""
-    moved = any(p.changed for p in element.parameters)
-    return element.tf_model != "0" and element.rejected_structure is not None and not moved
 
 
 def _one_loop(element: Element) -> Reason:
