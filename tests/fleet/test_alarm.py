@@ -69,7 +69,7 @@ def certificate(folder: Path) -> tuple[Path, Path]:
     import ipaddress
     from datetime import UTC, datetime, timedelta
 
-    x509 = pytest.importorskip("cryptography.x509")
+    x509 = pytest.importorskip("cryptography.x509", reason="certificates are made with cryptography: install it")
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.hazmat.primitives.asymmetric import ec
 

@@ -21,7 +21,7 @@ from trueplant.errors import UsageError
 from trueplant.fleet import Options, Site, audit
 from trueplant.fleet.cluster import on_this_machine
 
-pytest.importorskip("distributed")
+pytest.importorskip("distributed", reason="workers are Dask's: install trueplant[fleet] to run these tests")
 
 KILLER = """
 import multiprocessing, os, signal, sys
@@ -222,7 +222,7 @@ def certificates(folder: Path) -> None:
     """An authority, and one certificate of it for client, scheduler and worker."""
     from datetime import UTC, datetime, timedelta
 
-    x509 = pytest.importorskip("cryptography.x509")
+    x509 = pytest.importorskip("cryptography.x509", reason="certificates are made with cryptography: install it")
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.hazmat.primitives.asymmetric import ec
 

@@ -108,7 +108,10 @@ def _levels(
 def _operating_points(
     study: Study, segments: Sequence[Segment], estimate: OutputEstimate, i: int
 ) -> OperatingPoints | None:
-    """The output's level in each experiment, by the first piece that is long enough; None where nothing settles it."""
+    """The output's level in each experiment, by the first piece that is long enough.
+
+    None where there are not two to compare, or where nothing settles it.
+    """
     row, taken = estimate.row, {spec.column for spec in estimate.row.specs}
     fixed = np.array([0.0 if j in taken else study.model[i, j].dc_gain for j in range(len(study.columns))])
     if any(spec.structure.integrators for spec in row.specs) or not np.isfinite(fixed).all():
@@ -122,6 +125,8 @@ def _operating_points(
         first = min(round((piece.start - segment.t[0]) / segment.h), len(segment) - 1)
         starts[k] = np.hstack([segment.u, segment.d])[first]
         seen.add(piece.experiment)
+    if len(starts) < 2:
+        return None
     return operating_points(estimate.fit, estimate.theta, estimate.covariance, starts, fixed)
 
 

@@ -132,7 +132,8 @@ def _noise_notes(estimate: OutputEstimate, name: str) -> list[Reason]:
 
 
 def _differing(kind: str, spread: float, of: str) -> str:
-    return f"{kind} by some {100 * spread:.0f} %{of}" if spread >= 0.005 else f"{kind} not measurably"
+    percent = f"{100 * spread:.0f}"
+    return f"{kind} not measurably" if percent == "0" else f"{kind} by some {percent} %{of}"
 
 
 def _undermodelled_notes(study: Study, found: Identified, i: int, answered: bool) -> list[Reason]:
