@@ -23,7 +23,15 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.identify import behind_valves, identify_matrix, specs_of, sticking, try_valves, widened_for_bands
+from trueplant.identify import (
+    behind_valves,
+    identify_matrix,
+    specs_of,
+    sticking,
+    try_valves,
+    widened_for_bands,
+    widened_for_valves,
+)
 from trueplant.loop import PID, Controller, Valve, simulate
 from trueplant.lti import TransferMatrix
 
@@ -53,6 +61,8 @@ def run(job: tuple[int, int, str, float]) -> tuple[bool, float, np.ndarray]:
     if found := sticking(tried):
         estimates = identify_matrix(behind_valves(segments, found), PLANT, specs_of(PLANT))
         estimates = widened_for_bands(estimates, found, tried, 0.95)
+    else:
+        estimates = widened_for_valves(estimates, tried, 0.95)
     low, high = estimates[0].intervals.T
     covered = (low <= TRUTH) & (high >= TRUTH)
     if not given or not found:

@@ -28,6 +28,9 @@ from trueplant.loop.valve import Valve
 from trueplant.record.types import Segment
 from trueplant.result.budget import Source
 
+BANDS = {"backlash": levels.BACKLASHES, "stick": levels.STICK_BANDS}
+"""The kinds of valves, and how wide their bands may be, relative to the range of OP."""
+
 
 @dataclass(frozen=True)
 class FoundValve:
@@ -50,19 +53,15 @@ class Tried:
     """One kind of valve in one input: the likeliest of its bands, and what it would make of the plant."""
 
     found: FoundValve
-    odds: float
-    """Against a valve that follows OP: the mean over all bands of the ratio of likelihoods, times the odds before."""
+    odds: Array
+    """(n_bands,) Of each band against a valve that follows OP: the ratio of likelihoods, times the odds before."""
+    shifts: Mapping[int, Array]
+    """(n_bands, size) By output: by how much the plant's parameters would be larger behind each of them."""
     behind: Mapping[int, RowFit]
-    """By output: the plant fitted behind it."""
-    before: Mapping[int, RowFit]
-    """And the plant fitted to OP on the same samples."""
+    """By output: the plant fitted behind the likeliest."""
     leans: Mapping[int, Array]
     """(size,) By output: by how much a standard error of the band moves the plant behind it; of a valve that sticks
     beyond chance."""
-
-    def shift(self, i: int) -> Array:
-        """(1, size) by how much the parameters of output i would be larger."""
-        return np.asarray(self.behind[i].theta - self.before[i].theta)[None]
 
 
 def try_valves(estimates: Mapping[int, OutputEstimate], columns: Sequence[int]) -> dict[int, tuple[Tried, ...]]:
@@ -89,12 +88,11 @@ def widened_for_valves(
     """The estimates with what valves that may not follow OP, though not beyond chance, would move."""
     out = dict(estimates)
     for ones in tried.values():
-        shares = np.array([one.odds for one in ones]) / (1 + sum(one.odds for one in ones))
+        odds = np.concatenate([np.ones(1), *(one.odds for one in ones)])
         for i in out.keys() & (ones[0].behind.keys() if ones else ()):
-            shifts = np.vstack(
-                [np.zeros((1, out[i].row.size)), *(placed(one.shift(i), one.behind[i].row, out[i].row) for one in ones)]
-            )
-            out[i] = averaged(out[i], shifts, np.array([1 - shares.sum(), *shares]), confidence, Source.VALVE)
+            moved = [placed(one.shifts[i], one.behind[i].row, out[i].row) for one in ones]
+            shifts = np.vstack([np.zeros((1, out[i].row.size)), *moved])
+            out[i] = averaged(out[i], shifts, odds / odds.sum(), confidence, Source.VALVE)
     return out
 
 
@@ -121,32 +119,31 @@ def _tried(fits: Mapping[int, RowFit], column: int, inputs: int) -> tuple[Tried,
     if not moved > 0:
         return ()
     tests = [_Test(fit, column, fit.row) for fit in parts.values()]
-    kinds = (
-        [Valve(backlash=float(width * moved)) for width in levels.BACKLASHES],
-        [Valve(stick=float(band * moved)) for band in levels.STICK_BANDS],
-    )
-    return tuple(_kind(parts, tests, column, kind, inputs * len(kinds)) for kind in kinds)
+    kinds = [[Valve(**{name: float(share * moved)}) for share in shares] for name, shares in BANDS.items()]
+    return tuple(_kind(parts, tests, column, kind, inputs) for kind in kinds)
 
 
-def _kind(
-    fits: Mapping[int, RowFit], tests: Sequence[_Test], column: int, kind: Sequence[Valve], families: int
-) -> Tried:
-    """One kind of valve; p-value by Bonferroni over its bands, and over so many such families.
+def _kind(fits: Mapping[int, RowFit], tests: Sequence[_Test], column: int, kind: Sequence[Valve], inputs: int) -> Tried:
+    """One kind of valve; p-value by Bonferroni over its bands, both kinds, and so many inputs.
 
     To first order a wide band may promise what no plant keeps: what the likeliest gains with the plant fitted behind it
     is the most that counts.
     """
-    gains = np.array([sum(test.gain(valve) for test in tests) for valve in kind])
-    valve, error = kind[int(np.argmax(gains))], 0.0
-    if len(kind) * families * chi2.sf(max(gains.max(), 0.0), 1) < levels.VALVE:
+    every = [[test.of(valve) for test in tests] for valve in kind]
+    evidence = np.array([sum(one.evidence for one in ones) for ones in every])
+    best = int(np.argmax(evidence))
+    valve, error, gain = kind[best], 0.0, sum(one.beyond for one in every[best])
+    searched = len(kind) * len(BANDS) * inputs
+    if searched * chi2.sf(max(gain, 0.0), 1) < levels.VALVE:
         valve, error = _refined(list(fits.values()), column, valve)
     behind = {i: _behind(fit, column, valve) for i, fit in fits.items()}
     most = sum(fits[i].deviance - behind[i].deviance for i in fits)
-    gains = np.minimum(gains, most)
-    p = float(min(1.0, len(kind) * families * chi2.sf(max(gains.max(), 0.0), 1)))
-    odds = levels.STICKS / families * float(np.mean(np.exp(np.minimum(gains / 2, levels.LARGEST_EXPONENT))))
+    p = float(min(1.0, searched * chi2.sf(max(min(gain, most), 0.0), 1)))
+    ratios = np.exp(np.minimum(evidence, min(most / 2, levels.LARGEST_EXPONENT)))
+    odds = levels.STICKS / len(BANDS) * ratios / len(kind)
+    shifts = {i: np.array([ones[n].shift for ones in every]) for n, i in enumerate(fits)}
     leans = {i: _lean(fit, column, valve, error) for i, fit in fits.items()} if p < levels.VALVE else {}
-    return Tried(FoundValve(valve, p, error), odds, behind, fits, leans)
+    return Tried(FoundValve(valve, p, error), odds, shifts, behind, leans)
 
 
 def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> tuple[Valve, float]:
@@ -159,10 +156,10 @@ def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> tuple[Valve, 
         behind = [_behind(fit, column, valve) for fit in fits]
         tests = [_Test(moved, column, fit.row) for moved, fit in zip(behind, fits, strict=True)]
         nearby = [_times(valve, factor) for factor in levels.VALVE_FACTORS]
-        gains = np.array([sum(test.gain(one) for test in tests) for one in nearby])
-        best = int(np.argmax(gains))
+        evidence = np.array([sum(test.of(one).evidence for test in tests) for one in nearby])
+        best = int(np.argmax(evidence))
         apart = np.log(levels.VALVE_FACTORS / levels.VALVE_FACTORS[best])
-        shares = np.exp((gains - gains[best]) / 2) * np.gradient(apart)
+        shares = np.exp(evidence - evidence[best]) * np.gradient(apart)
         error = float(np.sqrt(shares @ apart**2 / shares.sum()))
         if nearby[best] == valve:
             break
@@ -191,6 +188,18 @@ def _behind(fit: RowFit, column: int, valve: Valve) -> RowFit:
     return fit_row(row, fit.theta, fit.ar, weights=fit.weights, free=fit.free, reweight=False)
 
 
+@dataclass(frozen=True, eq=False)
+class _Effect:
+    """What a valve does to the fit of one output, the plant renewed to first order."""
+
+    evidence: float
+    """Log of the ratio of likelihoods, beside what else could explain the errors as far as the record needs that."""
+    beyond: float
+    """What it gains in -2 log likelihood where all else that could explain the errors is there."""
+    shift: Array
+    """(size,) by how much the plant's parameters would be larger."""
+
+
 class _Test:
     """The prediction errors of one output, ready for what valves in one of its inputs would change.
 
@@ -202,28 +211,42 @@ class _Test:
         self._m = next(m for m, spec in enumerate(fit.row.specs) if spec.column == column)
         every = zip(fit.row.pieces, recorded.pieces, Whitening.of(fit), strict=True)
         self._parts = [(piece, raw.inputs[column], of_piece) for piece, raw, of_piece in every if of_piece is not None]
-        free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
-        known = [
-            np.vstack([whitening.jacobian[free], whitening(_rivals(fit, self._m, piece))])
-            for piece, _, whitening in self._parts
-        ]
-        self._basis = orthonormal(np.hstack(known).T)
-        self._errors = self._unexplained(np.concatenate([whitening.errors for _, _, whitening in self._parts]))
+        self._free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
+        jacobian = np.hstack([whitening.jacobian[self._free] for _, _, whitening in self._parts]).T
+        rivals = np.hstack([whitening(_rivals(fit, self._m, piece)) for piece, _, whitening in self._parts]).T
+        self._errors = np.concatenate([whitening.errors for _, _, whitening in self._parts])
+        size = np.sqrt(np.einsum("nk,nk->k", jacobian, jacobian))
+        size[size == 0] = 1.0
+        self._renewed = np.linalg.pinv(jacobian / size, rcond=levels.LOST) / size[:, None]
+        self._plant = orthonormal(jacobian)
+        self._all = orthonormal(np.hstack([jacobian, rivals]))
+        more = self._all.shape[1] - self._plant.shape[1]
+        gained = fit.left * np.log(_left(self._errors, self._plant) / _left(self._errors, self._all))
+        self._needed = (gained - more * np.log(self._errors.size)) / 2
 
-    def _unexplained(self, e: Array) -> Array:
-        """What plant, noise model and rivals together leave of errors (n,)."""
-        return np.asarray(e - self._basis @ (self._basis.T @ e))
-
-    def gain(self, valve: Valve) -> float:
-        """What the valve gains in -2 log likelihood, the plant renewed to first order."""
+    def of(self, valve: Valve) -> _Effect:
         changes = []
         for piece, op, whitening in self._parts:
             moved = valve.positions(op) - piece.inputs[self._column]
             changed = _element_response(self._fit, self._m, piece, moved)
             changes.append(whitening(changed[None])[0])
-        other = self._errors - self._unexplained(np.concatenate(changes))
-        before, after = float(self._errors @ self._errors), float(other @ other)
-        return float(self._fit.left * np.log(max(before, 1e-300) / max(after, 1e-300)))
+        changed = np.concatenate(changes)
+        shift = np.zeros(self._free.size)
+        shift[self._free] = self._renewed @ changed
+        alone, beyond = (self._gain(basis, changed) for basis in (self._plant, self._all))
+        evidence = np.logaddexp(alone / 2, self._needed + beyond / 2) - np.logaddexp(0.0, self._needed)
+        return _Effect(float(evidence), beyond, shift[: self._fit.theta.size])
+
+    def _gain(self, basis: Array, changed: Array) -> float:
+        """What -2 log likelihood gains by the change (n,) of the errors, where a basis (n, k) explains what it can."""
+        left = _left(self._errors, basis) / _left(self._errors - changed, basis)
+        return float(self._fit.left * np.log(left))
+
+
+def _left(e: Array, basis: Array) -> float:
+    """Sum of squares that a basis (n, k) leaves of errors e (n,)."""
+    rest = e - basis @ (basis.T @ e)
+    return max(float(rest @ rest), 1e-300)
 
 
 def _element_response(fit: RowFit, m: int, piece: Piece, u: Array) -> Array:
