@@ -117,11 +117,8 @@ SEARCHED_ERRORS = 20_000
 # Covariance, intervals and what is left unanswered
 FEWEST_FREEDOM = 8.0
 """Degrees of freedom: with fewer the noise is not known at all, and the t quantile says nothing sensible."""
-RESTRICTED_FURTHEST = 3.0
-"""Standard errors of the noise model within which the largest restricted likelihood is looked for: further off, the
-record itself speaks against it."""
-RESTRICTED_SETTLED = 0.05
-"""Standard errors to which it is found."""
+MEMORIES = np.linspace(0.0, 1.0, 9)
+"""Memories of the noise that are weighed: from those of an autoregression to that of a random walk."""
 INITIAL_STATE_BIAS = 0.5
 """Bias in standard errors for each operating point and initial state, over the root of the number of samples.
 

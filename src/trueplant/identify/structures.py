@@ -90,11 +90,11 @@ def sufficient_p(fit: RowFit, confidence: float) -> Array:
 
 
 def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
-    rival = next_richer(fit, m)
+    rival = _next_richer(fit, m)
     return 1.0 if rival is None else suffices_p(fit, rival, m, confidence)
 
 
-def next_richer(fit: RowFit, m: int) -> RowFit | None:
+def _next_richer(fit: RowFit, m: int) -> RowFit | None:
     """The best fit found with one lag and one lead more for element m; None where its input or its lags say nothing."""
     structure, p = fit.row.specs[m].structure, fit.theta[fit.row.slices[m]]
     lag, lags = _scale(structure, p), np.sort(p[structure.is_lag])
