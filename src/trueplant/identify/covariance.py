@@ -22,8 +22,18 @@ def inflation(fit: RowFit, confidence: float) -> Array:
     parameter is known as well as the noise is small at the frequencies that tell it: by the coefficients a of A(q) its
     variance v moves as d log v/da = -2 rho (`told_at`). What is not known of a gives the degrees of freedom of
     Student's quantile (Satterthwaite's rule, as in Kenward and Roger 1997).
+
+    Where the structure is simpler than the plant, A takes on what is left, and the first order is not enough. Under
+    AR(1) noise with the pole 1 - A a level is known from the record as well as from N A^2 white errors, and the
+    variance of rho'a is 2/(N A): by that A each parameter has errors of its own, of which the fit takes one for each
+    unknown. At least half are taken to be left: of noise that wanders without end the level tells nothing, and the
+    parameters are then known from faster changes. The larger of the two counts.
     """
-    return memory_growth(fit) * student_factor(noise_freedom(fit), confidence)
+    uncertain = _uncertain(fit)
+    known = fit.count * np.minimum((2 / fit.count / np.maximum(uncertain, 1 / fit.count)) ** 2, 1.0)
+    left = np.maximum(known - int(fit.free.sum()) - fit.row.nuisance_count, known / 2)
+    growth = np.maximum(memory_growth(fit), known / left)
+    return np.asarray(growth * student_factor(_freedom(fit, uncertain), confidence))
 
 
 def noise_freedom(fit: RowFit, of: Array | None = None) -> Array:
@@ -31,10 +41,18 @@ def noise_freedom(fit: RowFit, of: Array | None = None) -> Array:
 
     With `of` (m, size): (m,) at those that tell each of these sums of parameters.
     """
+    return _freedom(fit, _uncertain(fit, of))
+
+
+def _freedom(fit: RowFit, uncertain: Array) -> Array:
+    return np.asarray(np.maximum(2 / (4 * uncertain + 2 / fit.left), levels.FEWEST_FREEDOM))
+
+
+def _uncertain(fit: RowFit, of: Array | None = None) -> Array:
+    """(size,) or (m,) variance of the logarithm of each standard error, as the noise model is uncertain."""
     rho = told_at(restriction_of(fit), fit.ar, of)
     spread = fit.variance * inverse(fit.information)[fit.theta.size :, fit.theta.size :]
-    uncertain = np.einsum("ik,kl,il->i", rho, spread, rho)
-    return np.asarray(np.maximum(2 / (4 * uncertain + 2 / fit.left), levels.FEWEST_FREEDOM))
+    return np.asarray(np.einsum("ik,kl,il->i", rho, spread, rho))
 
 
 def joint_freedom(fit: RowFit, index: IntArray) -> float:
