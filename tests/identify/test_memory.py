@@ -11,7 +11,7 @@ from scipy.special import gammaln
 
 from support.simulated import random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, levels, pieces_of
-from trueplant.identify.memory import _pieces, _told, memory_growth
+from trueplant.identify.memory import _before, _pieces, _told, memory_growth
 from trueplant.identify.noise import choose_order, fit_ar
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
@@ -69,7 +69,7 @@ def test_restricted_likelihood_and_squares_are_those_of_dense_matrices(d):
         determinant = np.linalg.slogdet(information)[1] - np.linalg.slogdet(inverse)[1]
         return left * np.log(variance) + determinant, squares[:3]
 
-    own = {memory: _told(fit, (piece,), memory, np.zeros(0), 0) for memory in (0.0, d)}
+    own = {memory: _told(fit, [piece.with_memory(memory)], np.zeros(0), 0) for memory in (0.0, d)}
     assert columns.shape[1] == 5
     np.testing.assert_allclose(own[d].squares, dense(d)[1], rtol=1e-6)
     np.testing.assert_allclose(own[d].deviance - own[0.0].deviance, dense(d)[0] - dense(0.0)[0], atol=1e-5)
@@ -107,5 +107,9 @@ def test_a_fit_without_noise_grows_by_nothing():
     assert np.all(np.isfinite(memory_growth(fit)))
 
 
-def test_memories_reach_from_none_to_a_walk():
+@pytest.mark.holds("identify.REMEMBERS")
+def test_noise_is_an_autoregression_as_likely_as_not():
+    """From none to a walk, each other memory alike: a short record cannot tell, and 1/f noise shows in a long one."""
+    before = _before()
+    assert 0.4 < before[1:].sum() < 0.6 and before.sum() == pytest.approx(1)
     assert levels.MEMORIES[0] == 0.0 and levels.MEMORIES[-1] == 1.0

@@ -118,7 +118,9 @@ SEARCHED_ERRORS = 20_000
 FEWEST_FREEDOM = 8.0
 """Degrees of freedom: with fewer the noise is not known at all, and the t quantile says nothing sensible."""
 MEMORIES = np.linspace(0.0, 1.0, 9)
-"""Memories of the noise that are weighed: from those of an autoregression to that of a random walk."""
+"""Memories of the noise that are weighed: from that of an autoregression to that of a random walk."""
+REMEMBERS = 0.5
+"""Probability, before the record is looked at, that noise remembers longer than an autoregression: as likely as not."""
 INITIAL_STATE_BIAS = 0.5
 """Bias in standard errors for each operating point and initial state, over the root of the number of samples.
 

@@ -12,12 +12,13 @@ likelihood (Patterson and Thompson 1971), of what no parameter can take with it,
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.signal import fftconvolve
+from scipy.fft import irfft, next_fast_len, rfft
 
-from trueplant.arrays import Array, BoolArray
+from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.estimate import largest_order
@@ -37,12 +38,21 @@ class _Piece:
     valid: BoolArray
     """(n,)"""
 
-    def with_memory(self, d: float, rows: slice = slice(None)) -> Array:
-        """Some rows after (1 - 1/q)^d; what was before the piece is in its operating point and initial state."""
-        n = self.valid.size
+    def with_memory(self, d: float) -> _Piece:
+        """After (1 - 1/q)^d; what was before the piece is in its operating point and initial state."""
+        n, length = self.valid.size, self._length
         k = np.arange(1, n)
         taps = np.concatenate([[1.0], np.cumprod((k - 1 - d) / k)])
-        return np.asarray(fftconvolve(self.rows[rows], taps[None], axes=1)[:, :n])
+        return replace(self, rows=irfft(self._spectra * rfft(taps, length), length)[:, :n])
+
+    @property
+    def _length(self) -> int:
+        """Of Fourier transforms in which the end does not reach the beginning."""
+        return int(next_fast_len(2 * self.valid.size, real=True))
+
+    @cached_property
+    def _spectra(self) -> ComplexArray:
+        return np.asarray(rfft(self.rows, self._length))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,15 +72,22 @@ def memory_growth(fit: RowFit) -> Array:
     """
     part = of_a_part(fit)
     pieces = tuple(_pieces(part))
-    models = [_left_to(part, pieces, d) for d in levels.MEMORIES]
+    moved = [[piece.with_memory(d) for piece in pieces] for d in levels.MEMORIES]
+    models = [_left_to(part, some) for some in moved]
     longest = max(ar.size for ar in models)
-    told = [_told(part, pieces, d, ar, longest) for d, ar in zip(levels.MEMORIES, models, strict=True)]
+    told = [_told(part, some, ar, longest) for some, ar in zip(moved, models, strict=True)]
     deviances = np.array([one.deviance for one in told])
-    shares = np.exp((deviances.min() - deviances) / 2)
+    shares = _before() * np.exp((deviances.min() - deviances) / 2)
     squares = shares @ np.array([one.squares for one in told]) / shares.sum()
     own = np.diag(part.covariance)
     growth = np.divide(squares, own, out=np.ones_like(own), where=part.free & (own > 0))
     return np.asarray(np.maximum(growth, 1.0))
+
+
+def _before() -> Array:
+    """(n_memories,) probabilities before the record is looked at."""
+    some = levels.MEMORIES > 0
+    return np.where(some, levels.REMEMBERS / some.sum(), 1 - levels.REMEMBERS)
 
 
 def _pieces(fit: RowFit) -> Iterator[_Piece]:
@@ -83,14 +100,22 @@ def _pieces(fit: RowFit) -> Iterator[_Piece]:
         yield _Piece(whole, known, valid)
 
 
-def _left_to(fit: RowFit, pieces: Sequence[_Piece], d: float) -> Array:
-    """(order,) the autoregression of what is left of the errors after a memory."""
-    errors, valid = [piece.with_memory(d, slice(1))[0] for piece in pieces], [piece.valid for piece in pieces]
+def _left_to(fit: RowFit, pieces: Sequence[_Piece]) -> Array:
+    """(order,) the autoregression of what is left of the errors.
+
+    Operating points and initial states are taken out anew: those of the fit need not hold before its first error.
+    """
+    errors = []
+    for piece in pieces:
+        own, unknown = piece.rows[0], piece.rows[1 + fit.theta.size :]
+        known = unknown @ unknown.T + np.diag(piece.known)
+        errors.append(own - unknown.T @ (inverse(known) @ (unknown @ own)))
+    valid = [piece.valid for piece in pieces]
     order = choose_order(errors, valid, largest_order(fit.row, max(levels.USUAL_ORDER, fit.ar.size)))
     return fit_ar(errors, valid, order)[0]
 
 
-def _told(fit: RowFit, pieces: Sequence[_Piece], d: float, ar: Array, longest: int) -> _Told:
+def _told(fit: RowFit, pieces: Sequence[_Piece], ar: Array, longest: int) -> _Told:
     """By those prediction errors that a noise model of the `longest` order has."""
     size, free = fit.theta.size, fit.free
     diagonal, pull = fit.row.prior.normal_equations(fit.theta)
@@ -98,7 +123,7 @@ def _told(fit: RowFit, pieces: Sequence[_Piece], d: float, ar: Array, longest: i
     squares, count, determinant = 0.0, 0, 0.0
     whole = np.append(ar, np.zeros(longest - ar.size))
     for piece in pieces:
-        white = whiten(whole, piece.with_memory(d).T)[whitened_valid(longest, piece.valid)].T
+        white = whiten(whole, piece.rows.T)[whitened_valid(longest, piece.valid)].T
         own, unknown = white[: 1 + size], white[1 + size :]
         known = unknown @ unknown.T + np.diag(piece.known)
         products = own @ (own - own @ unknown.T @ inverse(known) @ unknown).T
