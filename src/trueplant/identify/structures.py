@@ -15,7 +15,7 @@ import numpy as np
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
-from trueplant.identify.covariance import noise_freedom, student_factor
+from trueplant.identify.covariance import inflation
 from trueplant.identify.estimate import free_of_noise, polished, with_own_noise
 from trueplant.identify.fit import RowFit, evaluate, fit_row
 from trueplant.identify.kept_structures import with_richer
@@ -90,11 +90,11 @@ def sufficient_p(fit: RowFit, confidence: float) -> Array:
 
 
 def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
-    rival = _next_richer(fit, m)
+    rival = next_richer(fit, m)
     return 1.0 if rival is None else suffices_p(fit, rival, m, confidence)
 
 
-def _next_richer(fit: RowFit, m: int) -> RowFit | None:
+def next_richer(fit: RowFit, m: int) -> RowFit | None:
     """The best fit found with one lag and one lead more for element m; None where its input or its lags say nothing."""
     structure, p = fit.row.specs[m].structure, fit.theta[fit.row.slices[m]]
     lag, lags = _scale(structure, p), np.sort(p[structure.is_lag])
@@ -247,7 +247,7 @@ def suffices_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
     """p-value that the fit suffices beside a rival with another structure for element m.
 
     By the likelihood ratio, each with its own noise model; where that looks clear, with the largest as well, by the
-    restricted likelihood of the richer one: what slow noise could explain counts there.
+    restricted likelihood of the richer one.
     """
     p = _ratio_p(fit, rival, m, confidence)
     if p > 1 - confidence:
@@ -258,8 +258,7 @@ def suffices_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
 
 def _ratio_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
     one, other = _criteria([fit, rival])
-    widened = student_factor(noise_freedom(rival), confidence)[rival.row.slices[m]]
-    rise = fit.left * (one - other) / float(widened.mean())
+    rise = fit.left * (one - other) / float(inflation(rival, confidence)[rival.row.slices[m]].mean())
     return ratio_p(rise, _freedom(fit, rival))
 
 
