@@ -90,16 +90,10 @@ def sufficient_p(fit: RowFit, confidence: float) -> Array:
 
 
 def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
-    rival = next_richer(fit, m)
-    return 1.0 if rival is None else suffices_p(fit, rival, m, confidence)
-
-
-def next_richer(fit: RowFit, m: int) -> RowFit | None:
-    """The best fit found with one lag and one lead more for element m; None where its input or its lags say nothing."""
     structure, p = fit.row.specs[m].structure, fit.theta[fit.row.slices[m]]
     lag, lags = _scale(structure, p), np.sort(p[structure.is_lag])
     if lag <= 0 or not any(np.any(piece.inputs[fit.row.specs[m].column]) for piece in fit.row.pieces):
-        return None
+        return 1.0
     if structure.lags:
         wanted = replace(structure, lags=structure.lags - 1, pairs=structure.pairs + 1, leads=structure.leads + 1)
     else:
@@ -117,7 +111,7 @@ def next_richer(fit: RowFit, m: int) -> RowFit | None:
         begun[np.flatnonzero(wanted.is_lead)[-1]] = further
         near.append(_briefly(fit, m, wanted, begun))
     far = _fitted(fit, m, wanted, [start(share * lag) for share in levels.SECOND_LAGS])
-    return _best([polished(_best(near)), polished(_best(far))])
+    return suffices_p(fit, _best([polished(_best(near)), polished(_best(far))]), m, confidence)
 
 
 def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Structure, Array] | None:

@@ -222,6 +222,7 @@ class _Test:
         self._all = orthonormal(np.hstack([jacobian, rivals]))
         more = self._all.shape[1] - self._plant.shape[1]
         gained = fit.left * np.log(_left(self._errors, self._plant) / _left(self._errors, self._all))
+        # log odds that what else could explain the errors is needed, by the Bayesian criterion
         self._needed = (gained - more * np.log(self._errors.size)) / 2
 
     def of(self, valve: Valve) -> _Effect:
