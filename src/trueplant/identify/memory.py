@@ -17,6 +17,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
+from scipy.special import logsumexp
 
 from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.identify import levels
@@ -59,8 +60,10 @@ class _Piece:
 class _Told:
     """What a record tells under one noise."""
 
+    height: float
+    """-2 log likelihood of the best parameters near the fit, without operating points and initial states."""
     deviance: float
-    """-2 log restricted likelihood, with what the Bayesian criterion takes for the coefficients."""
+    """-2 log restricted likelihood. Both with what the Bayesian criterion takes for the coefficients."""
     squares: Array
     """(size,) mean squares of the parameters about the estimate."""
 
@@ -71,17 +74,30 @@ def memory_growth(fit: RowFit) -> Array:
     Relative to the variances of the fit, and at least 1.
     """
     part = of_a_part(fit)
-    pieces = tuple(_pieces(part))
-    moved = [[piece.with_memory(d) for piece in pieces] for d in levels.MEMORIES]
-    models = [_left_to(part, some) for some in moved]
-    longest = max(ar.size for ar in models)
-    told = [_told(part, some, ar, longest) for some, ar in zip(moved, models, strict=True)]
+    told = _told_of([part])[0]
     deviances = np.array([one.deviance for one in told])
     shares = _before() * np.exp((deviances.min() - deviances) / 2)
     squares = shares @ np.array([one.squares for one in told]) / shares.sum()
     own = np.diag(part.covariance)
     growth = np.divide(squares, own, out=np.ones_like(own), where=part.free & (own > 0))
     return np.asarray(np.maximum(growth, 1.0))
+
+
+def memory_heights(fits: Sequence[RowFit]) -> Array:
+    """(n_fits,) -2 log likelihood of several fits of one row, over the memories that the noise may have."""
+    heights = np.array([[one.height for one in told] for told in _told_of([of_a_part(fit) for fit in fits])])
+    return np.asarray(-2 * logsumexp(-heights / 2, b=_before(), axis=1))
+
+
+def _told_of(fits: Sequence[RowFit]) -> list[list[_Told]]:
+    """For each fit of one row, under each memory: all by the same prediction errors."""
+    moved = [[[piece.with_memory(d) for piece in _pieces(fit)] for d in levels.MEMORIES] for fit in fits]
+    models = [[_left_to(fit, some) for some in own] for fit, own in zip(fits, moved, strict=True)]
+    longest = max(ar.size for own in models for ar in own)
+    return [
+        [_told(fit, some, ar, longest) for some, ar in zip(own, ars, strict=True)]
+        for fit, own, ars in zip(fits, moved, models, strict=True)
+    ]
 
 
 def _before() -> Array:
@@ -120,7 +136,7 @@ def _told(fit: RowFit, pieces: Sequence[_Piece], ar: Array, longest: int) -> _To
     size, free = fit.theta.size, fit.free
     diagonal, pull = fit.row.prior.normal_equations(fit.theta)
     information, slope = np.diag(fit.variance * diagonal), -fit.variance * pull
-    squares, count, determinant = 0.0, 0, 0.0
+    squares, count, determinant = fit.variance * fit.row.prior.penalty(fit.theta), 0, 0.0
     whole = np.append(ar, np.zeros(longest - ar.size))
     for piece in pieces:
         white = whiten(whole, piece.rows.T)[whitened_valid(longest, piece.valid)].T
@@ -136,7 +152,9 @@ def _told(fit: RowFit, pieces: Sequence[_Piece], ar: Array, longest: int) -> _To
     back = inverse(told)
     covariance, shift = np.zeros(size), np.zeros(size)
     covariance[free], shift[free] = np.diag(back), back @ slope[free]
-    left = max(count - int(free.sum()) - sum(piece.known.size for piece in pieces), 1)
-    variance = max(squares - float(slope @ shift), np.finfo(float).tiny) / left
-    deviance = left * np.log(variance) + determinant + log_determinant(told) + ar.size * np.log(max(count, 1))
-    return _Told(deviance, covariance * variance + shift**2)
+    there = max(count - sum(piece.known.size for piece in pieces), 1)
+    left = max(there - int(free.sum()), 1)
+    squares = max(squares - float(slope @ shift), np.finfo(float).tiny)
+    taken = determinant + ar.size * np.log(max(count, 1))
+    height, deviance = there * np.log(squares / there), left * np.log(squares / left) + log_determinant(told)
+    return _Told(height + taken, deviance + taken, covariance * squares / left + shift**2)
