@@ -85,13 +85,14 @@ def memory_growth(fit: RowFit) -> Array:
 
 def memory_heights(fits: Sequence[RowFit]) -> Array:
     """(n_fits,) -2 log likelihood of several fits of one row, over the memories that the noise may have."""
-    heights = np.array([[one.height for one in told] for told in _told_of([of_a_part(fit) for fit in fits])])
+    heights = np.array([[one.height for one in told] for told in _told_of(fits)])
     return np.asarray(-2 * logsumexp(-heights / 2, b=_before(), axis=1))
 
 
 def _told_of(fits: Sequence[RowFit]) -> list[list[_Told]]:
     """For each fit of one row, under each memory: all by the same prediction errors."""
-    moved = [[[piece.with_memory(d) for piece in _pieces(fit)] for d in levels.MEMORIES] for fit in fits]
+    each = [tuple(_pieces(fit)) for fit in fits]
+    moved = [[[piece.with_memory(d) for piece in pieces] for d in levels.MEMORIES] for pieces in each]
     models = [[_left_to(fit, some) for some in own] for fit, own in zip(fits, moved, strict=True)]
     longest = max(ar.size for own in models for ar in own)
     return [

@@ -19,10 +19,11 @@ from scipy.stats import norm
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.blocks import of_a_part
+from trueplant.identify.blocks import most_moved, of_a_part
 from trueplant.identify.covariance import inflation, small_samples
 from trueplant.identify.fit import RowFit, refitted
 from trueplant.identify.intervals import as_wide_as
+from trueplant.identify.likelihood import rise
 from trueplant.identify.memory import memory_heights
 
 
@@ -110,10 +111,18 @@ def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
     found = _distinct([_ordered(part), *(_ended(part, start) for start in _starts(part))])
     if part is not fit:
         found = _distinct([_ordered(fit), *(_ended(fit, one.theta) for one in found[: levels.MINIMA_POLISHED])])
-    heights = memory_heights(found) if len(found) > 1 else np.zeros(1)
-    unknown = float(small_samples(found[0], confidence)[found[0].free].mean())
-    quantile = float(norm.ppf(0.5 + confidence / 2))
-    return OpenMinima(tuple(found), (heights - heights[0]) / unknown, inflation(found[0], confidence), quantile)
+    factor, quantile = inflation(found[0], confidence), float(norm.ppf(0.5 + confidence / 2))
+    rises = np.zeros(1) if len(found) == 1 else _rises(found, factor, confidence)
+    return OpenMinima(tuple(found), rises, factor, quantile)
+
+
+def _rises(fits: Sequence[RowFit], factor: Array, confidence: float) -> Array:
+    """`OpenMinima.rises`; of a long record, which is not gone through for each memory, less by the mean `factor`."""
+    best = fits[0]
+    if most_moved(best.row) is not best.row:
+        return np.array([rise(best, one) for one in fits]) / float(factor[best.free].mean())
+    heights = memory_heights(fits)
+    return (heights - heights[0]) / float(small_samples(best, confidence)[best.free].mean())
 
 
 def _starts(fit: RowFit) -> list[Array]:
