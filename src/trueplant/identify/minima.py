@@ -122,7 +122,7 @@ def _rises(fits: Sequence[RowFit], factor: Array, confidence: float) -> Array:
     if most_moved(best.row) is not best.row:
         return np.array([rise(best, one) for one in fits]) / float(factor[best.free].mean())
     heights = memory_heights(fits)
-    return (heights - heights[0]) / float(small_samples(best, confidence)[best.free].mean())
+    return np.asarray((heights - heights[0]) / float(small_samples(best, confidence)[best.free].mean()))
 
 
 def _starts(fit: RowFit) -> list[Array]:
