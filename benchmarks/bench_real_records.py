@@ -114,6 +114,12 @@ def cases() -> Iterator[Case]:
             known = FLOW if name == "fic10201" else {}
             yield case(f"refinery {name}, {word(free)}", read(f"refinery_{name}", free=free), known)
 
+    for example, known in (("tclab_pid_short", PID_RIG), ("tclab_lqg_arx", LQG_RIG), ("pid_oven_20180205", OVEN)):
+        tables = read(example)
+        for one in tables["input"]:
+            one["actuator"] = "valve"
+        yield case(f"{example}, heaters taken for valves", tables, known)
+
 
 def word(free: bool) -> str:
     return "structures free" if free else "structures declared"

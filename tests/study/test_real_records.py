@@ -160,6 +160,18 @@ def test_a_failed_lqg_design_says_what_its_rig_is(real_data):
     assert "47 and 50 %" in note
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    ["tclab_pid_short", "tclab_lqg_arx", "tclab_lqg_ml", "tclab_openloop", "pid_oven_20180114", "pid_oven_20180205"],
+)
+def test_heaters_that_are_taken_for_valves_do_not_stick(real_data, name):
+    text = Project.load(EXAMPLES / f"{name}.toml").to_toml()
+    assert text.count('actuator = "other"') >= 1
+    result = run(Project.from_toml(text.replace('actuator = "other"', 'actuator = "valve"'), EXAMPLES))
+    assert "cause-valve-sticking" not in {note.code for note in result.notes}
+
+
 @pytest.mark.parametrize("name", ["refinery_fic10201", "refinery_fic45102c"])
 def test_refinery_loops_have_a_gain_and_no_dynamics(real_data, name):
     result = analysed(name)
