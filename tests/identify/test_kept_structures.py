@@ -10,7 +10,8 @@ import pytest
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Spec, identify_matrix
-from trueplant.identify.kept_structures import _directions, _values, with_richer
+from trueplant.identify.kept_structures import with_richer
+from trueplant.identify.moments import directions, moments
 from trueplant.identify.output import OutputEstimate
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
@@ -50,7 +51,7 @@ def found(plant: str, seed: int) -> OutputEstimate:
 def test_gain_and_time_are_moments_of_the_impulse_response(name: str) -> None:
     """Of the transfer function at 0, without its integrators: G(0), and -G'(0)/G(0); derivatives by differences."""
     structure, p = Structure.parse(name), np.array(PARAMETERS[name])
-    (gain, time), derivatives = _values(structure, p)
+    (gain, time), derivatives = moments(structure, p)
     step, transfer = 1e-4, structure.transfer(p)
 
     def at(s: float) -> float:
@@ -62,16 +63,16 @@ def test_gain_and_time_are_moments_of_the_impulse_response(name: str) -> None:
     for k in range(p.size):
         there = p.copy()
         there[k] += 1e-6
-        moved, _ = _values(structure, there)
+        moved, _ = moments(structure, there)
         assert derivatives[:, k] == pytest.approx((moved - [gain, time]) / 1e-6, abs=1e-3)
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_an_element_moves_by_its_gain_or_its_time_alone(name: str) -> None:
     structure, p = Structure.parse(name), np.array(PARAMETERS[name])
-    _, derivatives = _values(structure, p)
+    _, derivatives = moments(structure, p)
     has_time = np.any(derivatives[1])
-    assert _directions(structure, p) @ derivatives.T == pytest.approx(np.diag([1.0, float(has_time)]), abs=1e-9)
+    assert directions(structure, p) @ derivatives.T == pytest.approx(np.diag([1.0, float(has_time)]), abs=1e-9)
 
 
 @pytest.mark.slow

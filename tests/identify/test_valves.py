@@ -81,8 +81,8 @@ def test_nothing_is_known_of_the_stem_before_op_has_moved_through_its_band():
     assert np.array_equal(moved.t, segment.t[first:]) and np.array_equal(moved.y, segment.y[first:])
 
 
-def test_what_a_valve_may_move_reaches_an_estimate_of_another_structure_by_name():
-    """The record was estimated anew since, and its element has a second lag now: the gain is widened all the same."""
+def test_what_a_valve_may_move_reaches_an_estimate_of_another_structure():
+    """Estimated anew since, its element has a second lag: gain, dead time and the rest of its time widen alike."""
     segment, _ = record(5, 0.003)
     first = identify_matrix([segment], PLANT, specs_of(PLANT))
     richer = TransferMatrix.of([["2 exp(-3.3 s)/((10 s + 1)(0.5 s + 1))"]], "min")
@@ -96,7 +96,8 @@ def test_what_a_valve_may_move_reaches_an_estimate_of_another_structure_by_name(
     assert second[0].row.names == ("gain", "tau1", "tau2", "dead_time")
     assert shares.sum() > 0.01
     np.testing.assert_allclose(more[[0, 3]], (shares @ shifts**2)[[0, 2]], rtol=1e-9)
-    assert more[2] == 0
+    assert np.sqrt(more[1]) + np.sqrt(more[2]) == pytest.approx(np.sqrt(shares @ shifts[:, 1] ** 2))
+    assert more[1] / more[2] == pytest.approx((second[0].theta[1] / second[0].theta[2]) ** 2)
 
 
 def test_intervals_reach_the_plant_behind_a_valve_that_the_record_cannot_show():

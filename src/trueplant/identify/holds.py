@@ -28,9 +28,10 @@ from trueplant.identify import levels
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import best_dead_times
 from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.moments import in_row
 from trueplant.identify.output import OutputEstimate, averaged
 from trueplant.identify.pieces import Piece
-from trueplant.identify.row import Row, placed
+from trueplant.identify.row import Row
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.record.types import Segment
@@ -194,6 +195,6 @@ def widened_for_holds(
     out = dict(estimates)
     for found in holds.values():
         for i in found.thetas.keys() & out.keys():
-            shifts = placed(found.shifts(i), found.held[i].row, out[i].row)
+            shifts = in_row(found.shifts(i), found.held[i], out[i].row, out[i].theta)
             out[i] = averaged(out[i], shifts, found.shares, confidence, Source.HOLD)
     return out

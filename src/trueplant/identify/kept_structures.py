@@ -15,6 +15,7 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
+from trueplant.identify.moments import directions, moments
 from trueplant.identify.output import OutputEstimate, averaged
 from trueplant.lti.structure import Structure
 from trueplant.result.budget import Source
@@ -29,9 +30,9 @@ def with_richer(
     for column in columns:
         shift, variance = _apart(_moments(estimate, column), _moments(richer, column))
         part, structure = _element(estimate, column)
-        directions = _directions(structure, estimate.theta[part])
-        shifts[1, part] = shift @ directions
-        spreads[1, part, part] = (directions.T * variance) @ directions
+        along = directions(structure, estimate.theta[part])
+        shifts[1, part] = shift @ along
+        spreads[1, part, part] = (along.T * variance) @ along
     shares = np.array([1 - levels.RICHER_MEANT, levels.RICHER_MEANT])
     return averaged(estimate, shifts, shares, confidence, Source.STRUCTURE, spreads)
 
@@ -55,32 +56,10 @@ def _apart(own: _Moments, other: _Moments) -> tuple[Array, Array]:
 def _moments(estimate: OutputEstimate, column: int) -> _Moments:
     """With what the prior adds to the covariance taken off: it keeps finite what the record does not tell."""
     part, structure = _element(estimate, column)
-    values, derivatives = _values(structure, estimate.theta[part])
+    values, derivatives = moments(structure, estimate.theta[part])
     by_data = np.maximum(estimate.fit.standard_errors_by_data[part] ** 2 - np.diag(estimate.covariance)[part], 0.0)
     covariance = estimate.covariance[part, part] + np.diag(by_data)
     return _Moments(structure.integrators, values, np.einsum("ij,jk,ik->i", derivatives, covariance, derivatives))
-
-
-def _values(structure: Structure, p: Array) -> tuple[Array, Array]:
-    """(2,) gain and time of an element, and (2, n_p) their derivatives by its parameters.
-
-    Delayed terms count alike for the time: what they say together has no mean where their gains cancel.
-    """
-    frequency, damping = p[structure.is_frequency], p[structure.is_damping]
-    dead_times = structure.is_dead_time / max(int(structure.is_dead_time.sum()), 1)
-    by_time = structure.is_lag - structure.is_lead.astype(float) + dead_times
-    time = float(by_time @ p + np.sum(2 * damping / frequency))
-    by_time[structure.is_frequency], by_time[structure.is_damping] = -2 * damping / frequency**2, 2 / frequency
-    by_gain = structure.is_gain.astype(float)
-    return np.array([by_gain @ p, time]), np.array([by_gain, by_time])
-
-
-def _directions(structure: Structure, p: Array) -> Array:
-    """(2, n_p) how the parameters move with the gain, and with the time: by lags, or else by dead time."""
-    slower = np.where(structure.is_lag, p, 0.0) - np.where(structure.is_frequency, p, 0.0)
-    lags = float(p[structure.is_lag].sum() + np.sum(2 * p[structure.is_damping] / p[structure.is_frequency]))
-    by_time = slower / lags if lags > 0 else structure.is_dead_time.astype(float)
-    return np.array([structure.is_gain / structure.is_gain.sum(), by_time])
 
 
 def _element(estimate: OutputEstimate, column: int) -> tuple[slice, Structure]:

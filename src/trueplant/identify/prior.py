@@ -63,16 +63,16 @@ class Prior:
 
     def penalty(self, theta: Array) -> float:
         """-2 log density at theta (n,), relative to the model's."""
-        distance, _ = self._distance(theta)
+        distance, _ = self.errors(theta)
         return float(distance @ distance)
 
     def normal_equations(self, theta: Array) -> tuple[Array, Array]:
         """Diagonal (n,) of the information and half of the gradient (n,) of the penalty."""
-        distance, slope = self._distance(theta)
+        distance, slope = self.errors(theta)
         return slope**2, distance * slope
 
-    def _distance(self, theta: Array) -> tuple[Array, Array]:
-        """From the model in standard deviations, and its derivative."""
+    def errors(self, theta: Array) -> tuple[Array, Array]:
+        """(n,) distances from the model in standard deviations, and (n,) their derivatives."""
         value, slope = _logarithm(theta, self.unit, self.positive)
         return (value - self._centre) / levels.PRIOR_SPREAD, slope / levels.PRIOR_SPREAD
 

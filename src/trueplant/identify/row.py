@@ -233,14 +233,3 @@ class Row:
             )
             for k, piece in enumerate(self.pieces)
         )
-
-
-def placed(values: Array, of: Row, row: Row) -> Array:
-    """(m, row.size) values (m, of.size) of the parameters of one row in another; 0 for what only that one has."""
-    known = {(spec.column, name): k for k, (spec, name) in enumerate(_named(of))}
-    places = [known.get((spec.column, name)) for spec, name in _named(row)]
-    return np.column_stack([np.zeros(len(values)) if k is None else values[:, k] for k in places])
-
-
-def _named(row: Row) -> list[tuple[Spec, str]]:
-    return [(spec, name) for spec in row.specs for name in spec.structure.names]

@@ -21,9 +21,10 @@ from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit, Whitening, fit_row
 from trueplant.identify.linear_algebra import orthonormal
+from trueplant.identify.moments import in_row
 from trueplant.identify.output import OutputEstimate, averaged
 from trueplant.identify.pieces import Piece
-from trueplant.identify.row import Row, placed
+from trueplant.identify.row import Row
 from trueplant.loop.valve import Valve
 from trueplant.record.types import Segment
 from trueplant.result.budget import Source
@@ -90,7 +91,7 @@ def widened_for_valves(
     for ones in tried.values():
         odds = np.concatenate([np.ones(1), *(one.odds for one in ones)])
         for i in out.keys() & (ones[0].behind.keys() if ones else ()):
-            moved = [placed(one.shifts[i], one.behind[i].row, out[i].row) for one in ones]
+            moved = [in_row(one.shifts[i], one.behind[i], out[i].row, out[i].theta) for one in ones]
             shifts = np.vstack([np.zeros((1, out[i].row.size)), *moved])
             out[i] = averaged(out[i], shifts, odds / odds.sum(), confidence, Source.VALVE)
     return out
@@ -107,7 +108,7 @@ def widened_for_bands(
     for column, found in valves.items():
         one = next(one for one in tried[column] if one.found is found)
         for i in out.keys() & one.leans.keys():
-            shifts = placed(np.outer([1.0, -1.0], one.leans[i]), one.behind[i].row, out[i].row)
+            shifts = in_row(np.outer([1.0, -1.0], one.leans[i]), one.behind[i], out[i].row, out[i].theta)
             out[i] = averaged(out[i], shifts, np.full(2, 0.5), confidence, Source.VALVE)
     return out
 
@@ -203,7 +204,8 @@ class _Effect:
 class _Test:
     """The prediction errors of one output, ready for what valves in one of its inputs would change.
 
-    `recorded` has OP as it was recorded; `fit` may stand on the positions of a stem already.
+    `recorded` has OP as it was recorded; `fit` may stand on the positions of a stem already. The distances from the
+    model are errors besides: behind a wide band a plant beyond all bounds would be as likely to first order.
     """
 
     def __init__(self, fit: RowFit, column: int, recorded: Row) -> None:
@@ -212,9 +214,12 @@ class _Test:
         every = zip(fit.row.pieces, recorded.pieces, Whitening.of(fit), strict=True)
         self._parts = [(piece, raw.inputs[column], of_piece) for piece, raw, of_piece in every if of_piece is not None]
         self._free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
-        jacobian = np.hstack([whitening.jacobian[self._free] for _, _, whitening in self._parts]).T
-        rivals = np.hstack([whitening(_rivals(fit, self._m, piece)) for piece, _, whitening in self._parts]).T
-        self._errors = np.concatenate([whitening.errors for _, _, whitening in self._parts])
+        distances, slopes = np.sqrt(fit.variance) * np.array(fit.row.prior.errors(fit.theta))
+        prior = np.diag(np.append(slopes, np.zeros(fit.ar.size)))[self._free, : fit.theta.size]
+        jacobian = np.hstack([*(whitening.jacobian[self._free] for _, _, whitening in self._parts), prior]).T
+        others = [whitening(_rivals(fit, self._m, piece)) for piece, _, whitening in self._parts]
+        rivals = np.hstack([*others, np.zeros((len(others[0]), fit.theta.size))]).T
+        self._errors = np.concatenate([*(whitening.errors for _, _, whitening in self._parts), distances])
         size = np.sqrt(np.einsum("nk,nk->k", jacobian, jacobian))
         size[size == 0] = 1.0
         self._renewed = np.linalg.pinv(jacobian / size, rcond=levels.LOST) / size[:, None]
@@ -231,7 +236,7 @@ class _Test:
             moved = valve.positions(op) - piece.inputs[self._column]
             changed = _element_response(self._fit, self._m, piece, moved)
             changes.append(whitening(changed[None])[0])
-        changed = np.concatenate(changes)
+        changed = np.concatenate([*changes, np.zeros(self._fit.theta.size)])
         shift = np.zeros(self._free.size)
         shift[self._free] = self._renewed @ changed
         alone, beyond = (self._gain(basis, changed) for basis in (self._plant, self._all))

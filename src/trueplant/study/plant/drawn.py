@@ -15,8 +15,8 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify import OutputEstimate
+from trueplant.identify.moments import apart
 from trueplant.identify.output import averaged
-from trueplant.identify.row import placed
 from trueplant.record import Segment
 from trueplant.record.compression import drawn
 from trueplant.result.budget import Source
@@ -58,8 +58,7 @@ def widened_for_drawn(
     out = dict(estimates)
     for i in set(outputs) & estimates.keys() & held.keys():
         own, other = estimates[i], held[i]
-        theta, both = placed(np.array([other.theta, np.ones(other.theta.size)]), other.row, own.row)
-        shift = np.where(both > 0, theta - own.theta, 0.0)
+        shift = apart(replace(other.fit, theta=other.theta), own.row, own.theta)
         places, shares = np.array(levels.BETWEEN).T
         out[i] = averaged(own, np.outer(places, shift), shares, confidence, Source.HISTORIAN)
     return out
