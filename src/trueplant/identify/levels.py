@@ -327,6 +327,10 @@ ARX_MOST_SAMPLES = 6000
 """Samples of that model: longer records are decimated, as an initial guess need not be efficient."""
 ARX_HORIZON = 4
 """Its step responses are followed for that many times its lags."""
+SPIKE = 0.01
+"""Chance over a whole record that a sample of PV is left out that is not wrong, were the noise normal."""
+SPIKE_ROUNDS = 20
+"""Passes over the record, at most: each leaves out all that are the largest within reach."""
 LOAD_STEP = 0.05
 """Chance over a whole record that a load is taken along that is none, were the noise model known."""
 LOAD_ROUNDS = 4

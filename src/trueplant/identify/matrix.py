@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -22,6 +22,7 @@ from trueplant.identify.shared_disturbance import (
     together,
     widened_for_shared_disturbance,
 )
+from trueplant.identify.spikes import Spikes, find_spikes, without_spikes
 from trueplant.identify.strides import Sampling, choose_block, choose_stride, samples_per_update, typical_lag
 from trueplant.identify.structures import with_structures
 from trueplant.lti.structure import structure_of
@@ -56,6 +57,8 @@ class Identification:
     absence_p: dict[tuple[int, int], float]
     """That the elements of which nobody said so are absent, over all of them. Those that the record does not show are
     not among the estimates."""
+    spikes: Spikes = field(default_factory=dict)
+    """Samples of PV that are not in the estimates, as the rest of the record speaks against them."""
     doubtful: tuple[tuple[int, int], ...] = ()
     """Elements that the model lacks and the fit shows, but not beside the largest noise model. They are not among the
     estimates, which are no surer than they would be beside them."""
@@ -151,6 +154,10 @@ def identify_plant(
             places = [j for k, j in absent if k == i]
             completed = with_missing(found, places, estimate, len(absent), confidence)
             estimates[i], doubtful[i] = completed.estimate, completed.doubtful
+    spikes = {i: some for i, estimate in estimates.items() if (some := find_spikes(estimate.fit))}
+    segments = without_spikes(segments, spikes) if spikes else segments
+    for i in spikes:
+        estimates[i] = _estimated(again[i], segments, estimates[i].row.specs) or estimates[i]
     loaded = find_loads({i: estimate.fit for i, estimate in estimates.items()}) if asked.loads else {}
     segments = with_loads(segments, loaded) if loaded else segments
     for i, fit in loaded.items():
@@ -169,7 +176,8 @@ def identify_plant(
         estimates[i] = with_left_out(found, doubtful[i], estimate, confidence)
     if any(segment.closed for segment in segments):
         estimates = _with_shared_disturbances(estimates, confidence)
-    return Identification(estimates, holds, absence_p, tuple((i, j) for i, some in doubtful.items() for j in some))
+    left_open = tuple((i, j) for i, some in doubtful.items() for j in some)
+    return Identification(estimates, holds, absence_p, spikes, left_open)
 
 
 def _held(model: TransferMatrix, specs: Mapping[tuple[int, int], Spec], i: int) -> list[Held]:
