@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.identify import identify_matrix, levels, specs_of
+from trueplant.identify import identify_matrix, specs_of
 from trueplant.identify.fit import evaluate
 from trueplant.identify.spikes import _explained, _pieces, find_spikes, without_spikes
 from trueplant.loop import PID, Controller, simulate
@@ -65,11 +65,6 @@ def test_hardly_ever_is_a_sample_left_out_of_a_record_without_spikes(noise):
         v = walk(seed) if noise == "walk" else coloured(rng, 1500, 1, [1, -0.9 * (noise == "AR")], [1], 0.05)
         found += len(found_in(record(seed, v))) > 0
     assert found <= 2
-
-
-@pytest.mark.holds("identify.SPIKE")
-def test_one_record_in_a_hundred_loses_a_sample():
-    assert pytest.approx(0.01) == levels.SPIKE
 
 
 def test_what_a_spike_explains_is_what_the_likelihood_gains_without_its_sample():

@@ -10,6 +10,7 @@ import numpy as np
 
 from trueplant.identify.estimate import Options
 from trueplant.identify.first import Again, regulating_or_not, shown, with_guesses, with_left_out
+from trueplant.identify.fit import RowFit
 from trueplant.identify.holds import FoundHold, find_holds, held_fits, with_holds
 from trueplant.identify.loads import find_loads, with_loads
 from trueplant.identify.missing import with_missing
@@ -123,12 +124,8 @@ def identify_plant(
     wanted = {i: [j for k, j in asked.wanted if k == i] for i in held}
     own = {i: with_guesses(segments, i, row, wanted[i], held[i], update) for i, row in own.items()}
     everywhere = [spec for row in own.values() for spec in row]
-    sampling = Sampling(
-        stride=choose_stride(segments, everywhere, update_interval),
-        update=update,
-        block=choose_block(segments, everywhere),
-        timing=timing,
-    )
+    stride, block = choose_stride(segments, everywhere, update_interval), choose_block(segments, everywhere)
+    sampling = Sampling(stride=stride, update=update, block=block, timing=timing)
     absent = [place for place in np.ndindex(*model.shape) if place not in specs and model[place].is_zero]
     estimates, again = {}, {}
     absence_p: dict[tuple[int, int], float] = {}
@@ -155,17 +152,15 @@ def identify_plant(
             completed = with_missing(found, places, estimate, len(absent), confidence)
             estimates[i], doubtful[i] = completed.estimate, completed.doubtful
     spikes = {i: some for i, estimate in estimates.items() if (some := find_spikes(estimate.fit))}
-    segments = without_spikes(segments, spikes) if spikes else segments
-    for i in spikes:
-        estimates[i] = _estimated(again[i], segments, estimates[i].row.specs) or estimates[i]
+    segments = without_spikes(segments, spikes)
+    estimates |= _anew(estimates, spikes, again, segments)
     loaded = find_loads({i: estimate.fit for i, estimate in estimates.items()}) if asked.loads else {}
     segments = with_loads(segments, loaded) if loaded else segments
-    for i, fit in loaded.items():
-        estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
+    estimates |= _anew(estimates, loaded, again, segments, loaded)
     holds = find_holds(estimates, model, asked.holds)
     segments = with_holds(segments, holds)
-    for i, fit in held_fits(holds).items():
-        estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
+    held_there = held_fits(holds)
+    estimates |= _anew(estimates, held_there, again, segments, held_there)
     for i, found in estimates.items():
         estimate = partial(_estimated, again[i], segments)
         # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
@@ -196,6 +191,23 @@ def _structured(
     found = with_structures(found, estimate, tested, confidence, pinned)
     there = {spec.column for spec in found.row.specs}
     return with_left_out(found, [j for k, j in asked.wanted if k == i and j not in there], estimate, confidence)
+
+
+def _anew(
+    estimates: Mapping[int, OutputEstimate],
+    outputs: Collection[int],
+    again: Mapping[int, Callable[..., OutputEstimate | None]],
+    segments: Sequence[Segment],
+    starts: Mapping[int, RowFit] | None = None,
+) -> dict[int, OutputEstimate]:
+    """The estimates of these outputs on other segments, searched for or from these starts."""
+    out = {}
+    for i in outputs:
+        start = starts[i] if starts else None
+        row = start.row if start else estimates[i].row
+        options = Options(start=start) if start else None
+        out[i] = _estimated(again[i], segments, row.specs, options) or estimates[i]
+    return out
 
 
 def _estimated(

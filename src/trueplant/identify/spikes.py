@@ -59,6 +59,8 @@ def find_spikes(fit: RowFit) -> list[tuple[int, float]]:
 
 def without_spikes(segments: Sequence[Segment], spikes: Spikes) -> tuple[Segment, ...]:
     """The segments without the samples that are wrong."""
+    if not spikes:
+        return tuple(segments)
     out = []
     for segment in segments:
         y = segment.y.copy()
