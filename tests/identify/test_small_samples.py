@@ -53,7 +53,7 @@ def test_a_declared_dead_time_is_always_estimated():
 
 def test_short_records_widen_more_than_long_ones():
     short, long = (estimated("2/(12 s + 1)", (1.6, 15.0, 0.0), 6, n).factor[0] for n in (300, 6000))
-    assert 1 < long < 1.02 < short < 1.5
+    assert 1 < long < 1.01 < short < 1.2
 
 
 @pytest.mark.slow

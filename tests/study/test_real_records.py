@@ -93,22 +93,17 @@ def test_tclab_spikes_and_saturation_are_found(tclab):
 
 
 @pytest.mark.slow
-def test_the_spread_of_the_tclab_runs_is_in_the_intervals(tclab):
-    """Their noise is slow: each run alone prefers a memory to an autoregression by a deviance of some 40.
-
-    So how far they differ is no proof that the plant did, and none is claimed.
-    """
+def test_tclab_runs_disagree_and_their_spread_is_in_the_intervals(tclab):
     together, first, second = (tclab[key] for key in ("together", "first", "second"))
-    assert not any(note.code == "runs-disagree" for note in together.notes)
+    assert any(note.code == "runs-disagree" and note.where == "temperature_2" for note in together.notes)
     for name in ("gain", "tau1"):
         both = [parameter(one, 2, 1, name) for one in (first, second)]
         low, high = parameter(together, 2, 1, name).ci
         spread = abs(both[0].plant - both[1].plant)
         assert low < min(p.plant for p in both)
         assert high > max(p.plant for p in both)
-        # a richer structure suits them better, and what is not known of it under slow noise counts as well
-        assert high - low <= 8 * spread
-        assert low > 0
+        # the errors of each run follow its inputs, and a richer structure suits them better: both count as well
+        assert high - low <= 5 * spread
 
 
 @pytest.mark.slow

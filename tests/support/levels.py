@@ -7,7 +7,6 @@ NO_THRESHOLDS = {
         identify.DEAD_TIME_UNSEEN identify.NOT_WHITE identify.UNDERMODELLED identify.STRUCTURE_SHARE identify.NO_GAIN
         identify.RUNS_DISAGREE identify.VALVE identify.HOLD identify.UNEVEN identify.WORSE identify.MISSING_ELEMENT
         identify.MISSING_TRIED identify.SHARED_DISTURBANCE identify.SUBSPACE_INSIDE identify.LOAD_STEP
-        identify.SPIKE
         detect.SCATTERED
         study.EXCITED study.REACHED study.OUTSIDE_BAND study.MISDESCRIBED study.CAUSES study.GRADED_WHITE
     """,
@@ -22,7 +21,7 @@ NO_THRESHOLDS = {
         identify.SETTLED identify.NEGLIGIBLE identify.FIRST_DAMPING identify.LEAST_DAMPING identify.LARGEST_DAMPING
         identify.MOST_DAMPINGS identify.REWEIGHTED identify.STRETCH identify.DEAD_TIME_REACH identify.TRIED_STEPS
         identify.SECOND_LAGS identify.CANCELLED_LAGS identify.PAIR_DAMPINGS identify.RICHER_LAGS
-        identify.POLISHED_STEPS identify.FIRST_SCALES identify.GUESSED_ORDER identify.MEMORIES
+        identify.POLISHED_STEPS identify.FIRST_SCALES identify.GUESSED_ORDER identify.RESTRICTED_SETTLED
         identify.RUN_SPREADS identify.BACKLASHES identify.STICK_BANDS identify.VALVE_FACTORS identify.VALVE_ROUNDS
         identify.PROFILED_STEPS identify.MINIMA_STARTS identify.MINIMA_SPREAD identify.MINIMA_SEED
         identify.MINIMA_POLISHED identify.TRIED_SETTLED identify.PROFILE_TOLERANCE identify.MISSING_LAGS_APART
@@ -31,7 +30,7 @@ NO_THRESHOLDS = {
         identify.FILTER_CUTOFFS identify.DEAD_TIME_GRID identify.DEAD_TIME_COARSE identify.SCAN_ROUNDS
         identify.MINIMA_KEPT identify.ARMA_ORDERS identify.NOISE_ROUNDS identify.NOISE_SETTLED
         identify.NEIGHBOUR_INTERVALS identify.INSTRUMENT_SETTLED identify.PSEUDOLINEAR_ROUNDS identify.ARX_LAGS
-        identify.ARX_HORIZON identify.LOAD_ROUNDS identify.SPIKE_ROUNDS
+        identify.ARX_HORIZON identify.LOAD_ROUNDS
         detect.FIRST_PASS detect.CLOSER_PASS detect.CHANGE_ROUNDS detect.CHANGE_SETTLED
         study.GAIN_STEPS study.LOWEST_OF_SLOWEST
     """,

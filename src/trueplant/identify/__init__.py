@@ -16,7 +16,6 @@ from trueplant.identify.output import OutputEstimate, Rejected, identify_output,
 from trueplant.identify.pieces import Held, pieces_of
 from trueplant.identify.residual_tests import RESIDUAL_TESTS
 from trueplant.identify.row import Row, Spec
-from trueplant.identify.spikes import Spikes, without_spikes
 from trueplant.identify.strides import Sampling, choose_stride, samples_per_update
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import Validation, fit_percent, prediction_errors, simulate_piece
@@ -48,7 +47,6 @@ __all__ = [
     "RowFit",
     "Sampling",
     "Spec",
-    "Spikes",
     "Unanswered",
     "Validation",
     "WhyUnanswered",
@@ -82,6 +80,5 @@ __all__ = [
     "widened_for_valves",
     "with_holds",
     "with_loads",
-    "without_spikes",
     "worse_than_model",
 ]

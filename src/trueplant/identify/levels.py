@@ -117,10 +117,11 @@ SEARCHED_ERRORS = 20_000
 # Covariance, intervals and what is left unanswered
 FEWEST_FREEDOM = 8.0
 """Degrees of freedom: with fewer the noise is not known at all, and the t quantile says nothing sensible."""
-MEMORIES = np.linspace(0.0, 1.0, 9)
-"""Memories of the noise that are weighed: from that of an autoregression to that of a random walk."""
-REMEMBERS = 0.5
-"""Probability, before the record is looked at, that noise remembers longer than an autoregression: as likely as not."""
+RESTRICTED_FURTHEST = 3.0
+"""Standard errors of the noise model within which the largest restricted likelihood is looked for: further off, the
+record itself speaks against it."""
+RESTRICTED_SETTLED = 0.05
+"""Standard errors to which it is found."""
 INITIAL_STATE_BIAS = 0.5
 """Bias in standard errors for each operating point and initial state, over the root of the number of samples.
 
@@ -327,10 +328,6 @@ ARX_MOST_SAMPLES = 6000
 """Samples of that model: longer records are decimated, as an initial guess need not be efficient."""
 ARX_HORIZON = 4
 """Its step responses are followed for that many times its lags."""
-SPIKE = 0.01
-"""Chance over a whole record that a sample of PV is left out that is not wrong, were the noise normal."""
-SPIKE_ROUNDS = 20
-"""Passes over the record, at most: each leaves out all that are the largest within reach."""
 LOAD_STEP = 0.05
 """Chance over a whole record that a load is taken along that is none, were the noise model known."""
 LOAD_ROUNDS = 4

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from trueplant.identify.estimate import Options
 from trueplant.identify.first import Again, regulating_or_not, shown, with_guesses, with_left_out
-from trueplant.identify.fit import RowFit
 from trueplant.identify.holds import FoundHold, find_holds, held_fits, with_holds
 from trueplant.identify.loads import find_loads, with_loads
 from trueplant.identify.missing import with_missing
@@ -23,7 +22,6 @@ from trueplant.identify.shared_disturbance import (
     together,
     widened_for_shared_disturbance,
 )
-from trueplant.identify.spikes import Spikes, find_spikes, without_spikes
 from trueplant.identify.strides import Sampling, choose_block, choose_stride, samples_per_update, typical_lag
 from trueplant.identify.structures import with_structures
 from trueplant.lti.structure import structure_of
@@ -58,8 +56,6 @@ class Identification:
     absence_p: dict[tuple[int, int], float]
     """That the elements of which nobody said so are absent, over all of them. Those that the record does not show are
     not among the estimates."""
-    spikes: Spikes = field(default_factory=dict)
-    """Samples of PV that are not in the estimates, as the rest of the record speaks against them."""
     doubtful: tuple[tuple[int, int], ...] = ()
     """Elements that the model lacks and the fit shows, but not beside the largest noise model. They are not among the
     estimates, which are no surer than they would be beside them."""
@@ -124,8 +120,12 @@ def identify_plant(
     wanted = {i: [j for k, j in asked.wanted if k == i] for i in held}
     own = {i: with_guesses(segments, i, row, wanted[i], held[i], update) for i, row in own.items()}
     everywhere = [spec for row in own.values() for spec in row]
-    stride, block = choose_stride(segments, everywhere, update_interval), choose_block(segments, everywhere)
-    sampling = Sampling(stride=stride, update=update, block=block, timing=timing)
+    sampling = Sampling(
+        stride=choose_stride(segments, everywhere, update_interval),
+        update=update,
+        block=choose_block(segments, everywhere),
+        timing=timing,
+    )
     absent = [place for place in np.ndindex(*model.shape) if place not in specs and model[place].is_zero]
     estimates, again = {}, {}
     absence_p: dict[tuple[int, int], float] = {}
@@ -151,16 +151,14 @@ def identify_plant(
             places = [j for k, j in absent if k == i]
             completed = with_missing(found, places, estimate, len(absent), confidence)
             estimates[i], doubtful[i] = completed.estimate, completed.doubtful
-    spikes = {i: some for i, estimate in estimates.items() if (some := find_spikes(estimate.fit))}
-    segments = without_spikes(segments, spikes)
-    estimates |= _anew(estimates, spikes, again, segments)
     loaded = find_loads({i: estimate.fit for i, estimate in estimates.items()}) if asked.loads else {}
     segments = with_loads(segments, loaded) if loaded else segments
-    estimates |= _anew(estimates, loaded, again, segments, loaded)
+    for i, fit in loaded.items():
+        estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
     holds = find_holds(estimates, model, asked.holds)
     segments = with_holds(segments, holds)
-    held_there = held_fits(holds)
-    estimates |= _anew(estimates, held_there, again, segments, held_there)
+    for i, fit in held_fits(holds).items():
+        estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
     for i, found in estimates.items():
         estimate = partial(_estimated, again[i], segments)
         # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
@@ -171,8 +169,7 @@ def identify_plant(
         estimates[i] = with_left_out(found, doubtful[i], estimate, confidence)
     if any(segment.closed for segment in segments):
         estimates = _with_shared_disturbances(estimates, confidence)
-    left_open = tuple((i, j) for i, some in doubtful.items() for j in some)
-    return Identification(estimates, holds, absence_p, spikes, left_open)
+    return Identification(estimates, holds, absence_p, tuple((i, j) for i, some in doubtful.items() for j in some))
 
 
 def _held(model: TransferMatrix, specs: Mapping[tuple[int, int], Spec], i: int) -> list[Held]:
@@ -191,23 +188,6 @@ def _structured(
     found = with_structures(found, estimate, tested, confidence, pinned)
     there = {spec.column for spec in found.row.specs}
     return with_left_out(found, [j for k, j in asked.wanted if k == i and j not in there], estimate, confidence)
-
-
-def _anew(
-    estimates: Mapping[int, OutputEstimate],
-    outputs: Collection[int],
-    again: Mapping[int, Callable[..., OutputEstimate | None]],
-    segments: Sequence[Segment],
-    starts: Mapping[int, RowFit] | None = None,
-) -> dict[int, OutputEstimate]:
-    """The estimates of these outputs on other segments, searched for or from these starts."""
-    out = {}
-    for i in outputs:
-        start = starts[i] if starts else None
-        row = start.row if start else estimates[i].row
-        options = Options(start=start) if start else None
-        out[i] = _estimated(again[i], segments, row.specs, options) or estimates[i]
-    return out
 
 
 def _estimated(

@@ -31,7 +31,6 @@ class Code(StrEnum):
     UNSTABLE_MODEL = "unstable-model", "the declared loop is unstable on the model"
     MISSING_ELEMENT = "missing-element", "an element that the model lacks was found"
     LOAD = "load-step", "something that nobody recorded stepped like an input"
-    SPIKES = "spikes-left-out", "single samples of PV do not go with the rest of the record"
     SETPOINT_COMPUTED = "setpoint-computed", "a set-point follows PV and moves nothing from outside"
     SETPOINT_STILL = "setpoint-still", "a set-point never moves"
     SETPOINT_RANK = "setpoint-rank", "the set-points move in the same proportion"
@@ -82,7 +81,7 @@ class Reason:
     where: str = ""
 
 
-_COMMON = frozenset({Code.ONE_EXPERIMENT, Code.HOLD, Code.MODEL_STEP, Code.SPIKES})
+_COMMON = frozenset({Code.ONE_EXPERIMENT, Code.HOLD, Code.MODEL_STEP})
 """What holds for most records, and asks for nothing."""
 
 

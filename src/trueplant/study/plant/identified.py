@@ -16,7 +16,6 @@ from trueplant.identify import (
     OutputEstimate,
     RowFit,
     Spec,
-    Spikes,
     Unanswered,
     WhyUnanswered,
     behind_valves,
@@ -29,11 +28,9 @@ from trueplant.identify import (
     widened_for_valves,
     with_holds,
     with_loads,
-    without_spikes,
 )
 from trueplant.record import Segment
 from trueplant.result import Code, Reason
-from trueplant.result.numbers import counted
 from trueplant.study.data.reached import unreached_elements
 from trueplant.study.data.scan import without_hidden_dynamics
 from trueplant.study.data.timing import timing_error, update_interval
@@ -74,7 +71,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     """Estimate all elements of all outputs, with the unmeasured disturbances that the project declares."""
     found = _identified(study, study.segments, study.holds_to_find, say)
     estimates, holds = found.estimates, found.holds
-    segments = with_loads(with_holds(without_spikes(study.segments, found.spikes), holds), _fits(estimates))
+    segments = with_loads(with_holds(study.segments, holds), _fits(estimates))
     say("looking for valves that do not follow OP")
     columns = [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"]
     tried = try_valves(estimates, columns)
@@ -105,12 +102,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     estimates = _without(unreached, estimates)
     taken = {(i, spec.column): spec for i, one in estimates.items() for spec in one.row.specs}
     asked = {place: spec for place, spec in study.specs.items() if place not in found.absence_p}
-    notes = (
-        *_missing(study, taken),
-        *_doubtful(study, found.doubtful),
-        *_loads(study, estimates),
-        *_spikes(study, found.spikes),
-    )
+    notes = (*_missing(study, taken), *_doubtful(study, found.doubtful), *_loads(study, estimates))
     return Identified(estimates, {**asked, **taken}, segments, fits, notes, valves, holds, found.absence_p, unreached)
 
 
@@ -185,18 +177,6 @@ def _doubtful(study: Study, places: Sequence[Place]) -> Iterator[Reason]:
             "same: the other elements of this output are given no surer than they would be beside it. To have it "
             'estimated, declare it with tf = "0" and a structure',
             f"{name} -> {output}",
-        )
-
-
-def _spikes(study: Study, spikes: Spikes) -> Iterator[Reason]:
-    for i, some in spikes.items():
-        first = min(some)
-        when = study.screened[first[0]].record.calendar.text(first[1])
-        yield Reason(
-            Code.SPIKES,
-            f"{counted(len(some), 'sample')} of PV left out that the samples before and after speak against: spikes "
-            f"that its own changes do not show. The first is at {when}",
-            study.project.output_names[i],
         )
 
 
