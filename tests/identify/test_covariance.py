@@ -11,12 +11,11 @@ from scipy.stats import f, norm, ttest_1samp
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, levels, pieces_of
-from trueplant.identify.covariance import inflation, joint_freedom, noise_freedom, restricted_growth, told_at
+from trueplant.identify.covariance import inflation, joint_freedom, noise_freedom, told_at
 from trueplant.identify.fit import evaluate, restriction_of
 from trueplant.identify.likelihood import held_at, ratio_p
 from trueplant.identify.longest_noise import restricted
 from trueplant.identify.noise import fit_ar
-from trueplant.identify.restricted import Moved, Restriction
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
 
@@ -101,28 +100,6 @@ def test_what_the_fit_takes_is_the_slope_of_a_log_determinant():
     np.testing.assert_allclose(restriction_of(fit).penalty(fit.ar)[1], slopes, rtol=0.05)
 
 
-def test_free_responses_that_the_noise_takes_away_do_not_blow_up_variances():
-    """Five slow modes beside noise of nearly their pole: to first order variances would grow by a factor of 8e8."""
-    t, unknown = np.arange(1200), 1e-6
-    moves = np.cumsum(np.random.default_rng(1).random(t.size) < 1 / 60) % 2
-    told = lfilter([0, 0.07], [1, -0.93], moves)
-    columns = np.vstack([told, np.ones(t.size), *(np.exp(-t / tau) for tau in (17.4, 14.4, 14.2, 12.9, 12.3))])
-    ar, spread = np.poly([0.92, 0.5, -0.3])[1:], 0.03**2 * np.eye(3)
-    piece = Moved(columns, slice(None), np.full(6, unknown))
-    rows = Restriction(1, (piece,), np.zeros(1), np.ones(1, dtype=bool), ar)
-    taken = rows.penalty(ar)[1]
-    assert 2 * told_at(rows, ar)[0] @ spread @ taken > 20
-
-    def variance(errors):
-        way = -spread @ taken / np.sqrt(taken @ spread @ taken)
-        white = lfilter([1.0, *(ar + errors * way)], [1.0], columns)[:, 3:]
-        return np.linalg.inv(white @ white.T + np.diag([0.0, *np.full(6, unknown)]))[0, 0]
-
-    most = max(variance(errors) for errors in np.linspace(0, 3, 601)) / variance(0.0)
-    assert 2 < most < 4
-    assert 1.1 < restricted_growth(rows, ar, spread)[0] <= most
-
-
 def test_restricted_likelihood_of_a_noise_model_is_that_of_dense_matrices():
     """The plant held: what is fitted beside the pole of the noise is an operating point and a free response."""
     held = held_at(fitted(2, 0.98, 1, 300), np.arange(3), TRUTH)
@@ -177,7 +154,7 @@ def test_rows_that_are_not_kept_say_the_same(monkeypatch):
 def test_noise_that_is_white_or_long_known_widens_nothing():
     assert np.all(inflation(fitted(3, 0.0, 1, 6000), 0.95) < 1.01)
     slow = inflation(fitted(3, 0.97, 1), 0.95)
-    assert slow[0] > 1.1 and slow[2] < 1.02, "the gain is told by slow moves, the dead time by fast ones"
+    assert slow[0] > 1.1 and slow[2] < 1.05, "the gain is told by slow moves, the dead time by fast ones"
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from support.simulated import segment_of
 from trueplant.identify import Row, Spec, between_experiments, estimate, first, intervals, valves
-from trueplant.identify.covariance import initial_state_share, least_covariance, restricted_growth
+from trueplant.identify.covariance import initial_state_share, least_covariance
 from trueplant.identify.joint import _chosen_order, whiteness_p
 from trueplant.identify.likelihood import absence_p
 from trueplant.identify.missing import _Scan
@@ -130,18 +130,6 @@ def test_a_hundred_initial_states_in_ten_thousand_samples_bias_by_a_fifth_to_a_h
 def test_no_gain_is_known_to_more_than_six_digits() -> None:
     row: Any = Stub(size=1, slices=[slice(0, 1)], is_dead_time=np.array([False]))
     assert 0.7e-6 < np.sqrt(least_covariance(row, np.array([2.0]), 0.0)[0, 0]) / 2 < 1.4e-6
-
-
-@pytest.mark.holds("identify.RESTRICTED_FURTHEST")
-def test_a_restricted_likelihood_that_rises_on_and_on_is_followed_for_three_standard_errors() -> None:
-    """The variance of the parameter grows by itself for each."""
-    restriction: Any = Stub(
-        size=1,
-        penalty=lambda ar: (0.0, np.array([10.0])),
-        told=lambda ar: Stub(half_log_determinant=-50 * abs(ar[0]), covariance=np.array([[1 + abs(ar[0])]])),
-    )
-    (growth,) = restricted_growth(restriction, np.zeros(1), np.eye(1))
-    assert 3 < growth < 6
 
 
 # -- priors ----------------------------------------------------------------------------------------------------------

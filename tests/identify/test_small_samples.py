@@ -53,17 +53,17 @@ def test_a_declared_dead_time_is_always_estimated():
 
 def test_short_records_widen_more_than_long_ones():
     short, long = (estimated("2/(12 s + 1)", (1.6, 15.0, 0.0), 6, n).factor[0] for n in (300, 6000))
-    assert 1 < long < 1.01 < short < 1.2
+    assert 1 < long < 1.02 < short < 1.5
 
 
 @pytest.mark.slow
 def test_many_gaps_in_closed_loop_are_allowed_for():
     """Of every 60 samples 8 are lost.
 
-    8 seeded runs of 12 parameters: the coverage passes with 0.79 at the level of 5 %, with 0.008 at 20 % (parameters
-    correlated as here). It is measured by `benchmarks/bench_coverage.py --only gaps`; a run takes seconds.
+    8 seeded runs of 12 parameters, whose coverage `benchmarks/bench_coverage.py --only gaps` measures; a run takes
+    seconds.
     """
-    covered, plain = [], []
+    covered, plain, scores = [], [], []
     for seed in range(8):
         whole = segment_of(wood_berry(seed, 1000))
         spans = [slice(first, first + 52) for first in range(0, 1000, 60)]
@@ -74,10 +74,12 @@ def test_many_gaps_in_closed_loop_are_allowed_for():
         for i, found in identify_matrix(cut, WOOD_BERRY, specs_of(WOOD_BERRY)).items():
             truth = np.concatenate([structure_of(WOOD_BERRY[i, j])[1] for j in range(2)])
             error = np.abs(found.theta - truth)
-            covered.append(error <= 1.96 * np.sqrt(np.diag(found.covariance)))
+            scores.append(error / np.sqrt(np.diag(found.covariance)))
+            covered.append(scores[-1] <= 1.96)
             plain.append(error <= 1.96 * np.sqrt(np.diag(found.fit.covariance)))
             assert initial_state_share(found.fit) > 0.2
     assert np.mean(plain) < 0.88
-    assert 0.92 < np.mean(covered) <= 0.99
+    assert np.mean(covered) > 0.92
+    assert np.sqrt(np.mean(np.square(scores))) > 0.7
     one_start = identify_matrix([whole], WOOD_BERRY, specs_of(WOOD_BERRY))[0]
     assert initial_state_share(one_start.fit) < 0.01

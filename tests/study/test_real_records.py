@@ -93,17 +93,22 @@ def test_tclab_spikes_and_saturation_are_found(tclab):
 
 
 @pytest.mark.slow
-def test_tclab_runs_disagree_and_their_spread_is_in_the_intervals(tclab):
+def test_the_spread_of_the_tclab_runs_is_in_the_intervals(tclab):
+    """Their noise is slow: each run alone prefers a memory to an autoregression by a deviance of some 40.
+
+    So how far they differ is no proof that the plant did, and none is claimed.
+    """
     together, first, second = (tclab[key] for key in ("together", "first", "second"))
-    assert any(note.code == "runs-disagree" and note.where == "temperature_2" for note in together.notes)
+    assert not any(note.code == "runs-disagree" for note in together.notes)
     for name in ("gain", "tau1"):
         both = [parameter(one, 2, 1, name) for one in (first, second)]
         low, high = parameter(together, 2, 1, name).ci
         spread = abs(both[0].plant - both[1].plant)
         assert low < min(p.plant for p in both)
         assert high > max(p.plant for p in both)
-        # the errors of each run follow its inputs, and a richer structure suits them better: both count as well
-        assert high - low <= 5 * spread
+        # a richer structure suits them better, and what is not known of it under slow noise counts as well
+        assert high - low <= 8 * spread
+        assert low > 0
 
 
 @pytest.mark.slow
@@ -233,15 +238,18 @@ def test_oven_where_a_first_order_is_asked_for(real_data):
     assert gain.plant is None and "depends on the noise model" in gain.reason
 
 
-def test_one_oven_run_says_that_its_plant_is_of_another_structure_and_no_more(real_data):
+def test_one_oven_run_says_that_its_plant_is_of_another_structure_and_that_one_run_is_not_all(real_data):
+    """Its gain lies below what longer runs give, 0.62 to 0.70: the interval speaks of these two minutes."""
     text = (EXAMPLES / "pid_oven_20180205.toml").read_text()
     table = "[[experiment]]"
     head, first, *rest = text.split(table)
     alone = f"{head}{table}{first}{rest[-1][rest[-1].index('[[output]]') :]}"
     result = run(Project.from_toml(alone.replace('structure = "fopdt"\n', ""), EXAMPLES))
     assert result.status == "ok" and result.elements[0].verdict == "changed"
-    assert all(p.plant is None for p in result.elements[0].parameters)
-    assert "structure" in result.headline and "0." not in result.headline
+    assert result.elements[0].structure != "fopdt"
+    assert {"structure", "one-experiment"} <= {note.code for note in result.notes}
+    gain = result.elements[0].parameters[0]
+    assert gain.plant is None or gain.ci[1] > 0.58
 
 
 def test_results_are_reproducible(real_data):

@@ -21,7 +21,7 @@ NO_THRESHOLDS = {
         identify.SETTLED identify.NEGLIGIBLE identify.FIRST_DAMPING identify.LEAST_DAMPING identify.LARGEST_DAMPING
         identify.MOST_DAMPINGS identify.REWEIGHTED identify.STRETCH identify.DEAD_TIME_REACH identify.TRIED_STEPS
         identify.SECOND_LAGS identify.CANCELLED_LAGS identify.PAIR_DAMPINGS identify.RICHER_LAGS
-        identify.POLISHED_STEPS identify.FIRST_SCALES identify.GUESSED_ORDER identify.RESTRICTED_SETTLED
+        identify.POLISHED_STEPS identify.FIRST_SCALES identify.GUESSED_ORDER identify.MEMORIES
         identify.RUN_SPREADS identify.BACKLASHES identify.STICK_BANDS identify.VALVE_FACTORS identify.VALVE_ROUNDS
         identify.PROFILED_STEPS identify.MINIMA_STARTS identify.MINIMA_SPREAD identify.MINIMA_SEED
         identify.MINIMA_POLISHED identify.TRIED_SETTLED identify.PROFILE_TOLERANCE identify.MISSING_LAGS_APART

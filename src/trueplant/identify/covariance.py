@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 from scipy.stats import norm, t
 
 from trueplant.arrays import Array, IntArray
@@ -11,32 +10,41 @@ from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, restriction_of
 from trueplant.identify.lagged import at_samples, with_past
 from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.memory import memory_growth
 from trueplant.identify.restricted import Restriction
 from trueplant.identify.row import Row
 
 
 def inflation(fit: RowFit, confidence: float) -> Array:
-    """(size,) factors on the variances of theta for what is not known of the noise model.
+    """(size,) factors on the variances of theta for what is not known of the noise.
+
+    How long it remembers is open, and the fit takes a share of the slow noise with it (`memory_growth`); what is not
+    known of A(q) counts besides (`small_samples`). Of the two ways to see that the noise is larger the larger counts.
+    """
+    return _widened(fit, confidence, memory_growth(fit))
+
+
+def small_samples(fit: RowFit, confidence: float) -> Array:
+    """(size,) the factors where the noise is an autoregression for certain, known from few errors.
 
     A parameter is known as well as the noise is small at the frequencies that tell it: by the coefficients a of A(q)
-    its variance v moves as d log v/da = -2 rho (`told_at`). The fit takes a share of the noise with it for each
-    parameter, operating point and initial state, so that the noise looks smaller than it is; the restricted likelihood
-    (Patterson and Thompson 1971) takes that back (`restricted_growth`). What is still not known of a gives the degrees
-    of freedom of Student's quantile (Satterthwaite's rule, as in Kenward and Roger 1997).
+    its variance v moves as d log v/da = -2 rho (`told_at`). What is not known of a gives the degrees of freedom of
+    Student's quantile (Satterthwaite's rule, as in Kenward and Roger 1997).
 
-    Slow noise is no autoregression for certain, and the first order not enough. Under AR(1) noise with the pole 1 - A a
-    level is known from the record as well as from N A^2 white errors, and the variance of rho'a is 2/(N A): by that A
-    each parameter has errors of its own, of which the fit takes one for each unknown. At least half are taken to be
-    left: of noise that wanders without end the level tells nothing, and the parameters are then known from faster
-    changes. The larger of the two counts.
+    Where the structure is simpler than the plant, A takes on what is left, and the first order is not enough. Under
+    AR(1) noise with the pole 1 - A a level is known from the record as well as from N A^2 white errors, and the
+    variance of rho'a is 2/(N A): by that A each parameter has errors of its own, of which the fit takes one for each
+    unknown. At least half are taken to be left: of noise that wanders without end the level tells nothing, and the
+    parameters are then known from faster changes.
     """
-    restriction = restriction_of(fit)
-    spread = fit.variance * inverse(fit.information)[fit.theta.size :, fit.theta.size :]
-    uncertain = _uncertain(restriction, fit.ar, spread)
+    return _widened(fit, confidence, np.ones(fit.theta.size))
+
+
+def _widened(fit: RowFit, confidence: float, growth: Array) -> Array:
+    uncertain = _uncertain(fit)
     known = fit.count * np.minimum((2 / fit.count / np.maximum(uncertain, 1 / fit.count)) ** 2, 1.0)
     left = np.maximum(known - int(fit.free.sum()) - fit.row.nuisance_count, known / 2)
-    growth = np.maximum(restricted_growth(restriction, fit.ar, spread), known / left)
-    return np.asarray(growth * student_factor(_freedom(fit, uncertain), confidence))
+    return np.asarray(np.maximum(growth, known / left) * student_factor(_freedom(fit, uncertain), confidence))
 
 
 def noise_freedom(fit: RowFit, of: Array | None = None) -> Array:
@@ -44,8 +52,18 @@ def noise_freedom(fit: RowFit, of: Array | None = None) -> Array:
 
     With `of` (m, size): (m,) at those that tell each of these sums of parameters.
     """
+    return _freedom(fit, _uncertain(fit, of))
+
+
+def _freedom(fit: RowFit, uncertain: Array) -> Array:
+    return np.asarray(np.maximum(2 / (4 * uncertain + 2 / fit.left), levels.FEWEST_FREEDOM))
+
+
+def _uncertain(fit: RowFit, of: Array | None = None) -> Array:
+    """(size,) or (m,) variance of the logarithm of each standard error, as the noise model is uncertain."""
+    rho = told_at(restriction_of(fit), fit.ar, of)
     spread = fit.variance * inverse(fit.information)[fit.theta.size :, fit.theta.size :]
-    return _freedom(fit, _uncertain(restriction_of(fit), fit.ar, spread, of))
+    return np.asarray(np.einsum("ik,kl,il->i", rho, spread, rho))
 
 
 def joint_freedom(fit: RowFit, index: IntArray) -> float:
@@ -67,37 +85,6 @@ def student_factor(freedom: Array, confidence: float) -> Array:
     """Of variances whose Student quantile stands for the normal one."""
     tail = 0.5 + confidence / 2
     return np.asarray((t.ppf(tail, freedom) / norm.ppf(tail)) ** 2)
-
-
-def _uncertain(restriction: Restriction, ar: Array, spread: Array, of: Array | None = None) -> Array:
-    """(size,) or (m,) variance of the logarithm of each standard error, as the noise model is uncertain by `spread`."""
-    rho = told_at(restriction, ar, of)
-    return np.asarray(np.einsum("ik,kl,il->i", rho, spread, rho))
-
-
-def _freedom(fit: RowFit, uncertain: Array) -> Array:
-    return np.asarray(np.maximum(2 / (4 * uncertain + 2 / fit.left), levels.FEWEST_FREEDOM))
-
-
-def restricted_growth(restriction: Restriction, ar: Array, spread: Array) -> Array:
-    """(size,) variances under the noise model of the largest restricted likelihood, relative to those of the fit.
-
-    It is looked for on the way on which that likelihood rises from the fit's `ar` (order,), whose covariance is
-    `spread`.
-    """
-    slope = restriction.penalty(ar)[1]
-    length = float(np.sqrt(slope @ spread @ slope))
-    if length < levels.RESTRICTED_SETTLED:
-        return np.ones(restriction.size)
-    way = -spread @ slope / length
-
-    def deviance(errors: float) -> float:
-        return errors**2 + 2 * restriction.told(ar + errors * way).half_log_determinant
-
-    furthest = min(length, levels.RESTRICTED_FURTHEST)
-    best = minimize_scalar(deviance, bounds=(0.0, furthest), options={"xatol": levels.RESTRICTED_SETTLED}).x
-    here, there = (np.diag(restriction.told(a).covariance) for a in (ar, ar + best * way))
-    return np.maximum(np.divide(there, here, out=np.ones(restriction.size), where=here > 0), 1.0)
 
 
 def scaled(covariance: Array, factors: Array) -> Array:

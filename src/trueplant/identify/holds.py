@@ -97,7 +97,8 @@ def find_holds(
             if estimate.fit.count and (own or not model[i, column].is_zero):
                 ways = _ways(estimate.fit, column, None if own else model[i, column])
                 costs = np.array([max(way.cost, 1e-300) for way in ways])
-                deviances += ways[Way.STRAIGHT].left * np.log(costs / costs[Way.STRAIGHT]) / estimate.factor.mean()
+                rises = ways[Way.STRAIGHT].left * np.log(costs / costs[Way.STRAIGHT])
+                deviances += rises / estimate.ratio_factor.mean()
                 held[i], thetas[i] = ways[Way.HELD], np.array([way.theta for way in ways])
         if held:
             found[column] = FoundHold(deviances, held, thetas)

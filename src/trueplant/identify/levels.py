@@ -117,11 +117,10 @@ SEARCHED_ERRORS = 20_000
 # Covariance, intervals and what is left unanswered
 FEWEST_FREEDOM = 8.0
 """Degrees of freedom: with fewer the noise is not known at all, and the t quantile says nothing sensible."""
-RESTRICTED_FURTHEST = 3.0
-"""Standard errors of the noise model within which the largest restricted likelihood is looked for: further off, the
-record itself speaks against it."""
-RESTRICTED_SETTLED = 0.05
-"""Standard errors to which it is found."""
+MEMORIES = np.linspace(0.0, 1.0, 9)
+"""Memories of the noise that are weighed: from that of an autoregression to that of a random walk."""
+REMEMBERS = 0.5
+"""Probability, before the record is looked at, that noise remembers longer than an autoregression: as likely as not."""
 INITIAL_STATE_BIAS = 0.5
 """Bias in standard errors for each operating point and initial state, over the root of the number of samples.
 

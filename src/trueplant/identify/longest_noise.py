@@ -47,6 +47,7 @@ def estimate_beside_longest_noise(estimate: OutputEstimate, confidence: float) -
         unprofiled=covariance,
         beside_ratio=None,
         factor=np.ones(fit.theta.size),
+        ratio_factor=np.ones(fit.theta.size),
         freedom=partial(joint_freedom, fit),
         rise=None,
     )

@@ -4,7 +4,8 @@ Dead times and lags that can stand for each other, two delayed terms, a lead and
 several minima of nearly the same depth, and the curvature at the deepest says nothing of the others. The fit is begun
 again from many places about itself and about the model. What ends lower is the estimate; what ends higher counts by its
 probability in the covariance, and by less than the quantile of the likelihood ratio higher belongs to the interval,
-which is the hull of all.
+which is the hull of all. How high each is, is asked of all the memories that the noise may have: under slow noise one
+may be open that the fit's own noise model takes for closed, or closed that it takes for open.
 """
 
 from __future__ import annotations
@@ -18,11 +19,12 @@ from scipy.stats import norm
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.blocks import of_a_part
-from trueplant.identify.covariance import inflation
+from trueplant.identify.blocks import most_moved, of_a_part
+from trueplant.identify.covariance import inflation, small_samples
 from trueplant.identify.fit import RowFit, refitted
 from trueplant.identify.intervals import as_wide_as
 from trueplant.identify.likelihood import rise
+from trueplant.identify.memory import memory_heights
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +32,8 @@ class OpenMinima:
     """The minima of the likelihood that were found, the deepest first."""
 
     fits: tuple[RowFit, ...]
+    rises: Array
+    """(n_minima,) of -2 log likelihood above the deepest; below 0 where the noise may have a memory and it is not."""
     factor: Array
     """(size,) of the variances (`inflation`)."""
     quantile: float
@@ -38,12 +42,6 @@ class OpenMinima:
     @property
     def best(self) -> RowFit:
         return self.fits[0]
-
-    @property
-    def _rises(self) -> Array:
-        """(n_minima,) of -2 log likelihood from the deepest."""
-        rises = np.array([rise(self.best, one) for one in self.fits])
-        return np.asarray(rises / self.factor[self.best.free].mean())
 
     @cached_property
     def _widths(self) -> tuple[Array, ...]:
@@ -61,7 +59,7 @@ class OpenMinima:
     def shares(self) -> Array:
         """(n_minima,) probability of each, by its depth and its width (Laplace's approximation)."""
         free = np.ix_(self.best.free, self.best.free)
-        weights = (np.array([np.linalg.slogdet(width[free])[1] for width in self._widths]) - self._rises) / 2
+        weights = (np.array([np.linalg.slogdet(width[free])[1] for width in self._widths]) - self.rises) / 2
         shares = np.exp(weights - weights.max())
         return np.asarray(shares / shares.sum())
 
@@ -94,10 +92,10 @@ class OpenMinima:
         """
         low, high = self.best.row.bounds()
         out = intervals.copy()
-        left = self.quantile**2 - self._rises
+        left = self.quantile**2 - np.maximum(self.rises, 0.0)
         for one, depth in zip(self.fits[1:], left[1:], strict=True):
             if depth <= 0:
-                break
+                continue
             reach = np.sqrt(depth * self.factor * np.diag(one.covariance))
             out[:, 0] = np.minimum(out[:, 0], np.maximum(one.theta + shift - reach, low))
             out[:, 1] = np.maximum(out[:, 1], np.minimum(one.theta + shift + reach, high))
@@ -113,7 +111,18 @@ def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
     found = _distinct([_ordered(part), *(_ended(part, start) for start in _starts(part))])
     if part is not fit:
         found = _distinct([_ordered(fit), *(_ended(fit, one.theta) for one in found[: levels.MINIMA_POLISHED])])
-    return OpenMinima(tuple(found), inflation(found[0], confidence), float(norm.ppf(0.5 + confidence / 2)))
+    factor, quantile = inflation(found[0], confidence), float(norm.ppf(0.5 + confidence / 2))
+    rises = np.zeros(1) if len(found) == 1 else _rises(found, factor, confidence)
+    return OpenMinima(tuple(found), rises, factor, quantile)
+
+
+def _rises(fits: Sequence[RowFit], factor: Array, confidence: float) -> Array:
+    """`OpenMinima.rises`; of a long record, which is not gone through for each memory, less by the mean `factor`."""
+    best = fits[0]
+    if most_moved(best.row) is not best.row:
+        return np.array([rise(best, one) for one in fits]) / float(factor[best.free].mean())
+    heights = memory_heights(fits)
+    return np.asarray((heights - heights[0]) / float(small_samples(best, confidence)[best.free].mean()))
 
 
 def _starts(fit: RowFit) -> list[Array]:

@@ -13,7 +13,7 @@ from trueplant.identify import levels
 from trueplant.identify.between_experiments import Runs, compare_runs
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.budget import Budget
-from trueplant.identify.covariance import inflation, initial_state_share, least_covariance, scaled
+from trueplant.identify.covariance import inflation, initial_state_share, least_covariance, scaled, small_samples
 from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row, free_of_noise
 from trueplant.identify.fit import RowFit
@@ -70,11 +70,13 @@ class OutputEstimate:
     """`unprofiled` without what likelihood ratios count by themselves: other minima, and what another noise model says
     (`longest_noise`). None: with it."""
     factor: Array = field(default_factory=lambda: np.ones(1))
-    """(size,) of the variances, for what the record does not say of the noise (`inflation`): intervals, likelihood
-    ratios and verdicts all count it."""
+    """(size,) of the variances, for what the record does not say of the noise (`inflation`)."""
+    ratio_factor: Array = field(default_factory=lambda: np.ones(1))
+    """(size,) of likelihood ratios, for what is not known of an autoregression (`small_samples`): what noise that
+    remembers longer could explain is for the largest noise model to say."""
     freedom: Callable[[IntArray], float] | None = None
     """Degrees of freedom of the noise for a test of theta[index], which make F-tests of likelihood ratios; None:
-    `factor` counts them."""
+    `ratio_factor` counts them."""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
     rise: Callable[[IntArray, Array], float] | None = None
@@ -114,7 +116,7 @@ class OutputEstimate:
         """p-value that the parameters theta[index] have these values, by the likelihood that belongs to theta."""
         if self.rise is None:
             left = np.inf if self.freedom is None else self.freedom(index)
-            return likelihood_ratio_p(self.fit, index, values, float(self.factor[index].mean()), left)
+            return likelihood_ratio_p(self.fit, index, values, float(self.ratio_factor[index].mean()), left)
         return ratio_p(self.rise(index, values), len(index))
 
     def absence_p(self, m: int) -> float:
@@ -122,7 +124,7 @@ class OutputEstimate:
         part = self.row.slices[m]
         if self.rise is None:
             left = np.inf if self.freedom is None else self.freedom(np.arange(part.start, part.stop))
-            return absence_p(self.fit, m, float(self.factor[part].mean()), left)
+            return absence_p(self.fit, m, float(self.ratio_factor[part].mean()), left)
         without = np.where(self.row.is_gain, 0.0, self.theta)[part]
         return ratio_p(self.rise(np.arange(part.start, part.stop), without), levels.SEARCHED_FREEDOM + without.size)
 
@@ -159,8 +161,7 @@ def identify_output(
     if sampling.block is not None:
         pieces = in_blocks(pieces, sampling.block, sampling.stride)
     row = Row(tuple(specs), pieces, sampling.stride)
-    begun = estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options)
-    full, minima = _fitted(begun, confidence)
+    full, minima = _fitted(estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options), confidence)
     fit = minima.best
     tests, factor = residual_tests(fit, confidence), inflation(fit, confidence)
     runs = compare_runs(fit, factor)
@@ -210,6 +211,7 @@ def identify_output(
         unprofiled=unprofiled,
         beside_ratio=beside_ratio,
         factor=factor,
+        ratio_factor=small_samples(fit, confidence),
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
-from trueplant.identify.covariance import inflation
+from trueplant.identify.covariance import small_samples
 from trueplant.identify.estimate import free_of_noise, polished, with_own_noise
 from trueplant.identify.fit import RowFit, evaluate, fit_row
 from trueplant.identify.kept_structures import with_richer
@@ -241,7 +241,7 @@ def suffices_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
     """p-value that the fit suffices beside a rival with another structure for element m.
 
     By the likelihood ratio, each with its own noise model; where that looks clear, with the largest as well, by the
-    restricted likelihood of the richer one.
+    restricted likelihood of the richer one: what slow noise could explain counts there.
     """
     p = _ratio_p(fit, rival, m, confidence)
     if p > 1 - confidence:
@@ -252,7 +252,7 @@ def suffices_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
 
 def _ratio_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
     one, other = _criteria([fit, rival])
-    rise = fit.left * (one - other) / float(inflation(rival, confidence)[rival.row.slices[m]].mean())
+    rise = fit.left * (one - other) / float(small_samples(rival, confidence)[rival.row.slices[m]].mean())
     return ratio_p(rise, _freedom(fit, rival))
 
 
