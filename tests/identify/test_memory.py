@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.special import gammaln
 
-from support.simulated import random_switching, segment_of
+from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, levels, pieces_of
 from trueplant.identify.covariance import inflation, small_samples
 from trueplant.identify.memory import _before, _pieces, _told, memory_growth, memory_heights
@@ -102,6 +102,19 @@ def test_white_noise_widens_nothing_and_1_f_noise_gains_before_dead_times():
     assert np.all(memory_growth(fitted(3, 0.0, 4000)) < 1.1)
     growth = np.median([memory_growth(fitted(seed, 0.5)) for seed in range(8)], axis=0)
     assert growth[0] > 2 and growth[2] < 1.3
+
+
+def test_initial_states_that_the_noise_model_cancels_widen_nothing():
+    """Three lags beside an autoregression with a root near them: what the fit makes of their states may be anything."""
+    structure, truth = Structure.parse("sopdt+lag"), np.array([2.0, 19.0, 10.5, 6.0, 3.4])
+    plant, ar = TransferMatrix(((structure.transfer(truth),),), "min"), np.array([-0.9881, 0.0239, 0.0239])
+    law = Controller.diagonal([PID(Kc=0.3, Ti=25.0, sample_time=1.0)])
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        v = coloured(rng, 2000, 1, [1, *ar], [1], 0.007)
+        segment = segment_of(simulate(plant, law, random_switching(rng, 2000, 1, 60.0), 1.0, v=v))
+        row = Row((Spec(0, structure, tuple(truth)),), pieces_of([segment], 0))
+        assert np.all(memory_growth(fit_row(row, truth, ar)) < 1.5)
 
 
 def test_likelihood_ratios_leave_to_the_largest_noise_model_what_slow_noise_could_explain():

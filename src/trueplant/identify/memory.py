@@ -109,9 +109,12 @@ def _before() -> Array:
 
 def _pieces(fit: RowFit) -> Iterator[_Piece]:
     for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
-        valid = fit.row.measured(piece.number)[1]
+        y, valid = fit.row.measured(piece.number)
         at, there = np.arange(valid.size), np.flatnonzero(valid)
-        rows = np.vstack([piece.output_errors, piece.weight * piece.moved, piece.weight * piece.unknown])
+        # What is known of operating points and initial states is known about 0, not about what the fit makes of them:
+        # where its noise model cancels one with another, they may be anything.
+        own = y - fit.row.response(fit.theta, piece.number)
+        rows = piece.weight * np.vstack([own, piece.moved, piece.unknown])
         whole = rows if valid.all() else np.array([np.interp(at, there, row[there]) for row in rows])
         known = fit.variance / np.maximum(piece.largest, np.finfo(float).tiny) ** 2
         yield _Piece(whole, known, valid)
