@@ -110,13 +110,15 @@ def _before() -> Array:
 def _pieces(fit: RowFit) -> Iterator[_Piece]:
     for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
         y, valid = fit.row.measured(piece.number)
-        at, there = np.arange(valid.size), np.flatnonzero(valid)
-        # What is known of operating points and initial states is known about 0, not about what the fit makes of them:
-        # where its noise model cancels one with another, they may be anything.
-        own = y - fit.row.response(fit.theta, piece.number)
-        rows = piece.weight * np.vstack([own, piece.moved, piece.unknown])
-        whole = rows if valid.all() else np.array([np.interp(at, there, row[there]) for row in rows])
         known = fit.variance / np.maximum(piece.largest, np.finfo(float).tiny) ** 2
+        unknown = piece.weight * piece.unknown
+        own = piece.weight * np.where(valid, y - fit.row.response(fit.theta, piece.number), 0.0)
+        white = whiten(fit.ar, np.vstack([own, unknown]).T)[piece.use].T
+        # Those of the fit may be anything where its noise model cancels one with another.
+        likely = inverse(white[1:] @ white[1:].T + np.diag(known)) @ (white[1:] @ white[0])
+        rows = np.vstack([own - likely @ unknown, piece.weight * piece.moved, unknown])
+        at, there = np.arange(valid.size), np.flatnonzero(valid)
+        whole = rows if valid.all() else np.array([np.interp(at, there, row[there]) for row in rows])
         yield _Piece(whole, known, valid)
 
 
