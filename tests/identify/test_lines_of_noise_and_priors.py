@@ -13,9 +13,9 @@ from support.simulated import segment_of
 from trueplant.identify import Row, Spec, between_experiments, estimate, first, intervals, valves
 from trueplant.identify.covariance import initial_state_share, least_covariance
 from trueplant.identify.joint import _chosen_order, whiteness_p
-from trueplant.identify.likelihood import absence_p
 from trueplant.identify.missing import _Scan
 from trueplant.identify.noise import choose_order
+from trueplant.identify.output import OutputEstimate
 from trueplant.identify.pieces import pieces_of
 from trueplant.identify.prior import Prior
 from trueplant.identify.sandwich import squares_p
@@ -143,7 +143,7 @@ def test_a_plant_is_within_a_factor_of_e_of_its_model_in_two_of_three() -> None:
 
 @pytest.mark.holds("identify.STICKS")
 def test_one_valve_in_five_does_not_follow_before_its_record_is_looked_at(monkeypatch: Any) -> None:
-    monkeypatch.setattr(valves, "_behind", lambda fit, column, valve: fit)
+    monkeypatch.setattr(valves, "behind", lambda fit, column, valve: fit)
     tests: Any = [Stub(of=lambda valve: Stub(evidence=0.0, beyond=0.0, shift=np.zeros(3)))]
     fits: Any = {0: Stub(deviance=0.0)}
     kinds = [[valves.Valve(backlash=width) for width in (1.0, 2.0)], [valves.Valve(stick=1.0)]]
@@ -220,11 +220,9 @@ def test_a_load_is_told_by_what_looks_unlike_the_plant_if_that_is_a_twentieth(
 
 
 @pytest.mark.holds("identify.SEARCHED_FREEDOM")
-def test_a_search_in_noise_gains_eight_with_three_parameters(monkeypatch: Any) -> None:
+def test_a_search_in_noise_gains_eight_with_three_parameters() -> None:
     """As the mean of 120 simulated records without the element did: it counts as even odds."""
-    monkeypatch.setattr("trueplant.identify.likelihood.fit_row", lambda *_, **__: None)
-    monkeypatch.setattr("trueplant.identify.likelihood.replace", lambda row, specs: row)
-    monkeypatch.setattr("trueplant.identify.likelihood.rise", lambda fit, without: 8.0)
-    row = Stub(specs=[Spec(0, FOPDT)], slices=[slice(0, 3)])
-    fit: Any = Stub(row=row, theta=np.zeros(3), ar=np.zeros(0), weights=None)
-    assert 0.3 < absence_p(fit, 0) < 0.6
+    row = Stub(specs=[Spec(0, FOPDT)], slices=[slice(0, 3)], is_gain=np.array([True, False, False]))
+    searched: Any = Stub(row=row, theta=np.ones(3), fit=None, rise=lambda index, values: 8.0)
+    searched._ratio_p = lambda *of: OutputEstimate._ratio_p(searched, *of)
+    assert 0.3 < OutputEstimate.absence_p(searched, 0) < 0.6

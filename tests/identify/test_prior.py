@@ -9,8 +9,9 @@ import pytest
 from scipy.stats import chi2
 
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.identify import Row, Spec, absence_p, fit_row, identify_output, likelihood_ratio_p, pieces_of
-from trueplant.identify.levels import PRIOR_SPREAD
+from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
+from trueplant.identify.levels import PRIOR_SPREAD, SEARCHED_FREEDOM
+from trueplant.identify.likelihood import held_at, ratio_p, rise, without_element
 from trueplant.identify.prior import Prior
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
@@ -87,12 +88,12 @@ def test_verdicts_count_slow_noise_as_intervals_do():
     fopdt, truth = Structure.parse("fopdt"), np.array([2.0, 10.0, 3.3])
     found = identify_output([record(fopdt, truth, 4, 600)], 0, [Spec(0, fopdt, tuple(truth))])
     index, values = np.arange(3), truth * [1.1, 1.1, 1.0]
-    plain = likelihood_ratio_p(found.fit, index, values)
+    plain = ratio_p(rise(found.fit, held_at(found.fit, index, values)), 3)
     assert np.all(found.factor > 1)
     assert found.likelihood_ratio_p(index, values) == pytest.approx(
         chi2.sf(chi2.isf(plain, 3) / found.factor.mean(), 3)
     )
-    assert found.absence_p(0) >= absence_p(found.fit, 0)
+    assert found.absence_p(0) >= ratio_p(rise(found.fit, without_element(found.fit, 0)), SEARCHED_FREEDOM + 3)
 
 
 def test_an_input_that_stands_still_leaves_the_others_as_they_are():

@@ -7,10 +7,10 @@ from trueplant.identify.first import INTEGRATING, SELF_REGULATING
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.gate import Worse, worse_than_model
 from trueplant.identify.holds import FoundHold, find_holds, widened_for_holds, with_holds
-from trueplant.identify.likelihood import absence_p, likelihood_ratio_p
 from trueplant.identify.loads import FoundLoad, found_loads, with_loads
 from trueplant.identify.longest_noise import estimate_beside_longest_noise
 from trueplant.identify.matrix import Identification, Open, identify_matrix, identify_plant, specs_of
+from trueplant.identify.open_valves import with_open_valves
 from trueplant.identify.operating_points import OperatingPoints, operating_points
 from trueplant.identify.output import OutputEstimate, Rejected, identify_output, unanswered
 from trueplant.identify.pieces import Held, pieces_of
@@ -21,6 +21,7 @@ from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import Validation, fit_percent, prediction_errors, simulate_piece
 from trueplant.identify.valves import (
     FoundValve,
+    Tried,
     behind_valves,
     sticking,
     try_valves,
@@ -47,11 +48,11 @@ __all__ = [
     "RowFit",
     "Sampling",
     "Spec",
+    "Tried",
     "Unanswered",
     "Validation",
     "WhyUnanswered",
     "Worse",
-    "absence_p",
     "behind_valves",
     "choose_stride",
     "equation_error",
@@ -64,7 +65,6 @@ __all__ = [
     "identify_matrix",
     "identify_output",
     "identify_plant",
-    "likelihood_ratio_p",
     "operating_points",
     "paper_route",
     "pieces_of",
@@ -80,5 +80,6 @@ __all__ = [
     "widened_for_valves",
     "with_holds",
     "with_loads",
+    "with_open_valves",
     "worse_than_model",
 ]

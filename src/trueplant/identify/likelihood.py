@@ -15,17 +15,7 @@ import numpy as np
 from scipy.stats import chi2, f
 
 from trueplant.arrays import Array, IntArray
-from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, fit_row
-
-
-def likelihood_ratio_p(fit: RowFit, index: IntArray, values: Array, factor: float = 1.0, left: float = np.inf) -> float:
-    """p-value that the parameters theta[index] have these values, all others re-fitted.
-
-    The deviance counts the degrees of freedom that are left, which keeps the level in short records; `factor` is that
-    of the covariance for what its curvature does not know (`inflation`), `left` as in `ratio_p`.
-    """
-    return ratio_p(rise(fit, held_at(fit, index, values)) / factor, len(index), left)
 
 
 def ratio_p(rise: float, freedom: int, left: float = np.inf) -> float:
@@ -48,18 +38,22 @@ def held_at(fit: RowFit, index: IntArray, values: Array) -> RowFit:
     return fit_row(fit.row, theta, fit.ar, weights=fit.weights, free=free, reweight=False)
 
 
+def at_model(fit: RowFit) -> RowFit:
+    """The fit with its free parameters at their model, where they have one, to start another from."""
+    both = zip(fit.row.specs, fit.row.slices, strict=True)
+    initial = [fit.theta[part] if spec.initial is None else spec.initial for spec, part in both]
+    theta = np.clip(np.concatenate([np.zeros(0), *initial]), *fit.row.bounds())
+    return replace(fit, theta=np.where(fit.free, theta, fit.theta))
+
+
 def rise(fit: RowFit, other: RowFit) -> float:
     """By how much -2 log likelihood rises from a fit to a more restricted one."""
     return max(float(fit.left * np.log(max(other.cost, 1e-300) / max(fit.cost, 1e-300))), 0.0)
 
 
-def absence_p(fit: RowFit, m: int, factor: float = 1.0, left: float = np.inf) -> float:
-    """p-value that element m of the row is absent: the fit without it is as good as a search in noise would make it.
-
-    `factor` and `left` as in `likelihood_ratio_p`.
-    """
+def without_element(fit: RowFit, m: int) -> RowFit:
+    """The fit of the others of its row."""
     kept = [k for k in range(len(fit.row.specs)) if k != m]
     row = replace(fit.row, specs=tuple(fit.row.specs[k] for k in kept))
     parts = [fit.theta[fit.row.slices[k]] for k in kept]
-    without = fit_row(row, np.concatenate([np.zeros(0), *parts]), fit.ar, weights=fit.weights, reweight=False)
-    return ratio_p(rise(fit, without) / factor, levels.SEARCHED_FREEDOM + len(fit.row.specs[m].structure.names), left)
+    return fit_row(row, np.concatenate([np.zeros(0), *parts]), fit.ar, weights=fit.weights, reweight=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
 
 import numpy as np
 from scipy.stats import chi2
@@ -18,7 +19,7 @@ from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row, free_of_noise
 from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import as_wide_as, mixed, normal_intervals, profile_of, variance_of, widened
-from trueplant.identify.likelihood import absence_p, likelihood_ratio_p, ratio_p
+from trueplant.identify.likelihood import at_model, held_at, ratio_p, rise, without_element
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.minima import OpenMinima, open_minima
 from trueplant.identify.noise_order import order_dependence
@@ -79,6 +80,8 @@ class OutputEstimate:
     `ratio_factor` counts them."""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
+    open_valves: tuple[Callable[[RowFit], float], ...] = ()
+    """By how much -2 log likelihood of a fit falls where each valve that may not follow OP does as it may."""
     rise: Callable[[IntArray, Array], float] | None = None
     """The likelihood that belongs to theta: by how much -2 log likelihood rises when theta[index] is held at values and
     the others are free. None: that of `fit`."""
@@ -112,21 +115,39 @@ class OutputEstimate:
         """Do the prediction errors change their size, or is colour left in them?"""
         return uneven(self.tests)
 
-    def likelihood_ratio_p(self, index: IntArray, values: Array) -> float:
-        """p-value that the parameters theta[index] have these values, by the likelihood that belongs to theta."""
-        if self.rise is None:
-            left = np.inf if self.freedom is None else self.freedom(index)
-            return likelihood_ratio_p(self.fit, index, values, float(self.ratio_factor[index].mean()), left)
-        return ratio_p(self.rise(index, values), len(index))
+    def likelihood_ratio_p(self, index: IntArray, values: Array, doubting: bool = False) -> float:
+        """p-value that the parameters theta[index] have these values, by the likelihood that belongs to theta.
 
-    def absence_p(self, m: int) -> float:
-        """p-value that element m of the row is absent, by the likelihood that belongs to theta."""
+        `doubting`: with all the others sought from their model as well, and whatever valves may do.
+        """
+        held = cache(partial(self._held_at, index, values, doubting))
+        risen = rise(self.fit, held()) if self.rise is None else self.rise(index, values)
+        return self._ratio_p(index, risen - (self._by_valves(held()) if doubting else 0.0), len(index))
+
+    def absence_p(self, m: int, doubting: bool = False) -> float:
+        """p-value that element m of the row is absent, likewise."""
         part = self.row.slices[m]
-        if self.rise is None:
-            left = np.inf if self.freedom is None else self.freedom(np.arange(part.start, part.stop))
-            return absence_p(self.fit, m, float(self.ratio_factor[part].mean()), left)
-        without = np.where(self.row.is_gain, 0.0, self.theta)[part]
-        return ratio_p(self.rise(np.arange(part.start, part.stop), without), levels.SEARCHED_FREEDOM + without.size)
+        index, none = np.arange(part.start, part.stop), np.where(self.row.is_gain, 0.0, self.theta)[part]
+        without = cache(partial(without_element, self.fit, m))
+        risen = rise(self.fit, without()) if self.rise is None else self.rise(index, none)
+        risen -= self._by_valves(without()) if doubting else 0.0
+        return self._ratio_p(index, risen, levels.SEARCHED_FREEDOM + index.size)
+
+    def _held_at(self, index: IntArray, values: Array, doubting: bool) -> RowFit:
+        held = held_at(self.fit, index, values)
+        if not doubting:
+            return held
+        return min(held, held_at(at_model(self.fit), index, values), key=lambda one: one.deviance)
+
+    def _by_valves(self, restricted: RowFit) -> float:
+        """How much of the rise of -2 log likelihood to a more restricted fit valves that do not follow OP explain."""
+        return sum(gain(restricted) - gain(self.fit) for gain in self.open_valves)
+
+    def _ratio_p(self, index: IntArray, risen: float, freedom: int) -> float:
+        if self.rise is not None:
+            return ratio_p(risen, freedom)
+        left = np.inf if self.freedom is None else self.freedom(index)
+        return ratio_p(risen / float(self.ratio_factor[index].mean()), freedom, left)
 
     def without_answers(self, why: WhyUnanswered, text: str) -> OutputEstimate:
         """The same estimate, refuted: no parameter and no structure of it is given."""

@@ -45,12 +45,20 @@ class Piece:
     """Samples from which on a disturbance holds the output at another level."""
     loads: tuple[Load, ...] = ()
     """Steps that nobody recorded, of its whole experiment."""
+    sent: Array | None = None
+    """(n_columns, N) the inputs as they were sent, where `inputs` is where valves went that did not follow them; as
+    deviations from the first of `inputs`."""
 
     @property
     def stepping(self) -> tuple[Load, ...]:
         """The loads that step within it: what others do is in its operating point and initial state."""
         last = self.start + self.span
         return tuple(load for load in self.loads if self.start + self.h / 2 < load.time < last + self.h / 2)
+
+    @property
+    def recorded(self) -> Array:
+        """(n_columns, N) the inputs as they were sent."""
+        return self.inputs if self.sent is None else self.sent
 
     @property
     def span(self) -> float:
@@ -85,12 +93,13 @@ class Piece:
         if first == 0 and end is None:
             return self
         part = slice(first, end)
-        inputs = self.inputs[:, part]
-        inputs = np.ascontiguousarray(inputs - inputs[:, :1])
+        at = self.inputs[:, first : first + 1]
+        inputs = np.ascontiguousarray(self.inputs[:, part] - at)
+        sent = None if self.sent is None else np.ascontiguousarray(self.sent[:, part] - at)
         last = self.y.size if end is None else end
         y, valid, start = self.y[part], self.valid[part], self.start + first * self.h
         restarts, jumps = (tuple(k - first for k in of if first < k < last) for of in (self.restarts, self.jumps))
-        return replace(self, y=y, valid=valid, inputs=inputs, restarts=restarts, start=start, jumps=jumps)
+        return replace(self, y=y, valid=valid, inputs=inputs, sent=sent, restarts=restarts, start=start, jumps=jumps)
 
     @cached_property
     def starts_at_rest(self) -> bool:
@@ -120,6 +129,7 @@ def pieces_of(
         whole, restarts = _joined(group)
         valid = np.isfinite(whole.y[:, output])
         inputs = np.column_stack([whole.u, whole.d])
+        sent = None if whole.sent is None else np.column_stack([whole.sent, whole.d]) - inputs[0]
         inputs = np.ascontiguousarray((inputs - inputs[0]).T)
         hold = whole.holds
         y = np.where(valid, whole.y[:, output], 0.0)
@@ -128,6 +138,7 @@ def pieces_of(
         jumps = whole.jumps[output] if whole.jumps else ()
         y = np.where(valid, y, 0.0)
         piece = Piece(whole.experiment, whole.h, y, valid, inputs, hold, restarts, whole.t[0], jumps, whole.loads)
+        piece = piece if sent is None else replace(piece, sent=np.ascontiguousarray(sent.T))
         pieces.append(piece.from_sample(_first_update(whole.y[:, output], update)))
     return tuple(pieces)
 
@@ -171,6 +182,7 @@ def _joined(group: Sequence[Segment]) -> tuple[Segment, tuple[int, ...]]:
         y=laid("y", missing=True),
         d=laid("d"),
         free=laid("free"),
+        sent=None if first.sent is None else laid("sent"),
         jumps=tuple(
             tuple(
                 k + start

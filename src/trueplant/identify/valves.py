@@ -13,18 +13,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
-from trueplant.identify.fit import RowFit, Whitening, fit_row
-from trueplant.identify.linear_algebra import orthonormal
+from trueplant.identify.fit import RowFit
 from trueplant.identify.moments import in_row
 from trueplant.identify.output import OutputEstimate, averaged
-from trueplant.identify.pieces import Piece
-from trueplant.identify.row import Row
+from trueplant.identify.valve_effects import ValveTest, behind
 from trueplant.loop.valve import Valve
 from trueplant.record.types import Segment
 from trueplant.result.budget import Source
@@ -115,16 +112,22 @@ def widened_for_bands(
 
 def _tried(fits: Mapping[int, RowFit], column: int, inputs: int) -> tuple[Tried, ...]:
     parts = {i: of_a_part(fit) for i, fit in fits.items()}
-    op = np.concatenate([piece.inputs[column] for piece in next(iter(parts.values())).row.pieces])
-    moved = float(np.ptp(op))
-    if not moved > 0:
-        return ()
-    tests = [_Test(fit, column, fit.row) for fit in parts.values()]
-    kinds = [[Valve(**{name: float(share * moved)}) for share in shares] for name, shares in BANDS.items()]
+    kinds = bands_of(next(iter(parts.values())), column)
+    tests = [ValveTest(fit, column) for fit in parts.values()] if kinds else []
     return tuple(_kind(parts, tests, column, kind, inputs) for kind in kinds)
 
 
-def _kind(fits: Mapping[int, RowFit], tests: Sequence[_Test], column: int, kind: Sequence[Valve], inputs: int) -> Tried:
+def bands_of(fit: RowFit, column: int) -> list[list[Valve]]:
+    """By kind, the valves that an input may have: bands relative to the range of its OP; none where it stands still."""
+    moved = float(np.ptp(np.concatenate([piece.recorded[column] for piece in fit.row.pieces])))
+    if not moved > 0:
+        return []
+    return [[Valve(**{name: float(share * moved)}) for share in shares] for name, shares in BANDS.items()]
+
+
+def _kind(
+    fits: Mapping[int, RowFit], tests: Sequence[ValveTest], column: int, kind: Sequence[Valve], inputs: int
+) -> Tried:
     """One kind of valve; p-value by Bonferroni over its bands, both kinds, and so many inputs.
 
     To first order a wide band may promise what no plant keeps: what the likeliest gains with the plant fitted behind it
@@ -137,14 +140,14 @@ def _kind(fits: Mapping[int, RowFit], tests: Sequence[_Test], column: int, kind:
     searched = len(kind) * len(BANDS) * inputs
     if searched * chi2.sf(max(gain, 0.0), 1) < levels.VALVE:
         valve, error = _refined(list(fits.values()), column, valve)
-    behind = {i: _behind(fit, column, valve) for i, fit in fits.items()}
-    most = sum(fits[i].deviance - behind[i].deviance for i in fits)
+    moved = {i: behind(fit, column, valve) for i, fit in fits.items()}
+    most = sum(fits[i].deviance - moved[i].deviance for i in fits)
     p = float(min(1.0, searched * chi2.sf(max(min(gain, most), 0.0), 1)))
     ratios = np.exp(np.minimum(evidence, min(most / 2, levels.LARGEST_EXPONENT)))
     odds = levels.STICKS / len(BANDS) * ratios / len(kind)
     shifts = {i: np.array([ones[n].shift for ones in every]) for n, i in enumerate(fits)}
     leans = {i: _lean(fit, column, valve, error) for i, fit in fits.items()} if p < levels.VALVE else {}
-    return Tried(FoundValve(valve, p, error), odds, shifts, behind, leans)
+    return Tried(FoundValve(valve, p, error), odds, shifts, moved, leans)
 
 
 def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> tuple[Valve, float]:
@@ -154,9 +157,9 @@ def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> tuple[Valve, 
     """
     error = 0.0
     for _ in range(levels.VALVE_ROUNDS):
-        behind = [_behind(fit, column, valve) for fit in fits]
-        tests = [_Test(moved, column, fit.row) for moved, fit in zip(behind, fits, strict=True)]
-        nearby = [_times(valve, factor) for factor in levels.VALVE_FACTORS]
+        found = [behind(fit, column, valve) for fit in fits]
+        tests = [ValveTest(fit, column) for fit in found]
+        nearby = [times(valve, factor) for factor in levels.VALVE_FACTORS]
         evidence = np.array([sum(test.of(one).evidence for test in tests) for one in nearby])
         best = int(np.argmax(evidence))
         apart = np.log(levels.VALVE_FACTORS / levels.VALVE_FACTORS[best])
@@ -168,120 +171,15 @@ def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> tuple[Valve, 
     return valve, error
 
 
-def _times(valve: Valve, factor: float) -> Valve:
+def times(valve: Valve, factor: float) -> Valve:
+    """One whose band is so many times as wide."""
     return Valve(valve.backlash * factor, valve.stick * factor)
 
 
 def _lean(fit: RowFit, column: int, valve: Valve, error: float) -> Array:
     """(size,) by how much a relative standard error of the band moves the plant behind the valve."""
-    wider, narrower = (_behind(fit, column, _times(valve, float(np.exp(side)))) for side in (error, -error))
+    wider, narrower = (behind(fit, column, times(valve, float(np.exp(side)))) for side in (error, -error))
     return np.asarray((wider.theta - narrower.theta) / 2)
-
-
-def _behind(fit: RowFit, column: int, valve: Valve) -> RowFit:
-    """The fit with the positions of the valve's stem for its input."""
-    pieces = []
-    for piece in fit.row.pieces:
-        inputs = piece.inputs.copy()
-        inputs[column] = valve.positions(inputs[column])
-        pieces.append(replace(piece, inputs=inputs))
-    row = replace(fit.row, pieces=tuple(pieces))
-    return fit_row(row, fit.theta, fit.ar, weights=fit.weights, free=fit.free, reweight=False)
-
-
-@dataclass(frozen=True, eq=False)
-class _Effect:
-    """What a valve does to the fit of one output, the plant renewed to first order."""
-
-    evidence: float
-    """Log of the ratio of likelihoods, beside what else could explain the errors as far as the record needs that."""
-    beyond: float
-    """What it gains in -2 log likelihood where all else that could explain the errors is there."""
-    shift: Array
-    """(size,) by how much the plant's parameters would be larger."""
-
-
-class _Test:
-    """The prediction errors of one output, ready for what valves in one of its inputs would change.
-
-    `recorded` has OP as it was recorded; `fit` may stand on the positions of a stem already. The distances from the
-    model are errors besides: behind a wide band a plant beyond all bounds would be as likely to first order.
-    """
-
-    def __init__(self, fit: RowFit, column: int, recorded: Row) -> None:
-        self._fit, self._column = fit, column
-        self._m = next(m for m, spec in enumerate(fit.row.specs) if spec.column == column)
-        every = zip(fit.row.pieces, recorded.pieces, Whitening.of(fit), strict=True)
-        self._parts = [(piece, raw.inputs[column], of_piece) for piece, raw, of_piece in every if of_piece is not None]
-        self._free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
-        distances, slopes = np.sqrt(fit.variance) * np.array(fit.row.prior.errors(fit.theta))
-        prior = np.diag(np.append(slopes, np.zeros(fit.ar.size)))[self._free, : fit.theta.size]
-        jacobian = np.hstack([*(whitening.jacobian[self._free] for _, _, whitening in self._parts), prior]).T
-        others = [whitening(_rivals(fit, self._m, piece)) for piece, _, whitening in self._parts]
-        rivals = np.hstack([*others, np.zeros((len(others[0]), fit.theta.size))]).T
-        self._errors = np.concatenate([*(whitening.errors for _, _, whitening in self._parts), distances])
-        size = np.sqrt(np.einsum("nk,nk->k", jacobian, jacobian))
-        size[size == 0] = 1.0
-        self._renewed = np.linalg.pinv(jacobian / size, rcond=levels.LOST) / size[:, None]
-        self._plant = orthonormal(jacobian)
-        self._all = orthonormal(np.hstack([jacobian, rivals]))
-        more = self._all.shape[1] - self._plant.shape[1]
-        gained = fit.left * np.log(_left(self._errors, self._plant) / _left(self._errors, self._all))
-        # log odds that what else could explain the errors is needed, by the Bayesian criterion
-        self._needed = (gained - more * np.log(self._errors.size)) / 2
-
-    def of(self, valve: Valve) -> _Effect:
-        changes = []
-        for piece, op, whitening in self._parts:
-            moved = valve.positions(op) - piece.inputs[self._column]
-            changed = _element_response(self._fit, self._m, piece, moved)
-            changes.append(whitening(changed[None])[0])
-        changed = np.concatenate([*changes, np.zeros(self._fit.theta.size)])
-        shift = np.zeros(self._free.size)
-        shift[self._free] = self._renewed @ changed
-        alone, beyond = (self._gain(basis, changed) for basis in (self._plant, self._all))
-        evidence = np.logaddexp(alone / 2, self._needed + beyond / 2) - np.logaddexp(0.0, self._needed)
-        return _Effect(float(evidence), beyond, shift[: self._fit.theta.size])
-
-    def _gain(self, basis: Array, changed: Array) -> float:
-        """What -2 log likelihood gains by the change (n,) of the errors, where a basis (n, k) explains what it can."""
-        left = _left(self._errors, basis) / _left(self._errors - changed, basis)
-        return float(self._fit.left * np.log(left))
-
-
-def _left(e: Array, basis: Array) -> float:
-    """Sum of squares that a basis (n, k) leaves of errors e (n,)."""
-    rest = e - basis @ (basis.T @ e)
-    return max(float(rest @ rest), 1e-300)
-
-
-def _element_response(fit: RowFit, m: int, piece: Piece, u: Array) -> Array:
-    """Response (n,) of element m to u (N,) at the strided samples."""
-    row = fit.row
-    spec, part = row.specs[m], row.slices[m]
-    return spec.structure.response(fit.theta[part], u, piece.h, piece.hold[spec.column], row.stride)
-
-
-def _rivals(fit: RowFit, m: int, piece: Piece) -> Array:
-    """(n_rivals, n) what else could explain the errors: a gain that varies with OP, another structure."""
-    op = piece.inputs[fit.row.specs[m].column]
-    squared = _element_response(fit, m, piece, (op - op.mean()) ** 2)
-    return np.vstack([squared, _beyond(fit, m, piece)])
-
-
-def _beyond(fit: RowFit, m: int, piece: Piece) -> Array:
-    """(n_directions, n) what a structure richer than that of element m adds to its response, to first order."""
-    row, spec = fit.row, fit.row.specs[m]
-    answer = _element_response(fit, m, piece, piece.inputs[spec.column])
-    step = row.stride * piece.h
-    faster = np.gradient(answer, step)
-    directions = [faster, np.gradient(faster, step)]
-    own = spec.structure.lag(fit.theta[row.slices[m]])
-    longest = max(of.span for of in row.pieces) / levels.SLOW_SPANS
-    for times in levels.RICHER_LAGS:
-        pole = float(np.exp(-step / np.clip(times * own, step, max(longest, step))))
-        directions.append(np.asarray(lfilter([1 - pole], [1.0, -pole], answer)))
-    return np.array(directions)
 
 
 def behind_valves(segments: Sequence[Segment], valves: Mapping[int, FoundValve]) -> tuple[Segment, ...]:
@@ -297,5 +195,6 @@ def behind_valves(segments: Sequence[Segment], valves: Mapping[int, FoundValve])
             u[:, column] = found.valve.positions(op)
             travel = np.maximum.accumulate(op) - np.minimum.accumulate(op)
             first = max(first, int(np.argmax(travel > found.band)) if travel[-1] > found.band else 0)
-        moved.append(replace(segment, u=u).part(first))
+        sent = segment.u if segment.sent is None else segment.sent
+        moved.append(replace(segment, u=u, sent=sent).part(first) if valves else segment)
     return tuple(moved)

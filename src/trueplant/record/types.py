@@ -182,6 +182,8 @@ class Segment:
     """How each measured disturbance runs between samples, as `hold`; empty: all in straight lines."""
     loads: tuple[Load, ...] = ()
     """Steps that nobody recorded, as far as they were found."""
+    sent: Array | None = None
+    """(N, n_u) OP as it was sent, where `u` is where valves went that did not follow it."""
 
     @property
     def holds(self) -> tuple[str, ...]:
@@ -191,6 +193,8 @@ class Segment:
     def part(self, first: int, end: int | None = None) -> Segment:
         """From one sample to before another."""
         signals = {name: getattr(self, name)[first:end] for name in ("t", "r", "u", "y", "d", "free")}
+        if self.sent is not None:
+            signals["sent"] = self.sent[first:end]
         last = len(self) if end is None else end
         jumps = tuple(tuple(k - first for k in own if first < k < last) for own in self.jumps)
         return replace(self, jumps=jumps, **signals)

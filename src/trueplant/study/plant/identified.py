@@ -16,6 +16,7 @@ from trueplant.identify import (
     OutputEstimate,
     RowFit,
     Spec,
+    Tried,
     Unanswered,
     WhyUnanswered,
     behind_valves,
@@ -28,6 +29,7 @@ from trueplant.identify import (
     widened_for_valves,
     with_holds,
     with_loads,
+    with_open_valves,
 )
 from trueplant.record import Segment
 from trueplant.result import Code, Reason
@@ -75,9 +77,12 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     say("looking for valves that do not follow OP")
     columns = [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"]
     tried = try_valves(estimates, columns)
-    valves, found_in = sticking(tried), tried
-    if valves:
-        segments = behind_valves(segments, valves)
+    valves: dict[int, FoundValve] = {}
+    found_in: dict[int, tuple[Tried, ...]] = {}
+    # one valve that does not follow OP may hide another
+    while more := sticking(tried):
+        valves, found_in = {**valves, **more}, {**found_in, **{j: tried[j] for j in more}}
+        segments = behind_valves(segments, more)
         found = _identified(study, segments, (), say)
         estimates = found.estimates
         tried = try_valves(estimates, [j for j in columns if j not in valves])
@@ -93,7 +98,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         estimates = _resting_on_disturbances(study, estimates, fits)
     confidence = study.project.analysis.confidence
     estimates = widened_for_valves(widened_for_holds(estimates, holds, confidence), tried, confidence)
-    estimates = widened_for_bands(estimates, valves, found_in, confidence)
+    estimates = with_open_valves(widened_for_bands(estimates, valves, found_in, confidence), columns, valves)
     if drawn := drawn_outputs(study):
         say("estimating what a historian left out")
         held = _identified(study, held_between(segments, drawn), ())

@@ -1,0 +1,123 @@
+"""What valves that do not follow OP do to the fit of one output."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from trueplant.arrays import Array
+from trueplant.identify import levels
+from trueplant.identify.fit import RowFit, Whitening, fit_row
+from trueplant.identify.linear_algebra import orthonormal
+from trueplant.identify.pieces import Piece
+from trueplant.loop.valve import Valve
+
+
+def behind(fit: RowFit, column: int, valve: Valve) -> RowFit:
+    """The fit with the positions of the valve's stem for its input."""
+    pieces = []
+    for piece in fit.row.pieces:
+        inputs = piece.inputs.copy()
+        inputs[column] = valve.positions(piece.recorded[column], start=0.0)
+        pieces.append(replace(piece, inputs=inputs, sent=piece.recorded))
+    row = replace(fit.row, pieces=tuple(pieces))
+    return fit_row(row, fit.theta, fit.ar, weights=fit.weights, free=fit.free, reweight=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """What a valve does to the fit of one output, the plant renewed to first order."""
+
+    alone: float
+    """What it gains in -2 log likelihood."""
+    evidence: float
+    """Log of the ratio of likelihoods, beside what else could explain the errors as far as the record needs that."""
+    beyond: float
+    """What it gains in -2 log likelihood where all else that could explain the errors is there."""
+    shift: Array
+    """(size,) by how much the plant's parameters would be larger."""
+
+
+class ValveTest:
+    """The prediction errors of one output, ready for what valves in one of its inputs would change.
+
+    The fit may stand on the positions of a stem already. The distances from the model are errors besides: behind a
+    wide band a plant beyond all bounds would be as likely to first order.
+    """
+
+    def __init__(self, fit: RowFit, column: int) -> None:
+        self._fit, self._column = fit, column
+        self._m = next(m for m, spec in enumerate(fit.row.specs) if spec.column == column)
+        every = zip(fit.row.pieces, Whitening.of(fit), strict=True)
+        self._parts = [(piece, of_piece) for piece, of_piece in every if of_piece is not None]
+        self._free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
+        distances, slopes = np.sqrt(fit.variance) * np.array(fit.row.prior.errors(fit.theta))
+        prior = np.diag(np.append(slopes, np.zeros(fit.ar.size)))[self._free, : fit.theta.size]
+        jacobian = np.hstack([*(whitening.jacobian[self._free] for _, whitening in self._parts), prior]).T
+        others = [whitening(_rivals(fit, self._m, piece)) for piece, whitening in self._parts]
+        rivals = np.hstack([*others, np.zeros((len(others[0]), fit.theta.size))]).T
+        self._errors = np.concatenate([*(whitening.errors for _, whitening in self._parts), distances])
+        size = np.sqrt(np.einsum("nk,nk->k", jacobian, jacobian))
+        size[size == 0] = 1.0
+        self._renewed = np.linalg.pinv(jacobian / size, rcond=levels.LOST) / size[:, None]
+        self._plant = orthonormal(jacobian)
+        self._all = orthonormal(np.hstack([jacobian, rivals]))
+        more = self._all.shape[1] - self._plant.shape[1]
+        gained = fit.left * np.log(_left(self._errors, self._plant) / _left(self._errors, self._all))
+        # log odds that what else could explain the errors is needed, by the Bayesian criterion
+        self._needed = (gained - more * np.log(self._errors.size)) / 2
+
+    def of(self, valve: Valve) -> Effect:
+        changes = []
+        for piece, whitening in self._parts:
+            moved = valve.positions(piece.recorded[self._column], start=0.0) - piece.inputs[self._column]
+            changed = _element_response(self._fit, self._m, piece, moved)
+            changes.append(whitening(changed[None])[0])
+        changed = np.concatenate([*changes, np.zeros(self._fit.theta.size)])
+        shift = np.zeros(self._free.size)
+        shift[self._free] = self._renewed @ changed
+        alone, beyond = (self._gain(basis, changed) for basis in (self._plant, self._all))
+        evidence = np.logaddexp(alone / 2, self._needed + beyond / 2) - np.logaddexp(0.0, self._needed)
+        return Effect(alone, float(evidence), beyond, shift[: self._fit.theta.size])
+
+    def _gain(self, basis: Array, changed: Array) -> float:
+        """What -2 log likelihood gains by the change (n,) of the errors, where a basis (n, k) explains what it can."""
+        left = _left(self._errors, basis) / _left(self._errors - changed, basis)
+        return float(self._fit.left * np.log(left))
+
+
+def _left(e: Array, basis: Array) -> float:
+    """Sum of squares that a basis (n, k) leaves of errors e (n,)."""
+    rest = e - basis @ (basis.T @ e)
+    return max(float(rest @ rest), 1e-300)
+
+
+def _element_response(fit: RowFit, m: int, piece: Piece, u: Array) -> Array:
+    """Response (n,) of element m to u (N,) at the strided samples."""
+    row = fit.row
+    spec, part = row.specs[m], row.slices[m]
+    return spec.structure.response(fit.theta[part], u, piece.h, piece.hold[spec.column], row.stride)
+
+
+def _rivals(fit: RowFit, m: int, piece: Piece) -> Array:
+    """(n_rivals, n) what else could explain the errors: a gain that varies with OP, another structure."""
+    op = piece.inputs[fit.row.specs[m].column]
+    squared = _element_response(fit, m, piece, (op - op.mean()) ** 2)
+    return np.vstack([squared, _beyond(fit, m, piece)])
+
+
+def _beyond(fit: RowFit, m: int, piece: Piece) -> Array:
+    """(n_directions, n) what a structure richer than that of element m adds to its response, to first order."""
+    row, spec = fit.row, fit.row.specs[m]
+    answer = _element_response(fit, m, piece, piece.inputs[spec.column])
+    step = row.stride * piece.h
+    faster = np.gradient(answer, step)
+    directions = [faster, np.gradient(faster, step)]
+    own = spec.structure.lag(fit.theta[row.slices[m]])
+    longest = max(of.span for of in row.pieces) / levels.SLOW_SPANS
+    for times in levels.RICHER_LAGS:
+        pole = float(np.exp(-step / np.clip(times * own, step, max(longest, step))))
+        directions.append(np.asarray(lfilter([1 - pole], [1.0, -pole], answer)))
+    return np.array(directions)
