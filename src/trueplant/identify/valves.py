@@ -73,11 +73,10 @@ def try_valves(estimates: Mapping[int, OutputEstimate], columns: Sequence[int]) 
 
 
 def sticking(tried: Mapping[int, Sequence[Tried]]) -> dict[int, FoundValve]:
-    """The valves that do not follow OP beyond chance, by column."""
-    best = {
-        column: min((one.found for one in ones), key=lambda one: one.p_value) for column, ones in tried.items() if ones
-    }
-    return {column: one for column, one in best.items() if one.p_value < levels.VALVE}
+    """The valve of which it is surest that it does not follow OP, by its column; empty where that is within chance."""
+    every = [(one.found.p_value, column, one.found) for column, ones in tried.items() for one in ones]
+    p, column, found = min(every, key=lambda one: one[:2], default=(1.0, 0, None))
+    return {} if found is None or p >= levels.VALVE else {column: found}
 
 
 def widened_for_valves(

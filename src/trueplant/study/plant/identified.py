@@ -79,7 +79,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     tried = try_valves(estimates, columns)
     valves: dict[int, FoundValve] = {}
     found_in: dict[int, tuple[Tried, ...]] = {}
-    # one valve that does not follow OP may hide another
+    # one after the other: a valve that does not follow OP may hide another, or be taken for it
     while more := sticking(tried):
         valves, found_in = {**valves, **more}, {**found_in, **{j: tried[j] for j in more}}
         segments = behind_valves(segments, more)
