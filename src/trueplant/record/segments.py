@@ -161,13 +161,13 @@ def _mean_held(grid: Array, h: float, t: Array, x: Array, latest: IntArray) -> A
     Where nothing moves meanwhile it is the value itself, `latest` being the sample that each instant begins with: sums
     over a whole record would leave their rounding there. Where a value is missing meanwhile it is the latest one too.
     """
-    step = np.diff(t, append=t[-1] + h)
-    area = np.vstack([np.zeros(x.shape[1]), np.cumsum(x * step[:, None], axis=0)])
+    step, first = np.diff(t, append=t[-1] + h), np.nan_to_num(x[0])
+    area = np.vstack([np.zeros(x.shape[1]), np.cumsum((x - first) * step[:, None], axis=0)])
     edges = np.append(t, t[-1] + h)
     ends = np.minimum(np.append(grid, grid[-1] + h), edges[-1])
     until = np.column_stack([np.interp(ends, edges, column) for column in area.T])
     width = np.maximum(np.diff(ends), 1e-12 * h)
-    mean = np.diff(until, axis=0) / width[:, None]
+    mean = first + np.diff(until, axis=0) / width[:, None]
     last = np.searchsorted(t, ends[1:], side="left") - 1
     moves = np.vstack([np.zeros(x.shape[1], dtype=int), np.cumsum(np.diff(x, axis=0) != 0, axis=0)])
     return np.where((moves[last] != moves[latest]) & np.isfinite(mean), mean, x[latest])
