@@ -125,7 +125,7 @@ def is_worker(process: int) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds workers by /proc")
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="workers are found in /proc, which only Linux has")
 def test_killed_at_random_moments_it_comes_to_the_same(site: Path) -> None:
     copies(site, 6)
     both = environment(site)
@@ -160,7 +160,9 @@ def test_a_worker_keeps_nothing_of_what_it_has_done() -> None:
         assert list(workers._client.run(kept).values()) == [0]
 
 
-@pytest.mark.skipif(not Path("/proc/self/net/tcp").is_file(), reason="reads /proc")
+@pytest.mark.skipif(
+    not Path("/proc/self/net/tcp").is_file(), reason="open ports are read in /proc, which only Linux has"
+)
 def test_nobody_beyond_this_machine_can_connect() -> None:
     with on_this_machine(1):
         own = {link for process in (os.getpid(), *children(os.getpid())) for link in sockets(process)}

@@ -110,7 +110,7 @@ def test_names_cannot_break_the_page():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="no browser to print with")
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to print with: name one in TRUEPLANT_CHROMIUM")
 def test_print_is_one_page(tmp_path: Path):
     names = [f"controlled_variable_{k}" for k in range(5)]
     result = sample(outputs=names, inputs=[f"manipulated_variable_{k}" for k in range(8)])

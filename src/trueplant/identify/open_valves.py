@@ -21,7 +21,7 @@ from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.valve_effects import ValveTest, behind
-from trueplant.identify.valves import FoundValve, bands_of, times
+from trueplant.identify.valves import FoundValve, bands_of, odds_before, times
 from trueplant.loop.valve import Valve
 
 
@@ -87,5 +87,5 @@ def _bands(fit: RowFit, column: int, found: FoundValve | None) -> tuple[tuple[Va
         nearby = tuple(times(found.valve, factor) for factor in levels.VALVE_FACTORS)
         return nearby, np.log(np.gradient(np.log(levels.VALVE_FACTORS)))
     kinds = bands_of(fit, column)
-    shares = [np.full(len(kind), levels.STICKS / len(kinds) / len(kind)) for kind in kinds]
+    shares = [np.full(len(kind), odds_before(kind)) for kind in kinds]
     return tuple(valve for kind in kinds for valve in kind), np.log(np.concatenate([np.zeros(0), *shares]))

@@ -124,6 +124,11 @@ def bands_of(fit: RowFit, column: int) -> list[list[Valve]]:
     return [[Valve(**{name: float(share * moved)}) for share in shares] for name, shares in BANDS.items()]
 
 
+def odds_before(kind: Sequence[Valve]) -> float:
+    """Of each of its bands, before the record is looked at, against a valve that follows OP."""
+    return levels.STICKS / len(BANDS) / len(kind)
+
+
 def _kind(
     fits: Mapping[int, RowFit], tests: Sequence[ValveTest], column: int, kind: Sequence[Valve], inputs: int
 ) -> Tried:
@@ -143,7 +148,7 @@ def _kind(
     most = sum(fits[i].deviance - moved[i].deviance for i in fits)
     p = float(min(1.0, searched * chi2.sf(max(min(gain, most), 0.0), 1)))
     ratios = np.exp(np.minimum(evidence, min(most / 2, levels.LARGEST_EXPONENT)))
-    odds = levels.STICKS / len(BANDS) * ratios / len(kind)
+    odds = odds_before(kind) * ratios
     shifts = {i: np.array([ones[n].shift for ones in every]) for n, i in enumerate(fits)}
     leans = {i: _lean(fit, column, valve, error) for i, fit in fits.items()} if p < levels.VALVE else {}
     return Tried(FoundValve(valve, p, error), odds, shifts, moved, leans)
@@ -186,6 +191,8 @@ def behind_valves(segments: Sequence[Segment], valves: Mapping[int, FoundValve])
 
     Where a stem stood at the beginning of a record, or after a gap, is not known until OP has moved through its band.
     """
+    if not valves:
+        return tuple(segments)
     moved = []
     for segment in segments:
         u, first = segment.u.copy(), 0
@@ -195,5 +202,5 @@ def behind_valves(segments: Sequence[Segment], valves: Mapping[int, FoundValve])
             travel = np.maximum.accumulate(op) - np.minimum.accumulate(op)
             first = max(first, int(np.argmax(travel > found.band)) if travel[-1] > found.band else 0)
         sent = segment.u if segment.sent is None else segment.sent
-        moved.append(replace(segment, u=u, sent=sent).part(first) if valves else segment)
+        moved.append(replace(segment, u=u, sent=sent).part(first))
     return tuple(moved)
