@@ -18,6 +18,7 @@ from trueplant.identify.blocks import of_a_part
 from trueplant.identify.covariance import small_samples
 from trueplant.identify.estimate import free_of_noise, polished, with_own_noise
 from trueplant.identify.fit import RowFit, evaluate, fit_row
+from trueplant.identify.further_lag import with_further_lags
 from trueplant.identify.kept_structures import with_richer
 from trueplant.identify.likelihood import ratio_p
 from trueplant.identify.longest_noise import beside_longest_noise, restricted
@@ -63,7 +64,7 @@ def with_structures(
         p = sufficient_p(fit, confidence)
     whole = np.ones(estimate.row.pieces[0].inputs.shape[0])
     whole[[spec.column for spec in estimate.row.specs]] = p
-    estimate = replace(estimate, structure_p=whole)
+    estimate = with_further_lags(replace(estimate, structure_p=whole), estimate.rejected, confidence)
     kept = tuple(spec.column for m, spec in enumerate(estimate.row.specs) if spec.column in pinned and p[m] < level[m])
     if not kept:
         return estimate
@@ -104,12 +105,7 @@ def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
             return _start(structure, p, wanted, lags[:-1], _pair(lags[-1], further))
         return _start(structure, p, wanted, np.array([further]))
 
-    near = []
-    for further in lag * np.array(levels.CANCELLED_LAGS):
-        # A lag and a lead that cancel: the search begins at the fit itself, and cannot end above it.
-        begun = start(further)
-        begun[np.flatnonzero(wanted.is_lead)[-1]] = further
-        near.append(_briefly(fit, m, wanted, begun))
+    near = _from_cancelled(fit, m, wanted, start)
     far = _fitted(fit, m, wanted, [start(share * lag) for share in levels.SECOND_LAGS])
     return suffices_p(fit, _best([polished(_best(near)), polished(_best(far))]), m, confidence)
 
@@ -124,6 +120,12 @@ def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Stru
     for structure, start in richer(declared, fit.theta[fit.row.slices[m]]):
         starts.setdefault(structure, []).append(start)
     found = {structure: polished(_best(_fitted(fit, m, structure, own))) for structure, own in starts.items()}
+    both, p = replace(declared, lags=declared.lags + 1, leads=declared.leads + 1), fit.theta[fit.row.slices[m]]
+
+    def including(further: float) -> Array:
+        return _start(declared, p, both, np.append(p[declared.is_lag], further))
+
+    found[both] = _best([found[both], polished(_best(_from_cancelled(fit, m, both, including)))])
     taken, best = declared, fit
     criterion = dict(zip(found, _criteria([*found.values()]), strict=True))
     # Real lags come before complex pairs: a pair that is damped enough describes two lags as well.
@@ -209,6 +211,19 @@ def _briefly(fit: RowFit, m: int, structure: Structure, start: Array) -> RowFit:
     """A short fit of the row with another structure for element m, from this start, with the noise model as it is."""
     row, free = _with_structure(fit, m, structure)
     return _short_fit(fit, row, free, _with_element(fit, m, start), fit.ar)
+
+
+def _from_cancelled(fit: RowFit, m: int, wanted: Structure, start: Callable[[float], Array]) -> list[RowFit]:
+    """Short fits of the row with a further lag and lead that cancel: they begin at the fit, and cannot end above it.
+
+    `start` gives the parameters with a further lag.
+    """
+    structure, fits = fit.row.specs[m].structure, []
+    for further in _scale(structure, fit.theta[fit.row.slices[m]]) * np.array(levels.CANCELLED_LAGS):
+        begun = start(further)
+        begun[np.flatnonzero(wanted.is_lead)[-1]] = further
+        fits.append(_briefly(fit, m, wanted, begun))
+    return fits
 
 
 def _with_structure(fit: RowFit, m: int, structure: Structure) -> tuple[Row, BoolArray]:

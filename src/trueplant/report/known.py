@@ -17,7 +17,7 @@ MEANING = {
     Source.NOISE_MODEL: "how far another order of the noise model moves the answer",
     Source.LEFT_OUT: "a dead time that may be there, too short for the record to show",
     Source.NOT_SHOWN: "how far elements that the record does not show would move it, were they there",
-    Source.STRUCTURE: "a richer structure, which suits the record better, has another gain or time to answer",
+    Source.STRUCTURE: "a richer structure, which suits the record too, has another gain or time to answer",
     Source.ROUNDING: "recorded numbers and instants are rounded",
     Source.MINIMA: "other sets of parameters that the record does not rule out",
     Source.PROFILE: "the interval reaches further to one side than the standard error by itself would say",
