@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from support.simulated import coloured, segment_of
+from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
 from trueplant.identify.covariance import scaled
 from trueplant.identify.intervals import as_wide_as, profile_of
@@ -40,6 +40,26 @@ def test_a_wrong_minimum_is_left():
     found = open_minima(wrong, 0.95)
     assert found.best.cost <= good.cost * (1 + 1e-4)
     assert abs(found.best.theta[2] - truth[2]) < 1
+
+
+def test_leads_or_terms_that_change_places_are_no_other_minimum():
+    """Two leads of 30 and 250 s, and two terms, told apart in 2,000 s; the model, a start, has them the other way."""
+    leads = Structure.parse("sopdt+lag+lead+lead")
+    for structure, truth, swapped in (
+        (leads, [0.65, 400.0, 150.0, 8.0, 30.0, 250.0, 0.5], [0, 1, 2, 3, 5, 4, 6]),
+        (TWO_TERMS, [3.0, -1.2, 14.0, 9.0, 3.4, 26.7], [1, 0, 2, 3, 5, 4]),
+    ):
+        rng, p = np.random.default_rng(3), np.array(truth)
+        r, v = random_switching(rng, 2000, 1, 60.0), coloured(rng, 2000, 1, [1, -0.8], [1], 0.003)
+        plant = TransferMatrix(((structure.transfer(p),),), "min")
+        spec = Spec(0, structure, tuple(p[swapped]))
+        row = Row((spec,), pieces_of([segment_of(simulate(plant, LAW, r, 1.0, v=v))], 0))
+        fit = fit_row(row, p, np.array([-0.8]))
+        other = fit_row(row, p[swapped], fit.ar)
+        assert np.abs(other.theta[swapped] - fit.theta).max() < 0.2 * np.abs(p).max()
+        found = open_minima(fit, 0.95)
+        assert all(np.abs(one.theta - other.theta).max() > 5 for one in found.fits)
+        assert np.all(found.added < (0.2 * p) ** 2)
 
 
 def test_every_open_minimum_belongs_to_the_interval():

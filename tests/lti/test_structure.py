@@ -48,6 +48,31 @@ def test_parameters_survive_the_transfer_function(name, seed):
     assert np.allclose(own.transfer(q)(S), structure.transfer(p)(S), rtol=1e-6)
 
 
+@pytest.mark.parametrize("name", [*NAMES, "sopdt+lag+lead+lead", "pair+pair+lead+lead", "sopdt+delayed+delayed"])
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_plants_that_are_the_same_have_the_same_parameters_in_one_order(name, seed):
+    structure, rng = Structure.parse(name), np.random.default_rng(seed)
+    p = parameters(structure, seed)
+
+    def shuffled(kind, beside=None):
+        places = np.flatnonzero(kind)
+        order = rng.permutation(len(places))
+        q[places] = q[places[order]]
+        if beside is not None:
+            other = np.flatnonzero(beside)
+            q[other] = q[other[order]]
+
+    q = p.copy()
+    shuffled(structure.is_lag)
+    shuffled(structure.is_lead)
+    shuffled(structure.is_frequency, structure.is_damping)
+    if structure.has_dead_time:
+        shuffled(structure.is_dead_time, structure.is_gain)
+    assert np.allclose(structure.transfer(q)(S), structure.transfer(p)(S), rtol=1e-9)
+    assert np.array_equal(q[structure.interchanged(q)], p[structure.interchanged(p)])
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_gradient_against_central_differences(name):
     structure = Structure.parse(name)

@@ -108,9 +108,11 @@ def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
     In a long record they are looked for in that part of it in which the inputs move most.
     """
     part = of_a_part(fit)
-    found = _distinct([_ordered(part), *(_ended(part, start) for start in _starts(part))])
+    like = _with_lags_in_order(fit)
+    found = _distinct([_labelled(part, like), *(_ended(part, start, like) for start in _starts(part))])
     if part is not fit:
-        found = _distinct([_ordered(fit), *(_ended(fit, one.theta) for one in found[: levels.MINIMA_POLISHED])])
+        others = [_ended(fit, one.theta, like) for one in found[: levels.MINIMA_POLISHED]]
+        found = _distinct([_labelled(fit, like), *others])
     factor, quantile = inflation(found[0], confidence), float(norm.ppf(0.5 + confidence / 2))
     rises = np.zeros(1) if len(found) == 1 else _rises(found, factor, confidence)
     return OpenMinima(tuple(found), rises, factor, quantile)
@@ -141,17 +143,27 @@ def _starts(fit: RowFit) -> list[Array]:
     return [np.where(fit.free, np.clip(start, low, high), fit.theta) for start in (*centres[1:], *drawn)]
 
 
-def _ended(fit: RowFit, theta: Array) -> RowFit:
+def _ended(fit: RowFit, theta: Array, like: Array) -> RowFit:
     """Where a fit of the same row that begins elsewhere ends."""
-    return _ordered(refitted(fit, theta, fit.free))
+    return _labelled(refitted(fit, theta, fit.free), like)
 
 
-def _ordered(fit: RowFit) -> RowFit:
-    """The fit with the lags of each element in order: two that have changed places are the same plant."""
+def _labelled(fit: RowFit, like: Array) -> RowFit:
+    """The fit with its lags, leads, pairs and delayed terms in the order that they have in `like` (size,).
+
+    Where two of them have changed places, the plant is the same.
+    """
     theta = fit.theta.copy()
     for spec, part in zip(fit.row.specs, fit.row.slices, strict=True):
-        theta[part] = theta[part][spec.structure.sorted(theta[part])]
+        own, there = (spec.structure.interchanged(p[part]) for p in (fit.theta, like))
+        theta[part.start + there] = fit.theta[part.start + own]
     return fit if np.array_equal(theta, fit.theta) else refitted(fit, np.where(fit.free, theta, fit.theta), fit.free)
+
+
+def _with_lags_in_order(fit: RowFit) -> Array:
+    """(size,) its parameters, the longest lag of each element first."""
+    parts = zip(fit.row.specs, fit.row.slices, strict=True)
+    return np.concatenate([fit.theta[part][spec.structure.sorted(fit.theta[part])] for spec, part in parts])
 
 
 def _distinct(fits: Sequence[RowFit]) -> list[RowFit]:

@@ -13,6 +13,8 @@ from trueplant.identify import levels
 
 BLOCK = 1024
 """Samples that are filtered at a time."""
+SINGULAR = 1e-12
+"""Ridge of normal equations, relative to their mean diagonal: below is rounding."""
 
 
 def whiten(ar: Array, x: Array) -> Array:
@@ -90,7 +92,7 @@ def _solve(sums: _Moments, order: int) -> tuple[Array, float]:
     scale = np.trace(gram) / order if order else 0.0
     if scale <= 0 or sums.count <= order:
         return np.zeros(order), sums.power
-    coefficients = np.asarray(np.linalg.solve(gram + 1e-12 * scale * np.eye(order), moment), dtype=float)
+    coefficients = np.asarray(np.linalg.solve(gram + SINGULAR * scale * np.eye(order), moment), dtype=float)
     return coefficients, max(sums.power - float(moment @ coefficients), 0.0)
 
 
@@ -118,12 +120,31 @@ def choose_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: 
 
 def _best_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: int) -> int:
     sums = _moments(signals, valid, largest)
-    best, order = np.inf, 0
-    for p in range(largest + 1):
-        power = _solve(sums, p)[1]
-        if sums.count < levels.FEWEST_PER_ORDER * (p + 2) or power <= 0:
-            break
-        criterion = sums.count * np.log(power / sums.count) + np.log(sums.count) * p
-        if criterion < best - 1e-9:
-            best, order = criterion, p
-    return order
+    powers, orders = _left_by_order(sums.gram, sums.moment, sums.power), np.arange(largest + 1)
+    bearable = (sums.count >= levels.FEWEST_PER_ORDER * (orders + 2)) & (powers > 0)
+    most = largest + 1 if bearable.all() else int(np.argmin(bearable))
+    if most == 0:
+        return 0
+    criterion = sums.count * np.log(powers[:most] / sums.count) + np.log(sums.count) * orders[:most]
+    return int(np.argmax(criterion <= criterion.min() + 1e-9))
+
+
+@compiled
+def _left_by_order(gram: Array, moment: Array, power: float) -> Array:
+    """(order + 1,) residual sums of squares of all orders, from one Cholesky factor.
+
+    A lag that those before it make up for, to rounding, explains nothing.
+    """
+    order = moment.size
+    left, taken, factor = np.full(order + 1, power), np.zeros(order), np.zeros((order, order))
+    least = SINGULAR * np.trace(gram) / max(order, 1)
+    for j in range(order):
+        for k in range(j):
+            if factor[k, k] > 0:
+                factor[j, k] = (gram[j, k] - factor[j, :k] @ factor[k, :k]) / factor[k, k]
+        pivot = gram[j, j] - factor[j, :j] @ factor[j, :j]
+        if pivot > least:
+            factor[j, j] = np.sqrt(pivot)
+            taken[j] = (moment[j] - factor[j, :j] @ taken[:j]) / factor[j, j]
+        left[j + 1] = max(left[j] - taken[j] ** 2, 0.0)
+    return left

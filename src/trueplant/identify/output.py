@@ -14,7 +14,7 @@ from trueplant.identify import levels
 from trueplant.identify.between_experiments import Runs, compare_runs
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.budget import Budget
-from trueplant.identify.covariance import inflation, initial_state_share, least_covariance, scaled, small_samples
+from trueplant.identify.covariance import initial_state_share, least_covariance, scaled, small_samples
 from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row, free_of_noise
 from trueplant.identify.fit import RowFit
@@ -188,7 +188,7 @@ def identify_output(
     row = Row(tuple(specs), pieces, sampling.stride)
     full, minima = _fitted(estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options), confidence)
     fit = minima.best
-    tests, factor = residual_tests(fit, confidence), inflation(fit, confidence)
+    tests, factor = residual_tests(fit, confidence), minima.factor
     runs = compare_runs(fit, factor)
     more, budget = _beyond_likelihood(fit, factor, any(segment.closed for segment in segments), runs)
     shift = np.zeros(row.size) if runs is None else runs.shift

@@ -250,6 +250,21 @@ class Structure:
         order[lags] = lags.start + np.argsort(-p[lags], kind="stable")
         return order
 
+    def interchanged(self, p: Array) -> NDArray[np.intp]:
+        """Indices into p in which plants that are the same have the same parameters.
+
+        Poles and zeros of a kind come by size, delayed terms by their dead times.
+        """
+        order = self.sorted(p)
+        gains, _, pairs, leads, delays = self._slices()
+        order[leads] = leads.start + np.argsort(-p[leads], kind="stable")
+        both = order[pairs].reshape(-1, 2)
+        order[pairs] = both[np.argsort(p[self.is_frequency], kind="stable")].ravel()
+        if self.has_dead_time:
+            terms = np.argsort(p[delays], kind="stable")
+            order[gains], order[delays] = gains.start + terms, delays.start + terms
+        return order
+
     @property
     def time_scales(self) -> Array:
         """Exponent (n_p,) with which each parameter scales when time is stretched by a factor; dead time 0."""
