@@ -110,6 +110,8 @@ def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
     part = of_a_part(fit)
     like = _with_lags_in_order(fit)
     found = _distinct([_labelled(part, like), *(_ended(part, start, like) for start in _starts(part))])
+    # Along a flat valley the steps are short: what is still on its way is no minimum yet.
+    found = _distinct([one if one.converged else _ended(one, one.theta, like) for one in found])
     if part is not fit:
         others = [_ended(fit, one.theta, like) for one in found[: levels.MINIMA_POLISHED]]
         found = _distinct([_labelled(fit, like), *others])
