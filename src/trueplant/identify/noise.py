@@ -13,8 +13,6 @@ from trueplant.identify import levels
 
 BLOCK = 1024
 """Samples that are filtered at a time."""
-SINGULAR = 1e-12
-"""Ridge of normal equations, relative to their mean diagonal: below is rounding."""
 
 
 def whiten(ar: Array, x: Array) -> Array:
@@ -92,7 +90,7 @@ def _solve(sums: _Moments, order: int) -> tuple[Array, float]:
     scale = np.trace(gram) / order if order else 0.0
     if scale <= 0 or sums.count <= order:
         return np.zeros(order), sums.power
-    coefficients = np.asarray(np.linalg.solve(gram + SINGULAR * scale * np.eye(order), moment), dtype=float)
+    coefficients = np.asarray(np.linalg.solve(gram + 1e-12 * scale * np.eye(order), moment), dtype=float)
     return coefficients, max(sums.power - float(moment @ coefficients), 0.0)
 
 
@@ -120,7 +118,8 @@ def choose_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: 
 
 def _best_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: int) -> int:
     sums = _moments(signals, valid, largest)
-    powers, orders = _left_by_order(sums.gram, sums.moment, sums.power), np.arange(largest + 1)
+    powers = _left_by_order(sums.gram, sums.moment, sums.power, levels.LOST**2)
+    orders = np.arange(largest + 1)
     bearable = (sums.count >= levels.FEWEST_PER_ORDER * (orders + 2)) & (powers > 0)
     most = largest + 1 if bearable.all() else int(np.argmin(bearable))
     if most == 0:
@@ -130,14 +129,14 @@ def _best_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: i
 
 
 @compiled
-def _left_by_order(gram: Array, moment: Array, power: float) -> Array:
+def _left_by_order(gram: Array, moment: Array, power: float, least: float) -> Array:
     """(order + 1,) residual sums of squares of all orders, from one Cholesky factor.
 
-    A lag that those before it make up for, to rounding, explains nothing.
+    A lag that those before it make up for, to the `least` share of the mean square, explains nothing.
     """
     order = moment.size
     left, taken, factor = np.full(order + 1, power), np.zeros(order), np.zeros((order, order))
-    least = SINGULAR * np.trace(gram) / max(order, 1)
+    least *= np.trace(gram) / max(order, 1)
     for j in range(order):
         for k in range(j):
             if factor[k, k] > 0:
