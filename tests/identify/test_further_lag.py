@@ -54,6 +54,21 @@ def test_a_gain_that_the_record_did_not_see_is_not_given_for_sure(monkeypatch: p
     assert sum(covers(one, 0.65) for one in estimates) >= 13
 
 
+@pytest.mark.parametrize("seed", [3, 15, 23])
+def test_a_structure_that_is_left_open_counts_with_the_richer_one(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nine tenths of the gain come by a lag as long as the record, under slow noise: fast noise alone would show it."""
+    rng = np.random.default_rng(seed)
+    r, v = random_switching(rng, 250, 1, 60.0), coloured(rng, 250, 1, [1, -0.99], [1], 0.02)
+    plant = TransferMatrix.of([["0.65 (34 s + 1) exp(-0.5 s)/((250 s + 1)(10 s + 1))"]], "s")
+    segment = segment_of(simulate(plant, LAW, r, 1.0, v=v))
+    estimate = found(segment)
+    assert 0.01 < estimate.structure_p[0] < 0.05
+    assert not estimate.rejected and not estimate.kept
+    assert covers(estimate, 0.65) and Source.STRUCTURE in estimate.budget.parts
+    monkeypatch.setattr("trueplant.identify.structures.with_richer", lambda estimate, *_: estimate)
+    assert not covers(found(segment), 0.65)
+
+
 def test_what_a_long_record_shows_stays_known() -> None:
     estimate = found(record(0, 8000, 0.05, "0.65 (30 s + 1) exp(-0.5 s)/((150 s + 1)(8 s + 1))"))
     assert 0 in estimate.rejected and covers(estimate, 0.65)

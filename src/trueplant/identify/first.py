@@ -6,7 +6,7 @@ certain first: where the controllers tie inputs together, one that does nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,16 +17,13 @@ from trueplant.identify.longest_noise import estimate_beside_longest_noise
 from trueplant.identify.output import OutputEstimate, averaged, unanswered
 from trueplant.identify.pieces import Held, pieces_of
 from trueplant.identify.row import Row, Spec
-from trueplant.identify.structures import suffices_p
+from trueplant.identify.structures import Again, suffices_p
 from trueplant.identify.unanswered import WhyUnanswered
 from trueplant.lti.structure import Structure
 from trueplant.record.types import Segment
 from trueplant.result.budget import Source
 
 SELF_REGULATING, INTEGRATING = Structure.parse("fopdt"), Structure.parse("integrator")
-
-Again = Callable[[Sequence[Spec]], OutputEstimate | None]
-"""Estimates the row with other elements."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from trueplant.identify.estimate import Options
-from trueplant.identify.first import Again, regulating_or_not, shown, with_guesses, with_left_out
+from trueplant.identify.first import regulating_or_not, shown, with_guesses, with_left_out
 from trueplant.identify.holds import FoundHold, find_holds, held_fits, with_holds
 from trueplant.identify.loads import find_loads, with_loads
 from trueplant.identify.missing import with_missing
@@ -23,7 +23,7 @@ from trueplant.identify.shared_disturbance import (
     widened_for_shared_disturbance,
 )
 from trueplant.identify.strides import Sampling, choose_block, choose_stride, samples_per_update, typical_lag
-from trueplant.identify.structures import with_structures
+from trueplant.identify.structures import Again, with_structures
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix
 from trueplant.record.types import Segment

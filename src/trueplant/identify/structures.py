@@ -27,49 +27,69 @@ from trueplant.identify.row import Row, Spec
 from trueplant.identify.search import improved_element
 from trueplant.lti.structure import Structure, translated
 
+Again = Callable[[Sequence[Spec]], OutputEstimate | None]
+"""Estimates the row with other elements."""
+
 
 def with_structures(
     estimate: OutputEstimate,
-    again: Callable[[Sequence[Spec]], OutputEstimate | None],
+    again: Again,
     tested: int,
     confidence: float,
     pinned: Collection[int] = (),
 ) -> OutputEstimate:
     """The estimate, with richer structures for those elements whose own ones the record rejects.
 
-    Those in the `pinned` columns keep theirs, and are no surer than richer ones would be (`kept_structures`).
+    Those in the `pinned` columns keep theirs. They are no surer than richer ones would be (`kept_structures`), nor are
+    those of which the record leaves open whether they suffice.
 
     `again` estimates the row with other elements. `tested` is the number of elements of the whole matrix; the chance
-    over all of them that a structure that suffices is rejected is STRUCTURE_SHARE of 1 - confidence. One that has taken
-    the place of another was said by nobody: whether it suffices is asked at 1 - confidence.
+    over all of them that a structure that suffices is rejected is STRUCTURE_SHARE of 1 - confidence. It is left open
+    where at 1 - confidence each would be.
     """
-    strict = levels.STRUCTURE_SHARE * (1 - confidence) / tested
-    level = {m: strict for m in range(len(estimate.row.specs))}
-    left = {m for m, spec in enumerate(estimate.row.specs) if spec.column not in pinned}
+    strict, usual = levels.STRUCTURE_SHARE * (1 - confidence) / tested, 1 - confidence
+    columns = [spec.column for spec in estimate.row.specs]
+    estimate, p = _replaced(estimate, again, {j: strict for j in columns if j not in pinned}, tested, confidence)
+    whole = np.ones(estimate.row.pieces[0].inputs.shape[0])
+    whole[columns] = p
+    estimate = replace(estimate, structure_p=whole)
+    kept = {j: strict for j in columns if j in pinned and whole[j] < strict}
+    open_ones = {j: usual for j in columns if j not in pinned and j not in estimate.rejected and whole[j] < usual}
+    doubted = kept | open_ones
+    if not doubted:
+        return estimate
+    richer, _ = _replaced(estimate, again, doubted, tested, confidence)
+    return replace(with_richer(estimate, richer, [*doubted], confidence), kept=tuple(kept))
+
+
+def _replaced(
+    estimate: OutputEstimate, again: Again, level: dict[int, float], tested: int, confidence: float
+) -> tuple[OutputEstimate, Array]:
+    """The estimate with richer structures where they are rejected at the `level` of their column, and p-values of all.
+
+    One that has taken the place of another was said by nobody: whether it suffices is asked at 1 - confidence, and
+    where it does, it counts what it leaves open (`further_lag`).
+    """
+    level, replaced = dict(level), set()
     fit = polished(of_a_part(estimate.fit))
     p = sufficient_p(fit, confidence)
+    left = {m for m, spec in enumerate(estimate.row.specs) if spec.column in level}
     while left:
         m = min(left, key=lambda one: float(p[one]))
-        found = simplest(fit, m, confidence, level[m]) if p[m] < level[m] else None
         old = estimate.row.specs[m]
+        found = simplest(fit, m, confidence, level[old.column]) if p[m] < level[old.column] else None
         wider = found and again([_wider(old, *found) if spec is old else spec for spec in estimate.row.specs])
         if not wider:
             left.remove(m)
             continue
-        level[m] = 1 - confidence
+        level[old.column] = 1 - confidence
+        replaced.add(old.column)
         rejected = Rejected(old.structure, min(float(p[m]) * tested, 1.0))
         estimate = replace(wider, rejected={old.column: rejected, **estimate.rejected})
         # What this element lacked, the others of its row may have taken on.
         fit = polished(of_a_part(estimate.fit))
         p = sufficient_p(fit, confidence)
-    whole = np.ones(estimate.row.pieces[0].inputs.shape[0])
-    whole[[spec.column for spec in estimate.row.specs]] = p
-    estimate = with_further_lags(replace(estimate, structure_p=whole), estimate.rejected, confidence)
-    kept = tuple(spec.column for m, spec in enumerate(estimate.row.specs) if spec.column in pinned and p[m] < level[m])
-    if not kept:
-        return estimate
-    richer = with_structures(estimate, again, tested, confidence)
-    return replace(with_richer(estimate, richer, kept, confidence), kept=kept)
+    return with_further_lags(estimate, replaced, confidence), p
 
 
 def _wider(spec: Spec, structure: Structure, guess: Array) -> Spec:
