@@ -1,4 +1,4 @@
-"""Structures that the record rejects and that are kept all the same, because they were asked for.
+"""Structures that are kept though the record rejects them, as they were asked for, or leaves open whether they suffice.
 
 The parameters of a structure that is too simple are those of whatever comes nearest to the plant under the noise model
 that goes with it: as sure as the noise lets them be, and off. What it shares with the richer one that the record asks
