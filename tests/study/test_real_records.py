@@ -221,15 +221,16 @@ def test_oven_runs_together_confirm_the_controller_and_claim_no_more_than_they_k
 
 @pytest.mark.parametrize("name", ["pid_oven_20180114", "pid_oven_20180205"])
 def test_oven_without_a_declared_structure(real_data, name):
-    """A fast part, and a slow one beneath the noise: a second lag alone has a tenth of the gain and looks sure."""
+    """A fast part, and a slow one that runs of two to four minutes end before: where it settles they do not show.
+
+    A second lag alone has a tenth of the gain and looks sure, and a slow lag beside it two thirds.
+    """
     project = Project.load(EXAMPLES / f"{name}.toml")
     free = Project.from_toml(project.to_toml().replace('structure = "fopdt"\n', ""), EXAMPLES)
     found = run(free).elements[0]
     assert found.structure == "sopdt+lag+lead" and found.rejected_structure == "fopdt"
     gain, tau = found.parameters[:2]
-    # Longer runs of this oven give 0.62..0.70 and 215..340 s; with the second lag alone the interval ends at 0.11.
-    assert gain.ci[0] < 0.70 and gain.ci[1] > 0.60
-    assert tau.ci[0] < 340 and tau.ci[1] > 215
+    assert gain.plant is None and tau.plant is None
 
 
 def test_oven_where_a_first_order_is_asked_for(real_data):
@@ -238,8 +239,8 @@ def test_oven_where_a_first_order_is_asked_for(real_data):
     assert gain.plant is None and "depends on the noise model" in gain.reason
 
 
-def test_one_oven_run_says_that_its_plant_is_of_another_structure_and_that_one_run_is_not_all(real_data):
-    """Its gain lies below what longer runs give, 0.62 to 0.70: the interval speaks of these two minutes."""
+def test_one_oven_run_says_that_its_plant_is_of_another_structure_and_gives_no_gain(real_data):
+    """By that structure it would be 0.56 +- 0.05, of a lag of 200 s in two minutes; longer runs give 0.62 to 0.70."""
     text = (EXAMPLES / "pid_oven_20180205.toml").read_text()
     table = "[[experiment]]"
     head, first, *rest = text.split(table)
@@ -247,9 +248,9 @@ def test_one_oven_run_says_that_its_plant_is_of_another_structure_and_that_one_r
     result = run(Project.from_toml(alone.replace('structure = "fopdt"\n', ""), EXAMPLES))
     assert result.status == "ok" and result.elements[0].verdict == "changed"
     assert result.elements[0].structure != "fopdt"
-    assert {"structure", "one-experiment"} <= {note.code for note in result.notes}
+    assert "structure" in {note.code for note in result.notes}
     gain = result.elements[0].parameters[0]
-    assert gain.plant is None or gain.ci[1] > 0.58
+    assert gain.plant is None and "standard error" in gain.reason
 
 
 def test_results_are_reproducible(real_data):
