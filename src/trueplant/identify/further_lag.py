@@ -20,7 +20,7 @@ from trueplant.identify.blocks import of_a_part
 from trueplant.identify.estimate import free_of_noise
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.kept_structures import Told, counting
-from trueplant.identify.likelihood import rise
+from trueplant.identify.likelihood import rise, with_element, with_parameters
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.row import Spec
 
@@ -41,8 +41,8 @@ def with_further_lags(estimate: OutputEstimate, columns: Collection[int], confid
 
 def further(fit: RowFit, m: int) -> list[RowFit]:
     """Fits of the row with a further lag and lead of element m, about the lag that it has, from several starts."""
-    spec, part = fit.row.specs[m], fit.row.slices[m]
-    structure, p = spec.structure, fit.theta[part]
+    spec = fit.row.specs[m]
+    structure, p = spec.structure, fit.theta[fit.row.slices[m]]
     lag = structure.lag(p)
     if lag <= 0 or free_of_noise(fit):
         return []
@@ -61,12 +61,10 @@ def further(fit: RowFit, m: int) -> list[RowFit]:
         stated[wanted.is_gain] = ~np.isin(np.flatnonzero(structure.is_gain), spec.undeclared)
     undeclared = tuple(int(k) for k in np.flatnonzero(~stated))
     other = Spec(spec.column, wanted, tuple(float(x) for x in about), undeclared)
-    row = replace(fit.row, specs=(*fit.row.specs[:m], other, *fit.row.specs[m + 1 :]))
-    free = np.concatenate([fit.free[: part.start], np.ones(about.size, dtype=bool), fit.free[part.stop :]])
+    row, free = with_element(fit, m, other)
 
     def fitted(start: Array) -> RowFit:
-        theta = np.concatenate([fit.theta[: part.start], start, fit.theta[part.stop :]])
-        theta = np.clip(theta, *row.bounds())
+        theta = np.clip(with_parameters(fit, m, start), *row.bounds())
         return fit_row(row, theta, fit.ar, weights=fit.weights, free=free, reweight=False)
 
     return [fitted(cancelled(share * lag)) for share in levels.SECOND_LAGS]

@@ -14,8 +14,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2, f
 
-from trueplant.arrays import Array, IntArray
+from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.row import Row, Spec
 
 
 def ratio_p(rise: float, freedom: int, left: float = np.inf) -> float:
@@ -57,3 +58,18 @@ def without_element(fit: RowFit, m: int) -> RowFit:
     row = replace(fit.row, specs=tuple(fit.row.specs[k] for k in kept))
     parts = [fit.theta[fit.row.slices[k]] for k in kept]
     return fit_row(row, np.concatenate([np.zeros(0), *parts]), fit.ar, weights=fit.weights, reweight=False)
+
+
+def with_element(fit: RowFit, m: int, spec: Spec) -> tuple[Row, BoolArray]:
+    """The row with another element m, and which parameters are free: all of that one."""
+    part = fit.row.slices[m]
+    specs = (*fit.row.specs[:m], spec, *fit.row.specs[m + 1 :])
+    new = np.ones(len(spec.structure.names), dtype=bool)
+    free = np.concatenate([fit.free[: part.start], new, fit.free[part.stop :]])
+    return Row(specs, fit.row.pieces, fit.row.stride), free
+
+
+def with_parameters(fit: RowFit, m: int, p: Array) -> Array:
+    """theta with other parameters for element m."""
+    part = fit.row.slices[m]
+    return np.concatenate([fit.theta[: part.start], p, fit.theta[part.stop :]])

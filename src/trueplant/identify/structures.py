@@ -20,7 +20,7 @@ from trueplant.identify.estimate import free_of_noise, polished, with_own_noise
 from trueplant.identify.fit import RowFit, evaluate, fit_row
 from trueplant.identify.further_lag import with_further_lags
 from trueplant.identify.kept_structures import with_richer
-from trueplant.identify.likelihood import ratio_p
+from trueplant.identify.likelihood import ratio_p, with_element, with_parameters
 from trueplant.identify.longest_noise import beside_longest_noise, restricted
 from trueplant.identify.output import OutputEstimate, Rejected
 from trueplant.identify.row import Row, Spec
@@ -220,8 +220,8 @@ def _fitted(fit: RowFit, m: int, structure: Structure, starts: Sequence[Array]) 
 
     They begin with the noise model as it is, and with none: what the structure lacked is in the first.
     """
-    row, free = _with_structure(fit, m, structure)
-    whole = [_with_element(fit, m, start) for start in starts]
+    row, free = with_element(fit, m, Spec(fit.row.specs[m].column, structure))
+    whole = [with_parameters(fit, m, start) for start in starts]
     begun = max((improved_element(row, theta, fit.ar, m) for theta in whole), key=lambda found: found[1])[0]
     without = with_own_noise(_short_fit(fit, row, free, begun, np.zeros(0)), levels.TRIED_STEPS)
     return [_short_fit(fit, row, free, begun, fit.ar), without]
@@ -229,8 +229,8 @@ def _fitted(fit: RowFit, m: int, structure: Structure, starts: Sequence[Array]) 
 
 def _briefly(fit: RowFit, m: int, structure: Structure, start: Array) -> RowFit:
     """A short fit of the row with another structure for element m, from this start, with the noise model as it is."""
-    row, free = _with_structure(fit, m, structure)
-    return _short_fit(fit, row, free, _with_element(fit, m, start), fit.ar)
+    row, free = with_element(fit, m, Spec(fit.row.specs[m].column, structure))
+    return _short_fit(fit, row, free, with_parameters(fit, m, start), fit.ar)
 
 
 def _from_cancelled(fit: RowFit, m: int, wanted: Structure, start: Callable[[float], Array]) -> list[RowFit]:
@@ -244,21 +244,6 @@ def _from_cancelled(fit: RowFit, m: int, wanted: Structure, start: Callable[[flo
         begun[np.flatnonzero(wanted.is_lead)[-1]] = further
         fits.append(_briefly(fit, m, wanted, begun))
     return fits
-
-
-def _with_structure(fit: RowFit, m: int, structure: Structure) -> tuple[Row, BoolArray]:
-    """The row with another structure for element m, and which of its parameters are free."""
-    part = fit.row.slices[m]
-    specs = (*fit.row.specs[:m], Spec(fit.row.specs[m].column, structure), *fit.row.specs[m + 1 :])
-    new = np.ones(len(structure.names), dtype=bool)
-    free = np.concatenate([fit.free[: part.start], new, fit.free[part.stop :]])
-    return Row(specs, fit.row.pieces, fit.row.stride), free
-
-
-def _with_element(fit: RowFit, m: int, p: Array) -> Array:
-    """theta with other parameters for element m."""
-    part = fit.row.slices[m]
-    return np.concatenate([fit.theta[: part.start], p, fit.theta[part.stop :]])
 
 
 def _short_fit(fit: RowFit, row: Row, free: BoolArray, theta: Array, ar: Array) -> RowFit:
