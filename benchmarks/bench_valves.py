@@ -30,7 +30,7 @@ from trueplant.identify import (
     sticking,
     try_valves,
     widened_for_bands,
-    widened_for_valves,
+    averaged_over_valves,
 )
 from trueplant.loop import PID, Controller, Valve, simulate
 from trueplant.lti import TransferMatrix
@@ -62,7 +62,7 @@ def run(job: tuple[int, int, str, float]) -> tuple[bool, float, np.ndarray]:
         estimates = identify_matrix(behind_valves(segments, found), PLANT, specs_of(PLANT))
         estimates = widened_for_bands(estimates, found, tried, 0.95)
     else:
-        estimates = widened_for_valves(estimates, tried, 0.95)
+        estimates = averaged_over_valves(estimates, tried, 0.95)
     low, high = estimates[0].intervals.T
     covered = (low <= TRUTH) & (high >= TRUTH)
     if not given or not found:

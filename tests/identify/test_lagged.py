@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trueplant.identify.lagged import at_samples, gram_of_past, with_past
+from trueplant.identify.lagged import at_samples, gram_of_past, moments_of_past, with_past
 
 ORDER, N = 12, 200
 
@@ -20,6 +20,9 @@ def test_sums_of_products_with_the_past(gaps):
     found = with_past(at_samples(rows[:, whole], use, ORDER, N), past, ORDER)
     assert np.allclose(found, rows[:, whole] @ lags.T, rtol=0, atol=1e-11 * N)
     assert np.allclose(gram_of_past(past, use, ORDER), lags @ lags.T, rtol=1e-12)
+    moment, gram = moments_of_past(past, use, ORDER)
+    assert np.allclose(moment, lags @ past[ORDER:][whole], rtol=1e-12)
+    assert np.allclose(gram, lags @ lags.T, rtol=1e-12)
 
 
 def test_each_row_has_a_past_of_its_own():

@@ -22,11 +22,11 @@ from trueplant.identify.validate import Validation, fit_percent, prediction_erro
 from trueplant.identify.valves import (
     FoundValve,
     Tried,
+    averaged_over_valves,
     behind_valves,
     sticking,
     try_valves,
     widened_for_bands,
-    widened_for_valves,
 )
 
 __all__ = [
@@ -53,6 +53,7 @@ __all__ = [
     "Validation",
     "WhyUnanswered",
     "Worse",
+    "averaged_over_valves",
     "behind_valves",
     "choose_stride",
     "equation_error",
@@ -77,7 +78,6 @@ __all__ = [
     "unanswered",
     "widened_for_bands",
     "widened_for_holds",
-    "widened_for_valves",
     "with_holds",
     "with_loads",
     "with_open_valves",

@@ -1,5 +1,8 @@
 """Damped least squares with bounds (Levenberg 1944, Marquardt 1963): the one descent that all fits make.
 
+How far the damping falls after a step depends on how well the step was foretold (Nielsen 1999): along a curved valley
+it stays where steps succeed.
+
 A problem says what a step leads to; the descent chooses the steps. Costs may be any sum of squares or -2 log
 likelihood: `unit` tells how large a change of the cost is worth one of -2 log likelihood.
 """
@@ -76,8 +79,9 @@ class _Step(Generic[P]):
     x: Array
     point: P
     expected: float
-    """By how much the cost should have fallen twice over, had it been quadratic."""
+    """By how much the cost would fall without damping, were it quadratic."""
     damping: float
+    """Of the next step."""
 
 
 def descend(problem: Problem[P], x: Array, point: P, iterations: int) -> Descent[P]:
@@ -93,7 +97,7 @@ def descend(problem: Problem[P], x: Array, point: P, iterations: int) -> Descent
             return Descent(x, point, True)
         gain = point.cost - step.point.cost
         settled = max(gain, step.expected) <= problem.settled * point.unit
-        x, point, damping = step.x, step.point, max(step.damping / 10, levels.LEAST_DAMPING)
+        x, point, damping = step.x, step.point, step.damping
         again = problem.reweighted(x, point, done)
         if again is not None:
             point, settled = again, False
@@ -119,9 +123,16 @@ def _downhill(problem: Problem[P], x: Array, point: P, active: BoolArray, dampin
         trial = np.clip(_limited(x, step, problem.low), problem.low, problem.high)
         candidate = problem.at(trial, point)
         if np.isfinite(candidate.cost) and candidate.cost < point.cost + levels.ROUNDING * abs(point.cost):
-            return _Step(trial, candidate, expected, damping)
+            moved, gain = trial - x, point.cost - candidate.cost
+            foretold = float(-(2 * point.slope + point.information @ moved) @ moved)
+            return _Step(trial, candidate, expected, _next_damping(damping, gain / foretold if foretold > 0 else 0.0))
         damping, growth = min(damping * growth, levels.LARGEST_DAMPING), growth * 4
     return None
+
+
+def _next_damping(damping: float, share: float) -> float:
+    """The damping after a step that gained this share of what was foretold: a third of it, up to twice as much."""
+    return max(damping * max(1 / 3, 1 - (2 * share - 1) ** 3), levels.LEAST_DAMPING)
 
 
 def _limited(x: Array, step: Array, low: Array) -> Array:

@@ -32,12 +32,33 @@ def with_past(now: Array, past: Array, order: int) -> Array:
 
 def gram_of_past(past: Array, use: slice | BoolArray, order: int) -> Array:
     """(order, order) sums of ``past[k - i] past[k - j]`` over the samples k that `use` picks from `order` on."""
-    whole = np.zeros(past.size, dtype=bool)
+    whole = _picked(past, use, order)
+    return _gram(with_past(_before(past, whole)[None], past, order)[0], past, whole)
+
+
+def moments_of_past(x: Array, use: slice | BoolArray, order: int) -> tuple[Array, Array]:
+    """(order,) sums of ``x[k] x[k - i]`` over the samples k that `use` picks, and the `gram_of_past` of x."""
+    whole = _picked(x, use, order)
+    moment, first = with_past(np.stack([np.where(whole, x, 0.0), _before(x, whole)]), x, order)
+    return moment, _gram(first, x, whole)
+
+
+def _picked(x: Array, use: slice | BoolArray, order: int) -> BoolArray:
+    whole = np.zeros(x.size, dtype=bool)
     whole[order:][use] = True
-    now = np.zeros((1, past.size))
-    now[0, 1:] = np.where(whole[1:], past[:-1], 0.0)
+    return whole
+
+
+def _before(past: Array, whole: BoolArray) -> Array:
+    """(n,) the sample before each of the whole ones; 0 at all others."""
+    before = np.zeros(past.size)
+    before[1:] = np.where(whole[1:], past[:-1], 0.0)
+    return before
+
+
+def _gram(first: Array, past: Array, whole: BoolArray) -> Array:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], whole, [False]]).astype(np.int8)))
-    gram: Array = _filled(with_past(now, past, order)[0], past, edges[::2], edges[1::2] - 1)
+    gram: Array = _filled(first, past, edges[::2], edges[1::2] - 1)
     return gram
 
 

@@ -11,7 +11,7 @@ NEGLIGIBLE = 1e-6
 """Gain in -2 log likelihood for which no step is tried."""
 ROUNDING = 1e-14
 """Relative rise of a cost that is taken for rounding."""
-FIRST_DAMPING, LEAST_DAMPING, LARGEST_DAMPING = 1e-3, 1e-9, 1e8
+FIRST_DAMPING, LEAST_DAMPING, LARGEST_DAMPING = 1e-2, 1e-9, 1e8
 """Marquardt's damping, relative to the diagonal of the information."""
 MOST_DAMPINGS = 12
 """Tried in one step, each larger than the one before: the last ones hardly move at all."""
@@ -117,8 +117,9 @@ SEARCHED_ERRORS = 20_000
 # Covariance, intervals and what is left unanswered
 FEWEST_FREEDOM = 8.0
 """Degrees of freedom: with fewer the noise is not known at all, and the t quantile says nothing sensible."""
-MEMORIES = np.linspace(0.0, 1.0, 9)
-"""Memories of the noise that are weighed: from that of an autoregression to that of a random walk."""
+MEMORIES = np.linspace(0.0, 1.0, 5)
+"""Memories of the noise that are weighed: from that of an autoregression to that of a random walk. Twice as many move
+nine of ten standard errors by less than 4 %."""
 REMEMBERS = 0.5
 """Probability, before the record is looked at, that noise remembers longer than an autoregression: as likely as not."""
 INITIAL_STATE_BIAS = 0.5

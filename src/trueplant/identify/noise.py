@@ -10,6 +10,7 @@ import numpy as np
 from trueplant.arrays import Array, BoolArray
 from trueplant.compiled import compiled
 from trueplant.identify import levels
+from trueplant.identify.lagged import moments_of_past
 
 BLOCK = 1024
 """Samples that are filtered at a time."""
@@ -76,9 +77,10 @@ def _moments(signals: Sequence[Array], valid: Sequence[BoolArray], order: int) -
         if len(v) <= order:
             continue
         use = whitened_valid(order, ok)
-        columns, now = lagged(v, order)[use], v[order:][use]
-        gram += columns.T @ columns
-        moment += columns.T @ now
+        now = v[order:][use]
+        own, products = moments_of_past(np.where(ok, v, 0.0), use, order)
+        moment += own
+        gram += products
         power += float(now @ now)
         count += now.size
     return _Moments(gram, moment, power, count)

@@ -55,8 +55,7 @@ class OpenBands:
         What the likeliest gains with the plant fitted behind it is the most that counts, as in the search.
         """
         part = of_a_part(fit)
-        test = ValveTest(part, self.column)
-        gains = np.array([test.of(valve).alone for valve in self.bands])
+        gains = ValveTest(part, self.column).of(self.bands).alone
         most = part.deviance - behind(part, self.column, self.bands[int(np.argmax(gains))]).deviance
         return np.asarray(np.minimum(gains, max(most, 0.0)) / 2)
 

@@ -157,6 +157,12 @@ class OutputEstimate:
         """The same estimate, refuted: no parameter and no structure of it is given."""
         return replace(self, refuted=Unanswered(why, text), rejected={})
 
+    def moved(self, shift: Array) -> OutputEstimate:
+        """The same estimate at parameters larger by `shift` (size,), as sure of them."""
+        low, high = self.row.bounds()
+        theta, intervals = self.theta + shift, self.intervals + shift[:, None]
+        return replace(self, theta=np.clip(theta, low, high), intervals=np.clip(intervals, low[:, None], high[:, None]))
+
     @property
     def disputed(self) -> bool:
         """Do the experiments disagree?"""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,17 +28,18 @@ def behind(fit: RowFit, column: int, valve: Valve) -> RowFit:
 
 
 @dataclass(frozen=True, eq=False)
-class Effect:
-    """What a valve does to the fit of one output, the plant renewed to first order."""
+class Effects:
+    """What each of several valves does to the fit of one output, the plant renewed to first order."""
 
-    alone: float
-    """What it gains in -2 log likelihood."""
-    evidence: float
-    """Log of the ratio of likelihoods, beside what else could explain the errors as far as the record needs that."""
-    beyond: float
-    """What it gains in -2 log likelihood where all else that could explain the errors is there."""
-    shift: Array
-    """(size,) by how much the plant's parameters would be larger."""
+    alone: Array
+    """(n_valves,) what it gains in -2 log likelihood."""
+    evidence: Array
+    """(n_valves,) log of the ratio of likelihoods, beside what else could explain the errors as far as the record needs
+    that."""
+    beyond: Array
+    """(n_valves,) what it gains in -2 log likelihood where all else that could explain the errors is there."""
+    shifts: Array
+    """(n_valves, size) by how much the plant's parameters would be larger."""
 
 
 class ValveTest:
@@ -65,33 +67,39 @@ class ValveTest:
         self._plant = orthonormal(jacobian)
         self._all = orthonormal(np.hstack([jacobian, rivals]))
         more = self._all.shape[1] - self._plant.shape[1]
-        gained = fit.left * np.log(_left(self._errors, self._plant) / _left(self._errors, self._all))
+        both = [_left(self._errors[None], basis)[0] for basis in (self._plant, self._all)]
+        gained = fit.left * np.log(both[0] / both[1])
         # log odds that what else could explain the errors is needed, by the Bayesian criterion
         self._needed = (gained - more * np.log(self._errors.size)) / 2
 
-    def of(self, valve: Valve) -> Effect:
-        changes = []
+    def of(self, valves: Sequence[Valve]) -> Effects:
+        size, changes = self._fit.theta.size, []
         for piece, whitening in self._parts:
-            moved = valve.positions(piece.recorded[self._column], start=0.0) - piece.inputs[self._column]
-            changed = _element_response(self._fit, self._m, piece, moved)
-            changes.append(whitening(changed[None])[0])
-        changed = np.concatenate([*changes, np.zeros(self._fit.theta.size)])
-        shift = np.zeros(self._free.size)
-        shift[self._free] = self._renewed @ changed
+            moved = [self._response(piece, valve) for valve in valves]
+            changes.append(whitening(np.array(moved)))
+        changed = np.hstack([*changes, np.zeros((len(valves), size))])
+        shifts = np.zeros((len(valves), self._free.size))
+        shifts[:, self._free] = changed @ self._renewed.T
         alone, beyond = (self._gain(basis, changed) for basis in (self._plant, self._all))
         evidence = np.logaddexp(alone / 2, self._needed + beyond / 2) - np.logaddexp(0.0, self._needed)
-        return Effect(alone, float(evidence), beyond, shift[: self._fit.theta.size])
+        return Effects(alone, evidence, beyond, shifts[:, :size])
 
-    def _gain(self, basis: Array, changed: Array) -> float:
-        """What -2 log likelihood gains by the change (n,) of the errors, where a basis (n, k) explains what it can."""
-        left = _left(self._errors, basis) / _left(self._errors - changed, basis)
-        return float(self._fit.left * np.log(left))
+    def _response(self, piece: Piece, valve: Valve) -> Array:
+        """(n,) by how much the piece's response is larger where the valve's stem moves it."""
+        moved = valve.positions(piece.recorded[self._column], start=0.0) - piece.inputs[self._column]
+        return _element_response(self._fit, self._m, piece, moved)
+
+    def _gain(self, basis: Array, changed: Array) -> Array:
+        """(m,) what -2 log likelihood gains by changes (m, n) of the errors, where a basis explains what it can."""
+        left = _left(self._errors[None], basis) / _left(self._errors - changed, basis)
+        return np.asarray(self._fit.left * np.log(left))
 
 
-def _left(e: Array, basis: Array) -> float:
-    """Sum of squares that a basis (n, k) leaves of errors e (n,)."""
-    rest = e - basis @ (basis.T @ e)
-    return max(float(rest @ rest), 1e-300)
+def _left(errors: Array, basis: Array) -> Array:
+    """(m,) sums of squares that an orthonormal basis (n, k) leaves of errors (m, n)."""
+    told = errors @ basis
+    left = np.einsum("mn,mn->m", errors, errors) - np.einsum("mk,mk->m", told, told)
+    return np.asarray(np.maximum(left, 1e-300))
 
 
 def _element_response(fit: RowFit, m: int, piece: Piece, u: Array) -> Array:

@@ -79,17 +79,19 @@ def sticking(tried: Mapping[int, Sequence[Tried]]) -> dict[int, FoundValve]:
     return {} if found is None or p >= levels.VALVE else {column: found}
 
 
-def widened_for_valves(
+def averaged_over_valves(
     estimates: Mapping[int, OutputEstimate], tried: Mapping[int, Sequence[Tried]], confidence: float
 ) -> dict[int, OutputEstimate]:
-    """The estimates with what valves that may not follow OP, though not beyond chance, would move."""
+    """The means over what valves that may not follow OP, though not beyond chance, would make of the estimates."""
     out = dict(estimates)
     for ones in tried.values():
         odds = np.concatenate([np.ones(1), *(one.odds for one in ones)])
+        shares = odds / odds.sum()
         for i in out.keys() & (ones[0].behind.keys() if ones else ()):
             moved = [in_row(one.shifts[i], one.behind[i], out[i].row, out[i].theta) for one in ones]
             shifts = np.vstack([np.zeros((1, out[i].row.size)), *moved])
-            out[i] = averaged(out[i], shifts, odds / odds.sum(), confidence, Source.VALVE)
+            mean = shares @ shifts
+            out[i] = averaged(out[i].moved(mean), shifts - mean, shares, confidence, Source.VALVE)
     return out
 
 
@@ -137,10 +139,10 @@ def _kind(
     To first order a wide band may promise what no plant keeps: what the likeliest gains with the plant fitted behind it
     is the most that counts.
     """
-    every = [[test.of(valve) for test in tests] for valve in kind]
-    evidence = np.array([sum(one.evidence for one in ones) for ones in every])
+    effects = [test.of(kind) for test in tests]
+    evidence = np.sum([of.evidence for of in effects], axis=0)
     best = int(np.argmax(evidence))
-    valve, error, gain = kind[best], 0.0, sum(one.beyond for one in every[best])
+    valve, error, gain = kind[best], 0.0, sum(float(of.beyond[best]) for of in effects)
     searched = len(kind) * len(BANDS) * inputs
     if searched * chi2.sf(max(gain, 0.0), 1) < levels.VALVE:
         valve, error = _refined(list(fits.values()), column, valve)
@@ -149,7 +151,7 @@ def _kind(
     p = float(min(1.0, searched * chi2.sf(max(min(gain, most), 0.0), 1)))
     ratios = np.exp(np.minimum(evidence, min(most / 2, levels.LARGEST_EXPONENT)))
     odds = odds_before(kind) * ratios
-    shifts = {i: np.array([ones[n].shift for ones in every]) for n, i in enumerate(fits)}
+    shifts = {i: of.shifts for i, of in zip(fits, effects, strict=True)}
     leans = {i: _lean(fit, column, valve, error) for i, fit in fits.items()} if p < levels.VALVE else {}
     return Tried(FoundValve(valve, p, error), odds, shifts, moved, leans)
 
@@ -164,7 +166,7 @@ def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> tuple[Valve, 
         found = [behind(fit, column, valve) for fit in fits]
         tests = [ValveTest(fit, column) for fit in found]
         nearby = [times(valve, factor) for factor in levels.VALVE_FACTORS]
-        evidence = np.array([sum(test.of(one).evidence for test in tests) for one in nearby])
+        evidence = np.sum([test.of(nearby).evidence for test in tests], axis=0)
         best = int(np.argmax(evidence))
         apart = np.log(levels.VALVE_FACTORS / levels.VALVE_FACTORS[best])
         shares = np.exp(evidence - evidence[best]) * np.gradient(apart)
