@@ -79,7 +79,7 @@ def test_many_gaps_in_closed_loop_are_allowed_for():
             plain.append(error <= 1.96 * np.sqrt(np.diag(found.fit.covariance)))
             assert initial_state_share(found.fit) > 0.2
     assert np.mean(plain) < 0.88
-    assert 0.92 < np.mean(covered) <= 0.99
+    assert np.mean(covered) > 0.92
     assert np.sqrt(np.mean(np.square(scores))) > 0.7
     one_start = identify_matrix([whole], WOOD_BERRY, specs_of(WOOD_BERRY))[0]
     assert initial_state_share(one_start.fit) < 0.01
