@@ -49,13 +49,14 @@ def test_closed_form_with_the_disturbance_estimate_recovers_the_mismatch(stepped
 
 @pytest.mark.slow
 def test_the_verdict_rests_on_a_fit_that_knows_the_step(stepped):
-    """Without the jump as a term of its own the same record gives 10.6 for a gain of 8.58."""
+    """Without the jump as a term of its own the same record gives 10.6 for a gain of 8.58. The answer is that fit, but
+    for what valves that may not follow OP would make of it, which is next to nothing here."""
     assert [(e.output, e.input) for e in stepped.elements if e.verdict == "changed"] == [("bottom", "reflux")]
     gain = next(e for e in stepped.elements if e.verdict == "changed").parameters[0]
     assert gain.plant == pytest.approx(8.58, rel=0.03)
     for place, row in parameters(stepped, WITH_FIT).items():
         for mine, other in zip(row, parameters(stepped, "direct")[place], strict=True):
-            assert mine["plant"] == other["plant"]
+            assert mine["plant"] == pytest.approx(other["plant"], rel=1e-3)
 
 
 @pytest.mark.slow
