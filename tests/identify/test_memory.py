@@ -12,7 +12,7 @@ from scipy.special import gammaln
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, levels, pieces_of
 from trueplant.identify.covariance import inflation, small_samples
-from trueplant.identify.memory import Memories, _before, _pieces, _told, memory_growth
+from trueplant.identify.memory import _before, _pieces, _told, memory_growth, memory_heights
 from trueplant.identify.noise import choose_order, fit_ar
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
@@ -89,7 +89,7 @@ def test_heights_rise_as_the_likelihood_does_and_by_less_where_slow_noise_hides_
         free[index] = False
         off = fit.theta + 2 * np.sqrt(np.diag(fit.covariance)) * ~free
         away = fit_row(fit.row, off, fit.ar, free=free)
-        return away.left * np.log(away.cost / fit.cost), np.diff(Memories.of([fit, away]).heights)[0]
+        return away.left * np.log(away.cost / fit.cost), np.diff(memory_heights([fit, away]))[0]
 
     for index in range(3):
         own, high = np.array([rises(seed, 0.0, 4000, index) for seed in range(4)]).T

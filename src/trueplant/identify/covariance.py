@@ -15,14 +15,13 @@ from trueplant.identify.restricted import Restriction
 from trueplant.identify.row import Row
 
 
-def inflation(fit: RowFit, confidence: float, growth: Array | None = None) -> Array:
+def inflation(fit: RowFit, confidence: float) -> Array:
     """(size,) factors on the variances of theta for what is not known of the noise.
 
-    How long it remembers is open, and the fit takes a share of the slow noise with it: their `growth` (size,), or
-    `memory_growth`. What is not known of A(q) counts besides (`small_samples`). Of the two ways to see that the noise
-    is larger the larger counts.
+    How long it remembers is open, and the fit takes a share of the slow noise with it (`memory_growth`); what is not
+    known of A(q) counts besides (`small_samples`). Of the two ways to see that the noise is larger the larger counts.
     """
-    return _widened(fit, confidence, memory_growth(fit) if growth is None else growth)
+    return _widened(fit, confidence, memory_growth(fit))
 
 
 def small_samples(fit: RowFit, confidence: float) -> Array:

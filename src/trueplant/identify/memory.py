@@ -68,39 +68,25 @@ class _Told:
     """(size,) mean squares of the parameters about the estimate."""
 
 
-@dataclass(frozen=True, eq=False)
-class Memories:
-    """What several fits of one row say over the memories that the noise may have."""
-
-    fits: Sequence[RowFit]
-    told: Sequence[Sequence[_Told]]
-    """For each fit, under each memory."""
-
-    @classmethod
-    def of(cls, fits: Sequence[RowFit]) -> Memories:
-        return cls(fits, _told_of(fits))
-
-    @property
-    def growth(self) -> Array:
-        """(size,) mean squares of the parameters about the first fit, relative to its variances, and at least 1."""
-        fit, told = self.fits[0], self.told[0]
-        deviances = np.array([one.deviance for one in told])
-        shares = _before() * np.exp((deviances.min() - deviances) / 2)
-        squares = shares @ np.array([one.squares for one in told]) / shares.sum()
-        own = np.diag(fit.covariance)
-        growth = np.divide(squares, own, out=np.ones_like(own), where=fit.free & (own > 0))
-        return np.asarray(np.maximum(growth, 1.0))
-
-    @property
-    def heights(self) -> Array:
-        """(n_fits,) their -2 log likelihood."""
-        heights = np.array([[one.height for one in told] for told in self.told])
-        return np.asarray(-2 * logsumexp(-heights / 2, b=_before(), axis=1))
-
-
 def memory_growth(fit: RowFit) -> Array:
-    """(size,) by how much the noise's memory makes the variances of a fit larger; of a part of a long record."""
-    return Memories.of([of_a_part(fit)]).growth
+    """(size,) mean squares of the parameters about the fit, over the memories that the noise may have.
+
+    Relative to the variances of the fit, and at least 1.
+    """
+    part = of_a_part(fit)
+    told = _told_of([part])[0]
+    deviances = np.array([one.deviance for one in told])
+    shares = _before() * np.exp((deviances.min() - deviances) / 2)
+    squares = shares @ np.array([one.squares for one in told]) / shares.sum()
+    own = np.diag(part.covariance)
+    growth = np.divide(squares, own, out=np.ones_like(own), where=part.free & (own > 0))
+    return np.asarray(np.maximum(growth, 1.0))
+
+
+def memory_heights(fits: Sequence[RowFit]) -> Array:
+    """(n_fits,) -2 log likelihood of several fits of one row, over the memories that the noise may have."""
+    heights = np.array([[one.height for one in told] for told in _told_of(fits)])
+    return np.asarray(-2 * logsumexp(-heights / 2, b=_before(), axis=1))
 
 
 def _told_of(fits: Sequence[RowFit]) -> list[list[_Told]]:

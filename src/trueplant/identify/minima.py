@@ -24,7 +24,7 @@ from trueplant.identify.covariance import inflation, small_samples
 from trueplant.identify.fit import RowFit, refitted
 from trueplant.identify.intervals import as_wide_as
 from trueplant.identify.likelihood import rise
-from trueplant.identify.memory import Memories
+from trueplant.identify.memory import memory_heights
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,21 +115,18 @@ def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
     if part is not fit:
         others = [_ended(fit, one.theta, like) for one in found[: levels.MINIMA_POLISHED]]
         found = _distinct([_labelled(fit, like), *others])
-    factor, rises = _factor_and_rises(found, confidence)
-    return OpenMinima(tuple(found), rises, factor, float(norm.ppf(0.5 + confidence / 2)))
+    factor, quantile = inflation(found[0], confidence), float(norm.ppf(0.5 + confidence / 2))
+    rises = np.zeros(1) if len(found) == 1 else _rises(found, factor, confidence)
+    return OpenMinima(tuple(found), rises, factor, quantile)
 
 
-def _factor_and_rises(fits: Sequence[RowFit], confidence: float) -> tuple[Array, Array]:
-    """`OpenMinima.factor` and `rises`; of a long record, which is not gone through for each memory, by the first."""
+def _rises(fits: Sequence[RowFit], factor: Array, confidence: float) -> Array:
+    """`OpenMinima.rises`; of a long record, which is not gone through for each memory, less by the mean `factor`."""
     best = fits[0]
     if most_moved(best.row) is not best.row:
-        factor = inflation(best, confidence)
-        return factor, np.array([rise(best, one) for one in fits]) / float(factor[best.free].mean())
-    memories = Memories.of(fits)
-    factor, rises = inflation(best, confidence, memories.growth), memories.heights - memories.heights[0]
-    if len(fits) > 1:
-        rises /= float(small_samples(best, confidence)[best.free].mean())
-    return factor, rises
+        return np.array([rise(best, one) for one in fits]) / float(factor[best.free].mean())
+    heights = memory_heights(fits)
+    return np.asarray((heights - heights[0]) / float(small_samples(best, confidence)[best.free].mean()))
 
 
 def _starts(fit: RowFit) -> list[Array]:
