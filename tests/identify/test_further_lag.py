@@ -54,7 +54,7 @@ def test_a_gain_that_the_record_did_not_see_is_not_given_for_sure(monkeypatch: p
     assert sum(covers(one, 0.65) for one in estimates) >= 13
 
 
-@pytest.mark.parametrize("seed", [3, 15, 23])
+@pytest.mark.parametrize("seed", [3, 15, 20])
 def test_a_structure_that_is_left_open_counts_with_the_richer_one(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nine tenths of the gain come by a lag as long as the record, under slow noise: fast noise alone would show it."""
     rng = np.random.default_rng(seed)

@@ -11,7 +11,7 @@ NEGLIGIBLE = 1e-6
 """Gain in -2 log likelihood for which no step is tried."""
 ROUNDING = 1e-14
 """Relative rise of a cost that is taken for rounding."""
-FIRST_DAMPING, LEAST_DAMPING, LARGEST_DAMPING = 1e-2, 1e-9, 1e8
+FIRST_DAMPING, LEAST_DAMPING, LARGEST_DAMPING = 1e-3, 1e-9, 1e8
 """Marquardt's damping, relative to the diagonal of the information."""
 MOST_DAMPINGS = 12
 """Tried in one step, each larger than the one before: the last ones hardly move at all."""
