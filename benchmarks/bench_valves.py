@@ -24,13 +24,13 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import (
+    averaged_over_valves,
     behind_valves,
     identify_matrix,
     specs_of,
     sticking,
     try_valves,
     widened_for_bands,
-    averaged_over_valves,
 )
 from trueplant.loop import PID, Controller, Valve, simulate
 from trueplant.lti import TransferMatrix
