@@ -144,7 +144,11 @@ def test_a_plant_is_within_a_factor_of_e_of_its_model_in_two_of_three() -> None:
 @pytest.mark.holds("identify.STICKS")
 def test_one_valve_in_five_does_not_follow_before_its_record_is_looked_at(monkeypatch: Any) -> None:
     monkeypatch.setattr(valves, "behind", lambda fit, column, valve: fit)
-    tests: Any = [Stub(of=lambda valve: Stub(evidence=0.0, beyond=0.0, shift=np.zeros(3)))]
+
+    def silent(kind: Any) -> Stub:
+        return Stub(evidence=np.zeros(len(kind)), beyond=np.zeros(len(kind)), shifts=np.zeros((len(kind), 3)))
+
+    tests: Any = [Stub(of=silent)]
     fits: Any = {0: Stub(deviance=0.0)}
     kinds = [[valves.Valve(backlash=width) for width in (1.0, 2.0)], [valves.Valve(stick=1.0)]]
     odds = sum(valves._kind(fits, tests, 0, kind, 3).odds.sum() for kind in kinds)
