@@ -64,11 +64,11 @@ class ValveTest:
         size = np.sqrt(np.einsum("nk,nk->k", jacobian, jacobian))
         size[size == 0] = 1.0
         self._renewed = np.linalg.pinv(jacobian / size, rcond=levels.LOST) / size[:, None]
-        self._plant = orthonormal(jacobian)
-        self._all = orthonormal(np.hstack([jacobian, rivals]))
-        more = self._all.shape[1] - self._plant.shape[1]
-        both = [_left(self._errors[None], basis)[0] for basis in (self._plant, self._all)]
-        gained = fit.left * np.log(both[0] / both[1])
+        bases = orthonormal(jacobian), orthonormal(np.hstack([jacobian, rivals]))
+        left = [float(_left(self._errors[None], basis)[0]) for basis in bases]
+        self._explained = tuple(zip(bases, left, strict=True))
+        more = bases[1].shape[1] - bases[0].shape[1]
+        gained = fit.left * np.log(left[0] / left[1])
         # log odds that what else could explain the errors is needed, by the Bayesian criterion
         self._needed = (gained - more * np.log(self._errors.size)) / 2
 
@@ -80,7 +80,7 @@ class ValveTest:
         changed = np.hstack([*changes, np.zeros((len(valves), size))])
         shifts = np.zeros((len(valves), self._free.size))
         shifts[:, self._free] = changed @ self._renewed.T
-        alone, beyond = (self._gain(basis, changed) for basis in (self._plant, self._all))
+        alone, beyond = (self._gain(basis, before, changed) for basis, before in self._explained)
         evidence = np.logaddexp(alone / 2, self._needed + beyond / 2) - np.logaddexp(0.0, self._needed)
         return Effects(alone, evidence, beyond, shifts[:, :size])
 
@@ -89,10 +89,12 @@ class ValveTest:
         moved = valve.positions(piece.recorded[self._column], start=0.0) - piece.inputs[self._column]
         return _element_response(self._fit, self._m, piece, moved)
 
-    def _gain(self, basis: Array, changed: Array) -> Array:
-        """(m,) what -2 log likelihood gains by changes (m, n) of the errors, where a basis explains what it can."""
-        left = _left(self._errors[None], basis) / _left(self._errors - changed, basis)
-        return np.asarray(self._fit.left * np.log(left))
+    def _gain(self, basis: Array, before: float, changed: Array) -> Array:
+        """(m,) what -2 log likelihood gains by changes (m, n) of the errors, where a basis explains what it can.
+
+        `before` is the sum of squares that the basis leaves of the errors as they are.
+        """
+        return np.asarray(self._fit.left * np.log(before / _left(self._errors - changed, basis)))
 
 
 def _left(errors: Array, basis: Array) -> Array:
