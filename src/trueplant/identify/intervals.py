@@ -89,7 +89,7 @@ def mixed(intervals: Array, theta: Array, shifts: Array, shares: Array, confiden
     by `variances` (m, n).
     """
     z, tail = norm.ppf(0.5 + confidence / 2), (1 - confidence) / 2
-    widths = np.maximum(np.abs(intervals - theta[:, None]).T / z, 1e-300)
+    widths = np.maximum(np.abs(intervals - theta[:, None]).T / z, np.sqrt(np.finfo(float).tiny))
     widths = np.hypot(widths[:, None], np.sqrt(variances))
     out = intervals.copy()
     for side, share in ((0, tail), (1, 1 - tail)):

@@ -53,6 +53,11 @@ def find_loads(fits: Fits) -> Fits:
     return {i: polished(fit) for i, fit in best.items()} if _places(best) != _places(own) else {}
 
 
+def criterion(fits: Fits) -> float:
+    """How unlikely fits are, with or without loads and whatever their structures, beside the largest noise models."""
+    return _criterion(_beside_longest_noise(fits))
+
+
 def with_loads(segments: Sequence[Segment], fits: Fits) -> tuple[Segment, ...]:
     """The segments with the loads that were found."""
     places = _places(fits)
@@ -230,6 +235,9 @@ def _needed(fits: Fits) -> Fits:
 
 
 def _criterion(fits: Fits) -> float:
-    """-2 log likelihood, and what loads cost."""
-    deviance = sum(fit.left * float(np.log(max(fit.cost, 1e-300) / max(fit.count, 1))) for fit in fits.values())
+    """-2 log likelihood, and what loads and parameters cost (Schwarz 1978)."""
+    deviance = 0.0
+    for fit in fits.values():
+        deviance += fit.left * float(np.log(max(fit.cost, 1e-300) / max(fit.count, 1)))
+        deviance += int(fit.free.sum()) * float(np.log(max(fit.count, 1)))
     return deviance + sum(_cost(fits, place) for place in _places(fits))

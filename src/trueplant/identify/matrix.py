@@ -11,7 +11,7 @@ import numpy as np
 from trueplant.identify.estimate import Options
 from trueplant.identify.first import regulating_or_not, shown, with_guesses, with_left_out
 from trueplant.identify.holds import FoundHold, find_holds, held_fits, with_holds
-from trueplant.identify.loads import find_loads, with_loads
+from trueplant.identify.loads import Fits, criterion, find_loads, with_loads
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
 from trueplant.identify.pieces import Held
@@ -59,6 +59,15 @@ class Identification:
     doubtful: tuple[tuple[int, int], ...] = ()
     """Elements that the model lacks and the fit shows, but not beside the largest noise model. They are not among the
     estimates, which are no surer than they would be beside them."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Completed:
+    """An account of the record: how disturbances run between samples, and structures that suffice."""
+
+    segments: Sequence[Segment]
+    estimates: dict[int, OutputEstimate]
+    holds: dict[int, FoundHold]
 
 
 Tell = Callable[[int, str], None]
@@ -109,9 +118,10 @@ def identify_plant(
 ) -> Identification:
     """`identify_matrix`, and what else `asked` is to be found out.
 
-    Loads and holds are found before structures are tested: what they leave in the prediction errors would pass for
-    dynamics that the structure lacks. `instants` are the update interval and the timing error. Structures that the
-    record rejects are replaced by richer ones.
+    Holds are found before structures are tested: what they leave in the prediction errors would pass for dynamics that
+    the structure lacks. So would loads, and dynamics for loads: the likelier of both accounts of the record is taken.
+    `instants` are the update interval and the timing error. Structures that the record rejects are replaced by richer
+    ones.
     """
     update_interval, timing = instants
     update = samples_per_update(update_interval, segments[0].h)
@@ -149,27 +159,38 @@ def identify_plant(
             found = first.estimate
         if found is not None:
             places = [j for k, j in absent if k == i]
-            completed = with_missing(found, places, estimate, len(absent), confidence)
-            estimates[i], doubtful[i] = completed.estimate, completed.doubtful
-    loaded = find_loads({i: estimate.fit for i, estimate in estimates.items()}) if asked.loads else {}
-    segments = with_loads(segments, loaded) if loaded else segments
-    for i, fit in loaded.items():
-        estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
-    holds = find_holds(estimates, model, asked.holds)
-    segments = with_holds(segments, holds)
-    for i, fit in held_fits(holds).items():
-        estimates[i] = _estimated(again[i], segments, fit.row.specs, Options(start=fit)) or estimates[i]
+            whole = with_missing(found, places, estimate, len(absent), confidence)
+            estimates[i], doubtful[i] = whole.estimate, whole.doubtful
+
+    def started(fits: Fits, segments: Sequence[Segment]) -> dict[int, OutputEstimate]:
+        anew = {i: _estimated(again[i], segments, fit.row.specs, Options(start=fit)) for i, fit in fits.items()}
+        return {i: found for i, found in anew.items() if found is not None}
+
+    def completed(segments: Sequence[Segment], estimates: Mapping[int, OutputEstimate]) -> _Completed:
+        holds = find_holds(estimates, model, asked.holds)
+        segments = with_holds(segments, holds)
+        out = {**estimates, **started(held_fits(holds), segments)}
+        for i, found in out.items():
+            # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
+            if timing == 0 and i not in asked.drawn:
+                if tell is not None:
+                    tell(i, "testing structures of")
+                estimate = partial(_estimated, again[i], segments)
+                out[i] = _structured(found, i, asked, estimate, len(everywhere), confidence)
+        return _Completed(segments, out, holds)
+
+    account = completed(segments, estimates)
+    if asked.loads and (loaded := find_loads({i: found.fit for i, found in estimates.items()})):
+        segments = with_loads(segments, loaded)
+        beside = completed(segments, {**estimates, **started(loaded, segments)})
+        account = min(account, beside, key=lambda one: criterion({i: one.estimates[i].fit for i in loaded}))
+    estimates = account.estimates
     for i, found in estimates.items():
-        estimate = partial(_estimated, again[i], segments)
-        # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
-        if timing == 0 and i not in asked.drawn:
-            if tell is not None:
-                tell(i, "testing structures of")
-            found = _structured(found, i, asked, estimate, len(everywhere), confidence)
-        estimates[i] = with_left_out(found, doubtful[i], estimate, confidence)
+        estimates[i] = with_left_out(found, doubtful[i], partial(_estimated, again[i], account.segments), confidence)
     if any(segment.closed for segment in segments):
         estimates = _with_shared_disturbances(estimates, confidence)
-    return Identification(estimates, holds, absence_p, tuple((i, j) for i, some in doubtful.items() for j in some))
+    left_out = tuple((i, j) for i, some in doubtful.items() for j in some)
+    return Identification(estimates, account.holds, absence_p, left_out)
 
 
 def _held(model: TransferMatrix, specs: Mapping[tuple[int, int], Spec], i: int) -> list[Held]:

@@ -45,8 +45,8 @@ class Effects:
 class ValveTest:
     """The prediction errors of one output, ready for what valves in one of its inputs would change.
 
-    The fit may stand on the positions of a stem already. The distances from the model are errors besides: behind a
-    wide band a plant beyond all bounds would be as likely to first order.
+    The fit may stand on the positions of a stem already. What is expected of the plant makes errors besides: behind a
+    wide band one beyond all bounds would be as likely to first order.
     """
 
     def __init__(self, fit: RowFit, column: int) -> None:
@@ -55,11 +55,11 @@ class ValveTest:
         every = zip(fit.row.pieces, Whitening.of(fit), strict=True)
         self._parts = [(piece, of_piece) for piece, of_piece in every if of_piece is not None]
         self._free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
-        distances, slopes = np.sqrt(fit.variance) * np.array(fit.row.prior.errors(fit.theta))
-        prior = np.diag(np.append(slopes, np.zeros(fit.ar.size)))[self._free, : fit.theta.size]
-        jacobian = np.hstack([*(whitening.jacobian[self._free] for _, whitening in self._parts), prior]).T
-        others = [whitening(_rivals(fit, self._m, piece)) for piece, whitening in self._parts]
-        rivals = np.hstack([*others, np.zeros((len(others[0]), fit.theta.size))]).T
+        told = np.hstack([whitening.jacobian[self._free] for _, whitening in self._parts])
+        rivals = np.hstack([whitening(_rivals(fit, self._m, piece)) for piece, whitening in self._parts])
+        distances, slopes = self._expected(told)
+        jacobian = np.vstack([told.T, slopes[:, self._free]])
+        rivals = np.vstack([rivals.T, np.zeros((distances.size, len(rivals)))])
         self._errors = np.concatenate([*(whitening.errors for _, whitening in self._parts), distances])
         size = np.sqrt(np.einsum("nk,nk->k", jacobian, jacobian))
         size[size == 0] = 1.0
@@ -70,19 +70,37 @@ class ValveTest:
         more = bases[1].shape[1] - bases[0].shape[1]
         gained = fit.left * np.log(left[0] / left[1])
         # log odds that what else could explain the errors is needed, by the Bayesian criterion
-        self._needed = (gained - more * np.log(self._errors.size)) / 2
+        self._needed = (gained - more * np.log(told.shape[1])) / 2
 
     def of(self, valves: Sequence[Valve]) -> Effects:
-        size, changes = self._fit.theta.size, []
+        changes = []
         for piece, whitening in self._parts:
             moved = [self._response(piece, valve) for valve in valves]
             changes.append(whitening(np.array(moved)))
-        changed = np.hstack([*changes, np.zeros((len(valves), size))])
+        changes.append(np.zeros((len(valves), 2 * self._fit.theta.size)))
+        changed = np.hstack(changes)
         shifts = np.zeros((len(valves), self._free.size))
         shifts[:, self._free] = changed @ self._renewed.T
         alone, beyond = (self._gain(basis, before, changed) for basis, before in self._explained)
         evidence = np.logaddexp(alone / 2, self._needed + beyond / 2) - np.logaddexp(0.0, self._needed)
-        return Effects(alone, evidence, beyond, shifts[:, :size])
+        return Effects(alone, evidence, beyond, shifts[:, : self._fit.theta.size])
+
+    def _expected(self, told: Array) -> tuple[Array, Array]:
+        """Errors (2 size,) besides those of prediction, and their derivatives by theta and A(q).
+
+        Distances from the model and from the fit: where the record says little of a parameter, first order holds about
+        as far as it is large. `told` (n_free, n) has what those that are free do to predictions.
+        """
+        fit, noise = self._fit, np.sqrt(self._fit.variance)
+        distances, slopes = noise * np.array(fit.row.prior.errors(fit.theta))
+        alone = np.zeros(self._free.size)
+        alone[self._free] = np.einsum("kn,kn->k", told, told)
+        n = fit.theta.size
+        largest = np.square(np.abs(fit.theta) + fit.row.lag_of_dead_times(fit.theta))
+        kept = noise / np.sqrt(largest + fit.variance / np.maximum(alone[:n], np.finfo(float).tiny))
+        by = np.zeros((2 * n, self._free.size))
+        by[np.arange(n), np.arange(n)], by[np.arange(n, 2 * n), np.arange(n)] = slopes, kept
+        return np.concatenate([distances, np.zeros(n)]), by
 
     def _response(self, piece: Piece, valve: Valve) -> Array:
         """(n,) by how much the piece's response is larger where the valve's stem moves it."""
