@@ -61,15 +61,6 @@ class Identification:
     estimates, which are no surer than they would be beside them."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Completed:
-    """An account of the record: how disturbances run between samples, and structures that suffice."""
-
-    segments: Sequence[Segment]
-    estimates: dict[int, OutputEstimate]
-    holds: dict[int, FoundHold]
-
-
 Tell = Callable[[int, str], None]
 """Is told what is being done, such as "estimating", and with which output."""
 
@@ -161,28 +152,11 @@ def identify_plant(
             places = [j for k, j in absent if k == i]
             whole = with_missing(found, places, estimate, len(absent), confidence)
             estimates[i], doubtful[i] = whole.estimate, whole.doubtful
-
-    def started(fits: Fits, segments: Sequence[Segment]) -> dict[int, OutputEstimate]:
-        anew = {i: _estimated(again[i], segments, fit.row.specs, Options(start=fit)) for i, fit in fits.items()}
-        return {i: found for i, found in anew.items() if found is not None}
-
-    def completed(segments: Sequence[Segment], estimates: Mapping[int, OutputEstimate]) -> _Completed:
-        holds = find_holds(estimates, model, asked.holds)
-        segments = with_holds(segments, holds)
-        out = {**estimates, **started(held_fits(holds), segments)}
-        for i, found in out.items():
-            # Where OP acts at other instants than those recorded, what it did in between would pass for a structure.
-            if timing == 0 and i not in asked.drawn:
-                if tell is not None:
-                    tell(i, "testing structures of")
-                estimate = partial(_estimated, again[i], segments)
-                out[i] = _structured(found, i, asked, estimate, len(everywhere), confidence)
-        return _Completed(segments, out, holds)
-
-    account = completed(segments, estimates)
+    rest = _Rest(model, asked, again, len(everywhere), timing == 0, confidence, tell)
+    account = rest.of(segments, estimates)
     if asked.loads and (loaded := find_loads({i: found.fit for i, found in estimates.items()})):
         segments = with_loads(segments, loaded)
-        beside = completed(segments, {**estimates, **started(loaded, segments)})
+        beside = rest.of(segments, {**estimates, **rest.started(loaded, segments)})
         account = min(account, beside, key=lambda one: criterion({i: one.estimates[i].fit for i in loaded}))
     estimates = account.estimates
     for i, found in estimates.items():
@@ -191,6 +165,46 @@ def identify_plant(
         estimates = _with_shared_disturbances(estimates, confidence)
     left_out = tuple((i, j) for i, some in doubtful.items() for j in some)
     return Identification(estimates, account.holds, absence_p, left_out)
+
+
+@dataclass(frozen=True, eq=False)
+class _Account:
+    """Of a record: estimates whose structures suffice, and how measured disturbances run between samples."""
+
+    segments: Sequence[Segment]
+    estimates: dict[int, OutputEstimate]
+    holds: dict[int, FoundHold]
+
+
+@dataclass(frozen=True, eq=False)
+class _Rest:
+    """What is found out beside loads that are known, or beside none."""
+
+    model: TransferMatrix
+    asked: Open
+    again: Mapping[int, Callable[..., OutputEstimate | None]]
+    tested: int
+    """Elements of the whole matrix."""
+    timely: bool
+    """Does OP act at the instants recorded? What it did in between would pass for a structure."""
+    confidence: float
+    tell: Tell | None
+
+    def of(self, segments: Sequence[Segment], estimates: Mapping[int, OutputEstimate]) -> _Account:
+        holds = find_holds(estimates, self.model, self.asked.holds)
+        segments = with_holds(segments, holds)
+        out = {**estimates, **self.started(held_fits(holds), segments)}
+        for i in [i for i in out if self.timely and i not in self.asked.drawn]:
+            if self.tell is not None:
+                self.tell(i, "testing structures of")
+            estimate = partial(_estimated, self.again[i], segments)
+            out[i] = _structured(out[i], i, self.asked, estimate, self.tested, self.confidence)
+        return _Account(segments, out, holds)
+
+    def started(self, fits: Fits, segments: Sequence[Segment]) -> dict[int, OutputEstimate]:
+        """Estimates from these fits on."""
+        every = {i: _estimated(self.again[i], segments, fit.row.specs, Options(start=fit)) for i, fit in fits.items()}
+        return {i: found for i, found in every.items() if found is not None}
 
 
 def _held(model: TransferMatrix, specs: Mapping[tuple[int, int], Spec], i: int) -> list[Held]:
