@@ -166,3 +166,43 @@ def test_derivatives_of_loads_against_differences():
             ends = [row.unknown(p + times * step, 0).columns @ amplitudes for times in (-2, -1, 1, 2)]
             expected = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step[m])
             assert np.allclose(gradient[:, m], expected, rtol=0, atol=1e-6 * max(np.max(np.abs(expected)), 1.0))
+
+
+SLOW_START = Structure.parse("sopdt").transfer(np.array([0.65, 12.0, 9.0, 1.0]))
+FIRST_ORDER = TransferMatrix(((FOPDT.transfer(np.array([0.65, 30.0, 2.0])),),), "min")
+
+
+def of_a_second_lag(seed, loads=()):
+    """400 samples of a plant with a second lag, which its model lacks, in little noise."""
+    rng = np.random.default_rng(seed)
+    r = np.zeros((400, 1))
+    r[80:] = 1.0
+    r[240:] = 0.2
+    law = Controller.diagonal([PID(Kc=3.0, Ti=15.0, sample_time=1.0)])
+    plant = TransferMatrix(((SLOW_START,),), "min")
+    steps = [Step(at, (size,)) for at, size in loads]
+    v = 0.001 * rng.standard_normal((400, 1))
+    return segment_of(simulate(plant, law, r, 1.0, v=v, input_disturbance=steps))
+
+
+@pytest.mark.parametrize("structures", [True, False])
+def test_what_a_structure_leaves_after_a_move_is_no_load(structures):
+    """Beside the first order that was said, each of these records has a step after both moves of the set-point."""
+    for seed in range(4):
+        segment = of_a_second_lag(seed)
+        estimate = identify_matrix([segment], FIRST_ORDER, specs_of(FIRST_ORDER), structures=structures)[0]
+        assert found_loads({0: estimate.fit}) == []
+        assert not structures or estimate.row.specs[0].structure.names == ("gain", "tau1", "tau2", "dead_time")
+        asked = identify_output([segment], 0, [Spec(0, FOPDT, (0.65, 30.0, 2.0))])
+        assert find_loads({0: asked.fit})
+
+
+def test_a_load_beside_a_structure_that_does_not_suffice_is_found():
+    for seed in range(4):
+        segment = of_a_second_lag(seed, [(160.0, 0.1)])
+        estimate = identify_matrix([segment], FIRST_ORDER, specs_of(FIRST_ORDER), structures=True)[0]
+        (found,) = found_loads({0: estimate.fit})
+        assert abs(found.load.time - 160) < 2
+        assert abs(found.size - 0.1) < 4 * found.error < 0.02
+        assert estimate.row.specs[0].structure.names == ("gain", "tau1", "tau2", "dead_time")
+        assert estimate.intervals[0, 0] < 0.65 < estimate.intervals[0, 1]

@@ -1,5 +1,6 @@
 """Parametric estimates of the plant, and how far they can be trusted."""
 
+from trueplant.identify.accounts import Open
 from trueplant.identify.budget import Budget
 from trueplant.identify.equation_error import equation_error, paper_route
 from trueplant.identify.estimate import Options, estimate_row
@@ -9,7 +10,7 @@ from trueplant.identify.gate import Worse, worse_than_model
 from trueplant.identify.holds import FoundHold, find_holds, widened_for_holds, with_holds
 from trueplant.identify.loads import FoundLoad, found_loads, with_loads
 from trueplant.identify.longest_noise import estimate_beside_longest_noise
-from trueplant.identify.matrix import Identification, Open, identify_matrix, identify_plant, specs_of
+from trueplant.identify.matrix import Identification, identify_matrix, identify_plant, specs_of
 from trueplant.identify.open_valves import with_open_valves
 from trueplant.identify.operating_points import OperatingPoints, operating_points
 from trueplant.identify.output import OutputEstimate, Rejected, identify_output, unanswered

@@ -54,8 +54,11 @@ def find_loads(fits: Fits) -> Fits:
 
 
 def criterion(fits: Fits) -> float:
-    """How unlikely fits are, with or without loads and whatever their structures, beside the largest noise models."""
-    return _criterion(_beside_longest_noise(fits))
+    """How unlikely fits are, with or without loads and whatever their structures, beside the largest noise models.
+
+    Outputs without noise are left out, as they are by `find_loads`.
+    """
+    return _criterion(_beside_longest_noise({i: fit for i, fit in fits.items() if fit.ar.size}))
 
 
 def with_loads(segments: Sequence[Segment], fits: Fits) -> tuple[Segment, ...]:

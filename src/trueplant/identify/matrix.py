@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from trueplant.identify.estimate import Options
-from trueplant.identify.first import regulating_or_not, shown, with_guesses, with_left_out
-from trueplant.identify.holds import FoundHold, find_holds, held_fits, with_holds
-from trueplant.identify.loads import Fits, criterion, find_loads, with_loads
+from trueplant.identify.accounts import Open, Rivals, Tell, estimating
+from trueplant.identify.first import shown, with_guesses, with_left_out
+from trueplant.identify.holds import FoundHold
 from trueplant.identify.missing import with_missing
 from trueplant.identify.output import OutputEstimate, identify_output
 from trueplant.identify.pieces import Held
@@ -23,26 +22,9 @@ from trueplant.identify.shared_disturbance import (
     widened_for_shared_disturbance,
 )
 from trueplant.identify.strides import Sampling, choose_block, choose_stride, samples_per_update, typical_lag
-from trueplant.identify.structures import Again, with_structures
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix
 from trueplant.record.types import Segment
-
-
-@dataclass(frozen=True)
-class Open:
-    """What the estimates are to find out besides the parameters."""
-
-    holds: Sequence[int] = ()
-    """Columns of measured disturbances of which nobody said how they run between samples."""
-    pinned: Collection[tuple[int, int]] = ()
-    """Elements that keep their structure, whatever the record says."""
-    loads: bool = True
-    """Steps that nobody recorded; not where a disturbance is declared that would do what they do."""
-    wanted: Collection[tuple[int, int]] = ()
-    """Elements of which nobody said whether they are there."""
-    drawn: Collection[int] = ()
-    """Outputs that a historian filled in between few samples: its lines would pass for a structure."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +41,6 @@ class Identification:
     doubtful: tuple[tuple[int, int], ...] = ()
     """Elements that the model lacks and the fit shows, but not beside the largest noise model. They are not among the
     estimates, which are no surer than they would be beside them."""
-
-
-Tell = Callable[[int, str], None]
-"""Is told what is being done, such as "estimating", and with which output."""
 
 
 def specs_of(model: TransferMatrix) -> dict[tuple[int, int], Spec]:
@@ -109,10 +87,8 @@ def identify_plant(
 ) -> Identification:
     """`identify_matrix`, and what else `asked` is to be found out.
 
-    Holds are found before structures are tested: what they leave in the prediction errors would pass for dynamics that
-    the structure lacks. So would loads, and dynamics for loads: the likelier of both accounts of the record is taken.
     `instants` are the update interval and the timing error. Structures that the record rejects are replaced by richer
-    ones.
+    ones (`accounts`).
     """
     update_interval, timing = instants
     update = samples_per_update(update_interval, segments[0].h)
@@ -142,7 +118,7 @@ def identify_plant(
             sampling=sampling,
             time_scale=typical_lag(everywhere),
         )
-        estimate = partial(_estimated, again[i], segments)
+        estimate = estimating(again[i], segments)
         found = estimate(row)
         if found is not None and wanted[i]:
             first = shown(found, wanted[i], estimate, len(asked.wanted), confidence)
@@ -152,86 +128,20 @@ def identify_plant(
             places = [j for k, j in absent if k == i]
             whole = with_missing(found, places, estimate, len(absent), confidence)
             estimates[i], doubtful[i] = whole.estimate, whole.doubtful
-    rest = _Rest(model, asked, again, len(everywhere), timing == 0, confidence, tell)
-    account = rest.of(segments, estimates)
-    if asked.loads and (loaded := find_loads({i: found.fit for i, found in estimates.items()})):
-        segments = with_loads(segments, loaded)
-        beside = rest.of(segments, {**estimates, **rest.started(loaded, segments)})
-        account = min(account, beside, key=lambda one: criterion({i: one.estimates[i].fit for i in loaded}))
+    rivals = Rivals(model, asked, again, len(everywhere), timing == 0, confidence, tell)
+    account = rivals.likeliest(segments, estimates)
     estimates = account.estimates
     for i, found in estimates.items():
-        estimates[i] = with_left_out(found, doubtful[i], partial(_estimated, again[i], account.segments), confidence)
+        estimates[i] = with_left_out(found, doubtful[i], estimating(again[i], account.segments), confidence)
     if any(segment.closed for segment in segments):
         estimates = _with_shared_disturbances(estimates, confidence)
     left_out = tuple((i, j) for i, some in doubtful.items() for j in some)
     return Identification(estimates, account.holds, absence_p, left_out)
 
 
-@dataclass(frozen=True, eq=False)
-class _Account:
-    """Of a record: estimates whose structures suffice, and how measured disturbances run between samples."""
-
-    segments: Sequence[Segment]
-    estimates: dict[int, OutputEstimate]
-    holds: dict[int, FoundHold]
-
-
-@dataclass(frozen=True, eq=False)
-class _Rest:
-    """What is found out beside loads that are known, or beside none."""
-
-    model: TransferMatrix
-    asked: Open
-    again: Mapping[int, Callable[..., OutputEstimate | None]]
-    tested: int
-    """Elements of the whole matrix."""
-    timely: bool
-    """Does OP act at the instants recorded? What it did in between would pass for a structure."""
-    confidence: float
-    tell: Tell | None
-
-    def of(self, segments: Sequence[Segment], estimates: Mapping[int, OutputEstimate]) -> _Account:
-        holds = find_holds(estimates, self.model, self.asked.holds)
-        segments = with_holds(segments, holds)
-        out = {**estimates, **self.started(held_fits(holds), segments)}
-        for i in [i for i in out if self.timely and i not in self.asked.drawn]:
-            if self.tell is not None:
-                self.tell(i, "testing structures of")
-            estimate = partial(_estimated, self.again[i], segments)
-            out[i] = _structured(out[i], i, self.asked, estimate, self.tested, self.confidence)
-        return _Account(segments, out, holds)
-
-    def started(self, fits: Fits, segments: Sequence[Segment]) -> dict[int, OutputEstimate]:
-        """Estimates from these fits on."""
-        every = {i: _estimated(self.again[i], segments, fit.row.specs, Options(start=fit)) for i, fit in fits.items()}
-        return {i: found for i, found in every.items() if found is not None}
-
-
 def _held(model: TransferMatrix, specs: Mapping[tuple[int, int], Spec], i: int) -> list[Held]:
     """The elements of an output that are not estimated, at the model's value."""
     return [Held(j, model[i, j]) for j in range(model.shape[1]) if (i, j) not in specs and not model[i, j].is_zero]
-
-
-def _structured(
-    found: OutputEstimate, i: int, asked: Open, estimate: Again, tested: int, confidence: float
-) -> OutputEstimate:
-    """The estimate with structures that suffice: where nobody said one, whether it integrates is asked first."""
-    pinned = [j for k, j in asked.pinned if k == i]
-    for spec in found.row.specs:
-        if (i, spec.column) in asked.wanted and spec.column not in pinned:
-            found = regulating_or_not(found, spec.column, estimate, confidence)
-    found = with_structures(found, estimate, tested, confidence, pinned)
-    there = {spec.column for spec in found.row.specs}
-    return with_left_out(found, [j for k, j in asked.wanted if k == i and j not in there], estimate, confidence)
-
-
-def _estimated(
-    estimate: Callable[..., OutputEstimate | None],
-    segments: Sequence[Segment],
-    specs: Sequence[Spec],
-    options: Options | None = None,
-) -> OutputEstimate | None:
-    return estimate(segments, specs=specs, options=options)
 
 
 def _with_shared_disturbances(estimates: dict[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate]:
