@@ -21,7 +21,7 @@ from trueplant.identify import (
     widened_for_holds,
     with_holds,
 )
-from trueplant.identify.intervals import mixed
+from trueplant.identify.intervals import Mixture
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.record.types import Segment
@@ -167,15 +167,18 @@ def test_intervals_of_a_mixture_are_its_quantiles():
     intervals = np.column_stack([theta - z * errors[:, 0], theta + z * errors[:, 1]])
     shifts, shares = np.array([[0.0, 0.0], [-0.5, 1.0], [0.8, 0.0]]), np.array([0.6, 0.3, 0.1])
     variances = np.array([[0.0, 0.0], [0.0, 0.0], [0.04, 2.25]])
-    found = mixed(intervals, theta, shifts, shares, 0.95, variances)
+    mixture = Mixture(intervals, theta, shifts, shares, 0.95, variances)
     which = rng.choice(3, 4_000_000, p=shares)
     draws = rng.standard_normal((4_000_000, 2))
     own = np.where(draws < 0, errors[:, 0], errors[:, 1])
     draws = theta + shifts[which] + draws * np.sqrt(own**2 + variances[which])
-    assert found == pytest.approx(np.quantile(draws, [0.025, 0.975], axis=0).T, abs=0.01)
+    assert mixture.ends == pytest.approx(np.quantile(draws, [0.025, 0.975], axis=0).T, abs=0.01)
+    assert mixture.medians == pytest.approx(np.median(draws, axis=0), abs=0.002)
     nothing = np.zeros((3, 2))
-    assert mixed(intervals, theta, nothing, shares, 0.95, nothing) == pytest.approx(intervals)
+    assert Mixture(intervals, theta, nothing, shares, 0.95, nothing).ends == pytest.approx(intervals)
     known = np.column_stack([theta, theta])
-    assert mixed(known, theta, nothing, shares, 0.95, nothing) == pytest.approx(known)
+    assert Mixture(known, theta, nothing, shares, 0.95, nothing).ends == pytest.approx(known)
     open_ended = np.array([[-np.inf, 3.2], [9.0, np.inf]])
-    assert np.array_equal(mixed(open_ended, theta, shifts, shares, 0.95, nothing), open_ended)
+    without_end = Mixture(open_ended, theta, shifts, shares, 0.95, nothing)
+    assert np.array_equal(without_end.ends, open_ended)
+    assert np.array_equal(without_end.medians, theta)

@@ -82,28 +82,57 @@ def widened(ends: Sequence[float] | Array, value: float, variance: float, confid
     return (max(float(low), 0.0) if ends[0] >= 0 else float(low)), float(high)
 
 
-def mixed(intervals: Array, theta: Array, shifts: Array, shares: Array, confidence: float, variances: Array) -> Array:
-    """(n, 2) intervals where theta may be larger by each of `shifts` (m, n) with the probabilities `shares` (m,).
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Estimates where theta may be larger by each of several shifts.
 
-    The ends are quantiles of the mixture of normals, one on each side of theta, as wide as the intervals say and wider
-    by `variances` (m, n).
+    Mixtures of normals, one on each side of theta, as wide as the intervals say and wider.
     """
-    z, tail = norm.ppf(0.5 + confidence / 2), (1 - confidence) / 2
-    widths = np.maximum(np.abs(intervals - theta[:, None]).T / z, np.sqrt(np.finfo(float).tiny))
-    widths = np.hypot(widths[:, None], np.sqrt(variances))
-    out = intervals.copy()
-    for side, share in ((0, tail), (1, 1 - tail)):
-        finite = np.isfinite(widths).all(axis=(0, 1))
-        low = theta + (shifts - z * widths[0]).min(axis=0)
-        high = theta + (shifts + z * widths[1]).max(axis=0)
+
+    intervals: Array
+    """(n, 2)"""
+    theta: Array
+    """(n,)"""
+    shifts: Array
+    """(m, n)"""
+    shares: Array
+    """(m,) Their probabilities."""
+    confidence: float
+    """Of the intervals."""
+    variances: Array
+    """(m, n) By which each is wider."""
+
+    @property
+    def ends(self) -> Array:
+        """(n, 2) intervals; the same where one is without end."""
+        tail = (1 - self.confidence) / 2
+        low, high = self._quantiles(tail), self._quantiles(1 - tail)
+        known = np.isfinite(low + high)
+        return np.column_stack(
+            [np.where(known, side, own) for side, own in zip((low, high), self.intervals.T, strict=True)]
+        )
+
+    @property
+    def medians(self) -> Array:
+        """(n,) theta where its interval is without end."""
+        found = self._quantiles(0.5)
+        return np.where(np.isfinite(found), found, self.theta)
+
+    def _quantiles(self, share: float) -> Array:
+        """(n,) by bisection; nan where an interval is without end."""
+        z = norm.ppf(0.5 + self.confidence / 2)
+        widths = np.maximum(np.abs(self.intervals - self.theta[:, None]).T / z, np.sqrt(np.finfo(float).tiny))
+        below, above = np.hypot(widths[:, None], np.sqrt(self.variances))
+        finite = np.isfinite(below + above).all(axis=0)
+        centres, furthest = self.theta + self.shifts, max(z, abs(norm.ppf(share)))
+        low, high = (centres - furthest * below).min(axis=0), (centres + furthest * above).max(axis=0)
         low, high = np.where(finite, low, 0.0), np.where(finite, high, 0.0)
         for _ in range(np.finfo(float).nmant):
             middle = (low + high) / 2
-            from_each = middle - theta - shifts
-            below = shares @ norm.cdf(from_each / np.where(from_each < 0, widths[0], widths[1])) < share
-            low, high = np.where(below, middle, low), np.where(below, high, middle)
-        out[:, side] = np.where(finite, (low + high) / 2, intervals[:, side])
-    return out
+            from_each = middle - centres
+            short = self.shares @ norm.cdf(from_each / np.where(from_each < 0, below, above)) < share
+            low, high = np.where(short, middle, low), np.where(short, high, middle)
+        return np.where(finite, (low + high) / 2, np.nan)
 
 
 def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> tuple[float, RowFit]:

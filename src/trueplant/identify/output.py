@@ -18,7 +18,7 @@ from trueplant.identify.covariance import initial_state_share, least_covariance,
 from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row, free_of_noise
 from trueplant.identify.fit import RowFit
-from trueplant.identify.intervals import as_wide_as, mixed, normal_intervals, profile_of, variance_of, widened
+from trueplant.identify.intervals import Mixture, as_wide_as, normal_intervals, profile_of, variance_of, widened
 from trueplant.identify.likelihood import at_model, held_at, ratio_p, rise, without_element
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.minima import OpenMinima, open_minima
@@ -296,7 +296,7 @@ def averaged(
     more = (shifts.T * shares) @ shifts + np.tensordot(shares, spreads, axes=1)
     low, high = estimate.row.bounds()
     variances = np.diagonal(spreads, axis1=1, axis2=2)
-    ends = mixed(estimate.intervals, estimate.theta, shifts, shares, confidence, variances)
+    ends = Mixture(estimate.intervals, estimate.theta, shifts, shares, confidence, variances).ends
     return replace(
         estimate,
         covariance=estimate.covariance + more,
