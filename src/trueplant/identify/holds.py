@@ -29,7 +29,7 @@ from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import best_dead_times
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.moments import in_row
-from trueplant.identify.output import OutputEstimate, averaged
+from trueplant.identify.output import OutputEstimate, at_median
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
 from trueplant.lti.sampled import sampled_response
@@ -197,5 +197,5 @@ def widened_for_holds(
     for found in holds.values():
         for i in found.thetas.keys() & out.keys():
             shifts = in_row(found.shifts(i), found.held[i], out[i].row, out[i].theta)
-            out[i] = averaged(out[i], shifts, found.shares, confidence, Source.HOLD)
+            out[i] = at_median(out[i], shifts, found.shares, confidence, Source.HOLD)
     return out

@@ -290,13 +290,15 @@ def averaged(
 ) -> OutputEstimate:
     """The estimate, where theta may be larger by each of `shifts` (m, size) with the probabilities `shares` (m,).
 
-    Each is known that much less well: by `spreads` (m, size, size). `source` is what leaves that open.
+    Each is known that much less well: by `spreads` (m, size, size). `source` is what leaves that open. The estimate is in
+    its interval, whatever the probabilities are.
     """
     spreads = np.zeros((*shifts.shape, shifts.shape[1])) if spreads is None else spreads
     more = (shifts.T * shares) @ shifts + np.tensordot(shares, spreads, axes=1)
     low, high = estimate.row.bounds()
     variances = np.diagonal(spreads, axis1=1, axis2=2)
     ends = Mixture(estimate.intervals, estimate.theta, shifts, shares, confidence, variances).ends
+    ends = np.column_stack([np.minimum(ends[:, 0], estimate.theta), np.maximum(ends[:, 1], estimate.theta)])
     return replace(
         estimate,
         covariance=estimate.covariance + more,
@@ -305,6 +307,25 @@ def averaged(
         beside_ratio=None if estimate.beside_ratio is None else estimate.beside_ratio + more,
         intervals=np.clip(ends, low[:, None], high[:, None]),
     )
+
+
+def at_median(
+    estimate: OutputEstimate,
+    shifts: Array,
+    shares: Array,
+    confidence: float,
+    source: Source,
+    spreads: Array | None = None,
+) -> OutputEstimate:
+    """`averaged`, about the median of each parameter, where the record says how probable each of the shifts is.
+
+    Unlike a mean it lies near places that are probable, however far off another one is.
+    """
+    spreads = np.zeros((*shifts.shape, shifts.shape[1])) if spreads is None else spreads
+    variances = np.diagonal(spreads, axis1=1, axis2=2)
+    medians = Mixture(estimate.intervals, estimate.theta, shifts, shares, confidence, variances).medians
+    moved = estimate.moved(medians - estimate.theta)
+    return averaged(moved, shifts - (moved.theta - estimate.theta), shares, confidence, source, spreads)
 
 
 def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:

@@ -19,9 +19,8 @@ from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
-from trueplant.identify.intervals import Mixture
 from trueplant.identify.moments import in_row
-from trueplant.identify.output import OutputEstimate, averaged
+from trueplant.identify.output import OutputEstimate, at_median, averaged
 from trueplant.identify.valve_effects import ValveTest, behind
 from trueplant.loop.valve import Valve
 from trueplant.record.types import Segment
@@ -83,10 +82,7 @@ def sticking(tried: Mapping[int, Sequence[Tried]]) -> dict[int, FoundValve]:
 def averaged_over_valves(
     estimates: Mapping[int, OutputEstimate], tried: Mapping[int, Sequence[Tried]], confidence: float
 ) -> dict[int, OutputEstimate]:
-    """The medians over what valves that may not follow OP, though not beyond chance, would make of the estimates.
-
-    Unlike a mean they lie within their intervals: what is unlikely and far off moves them little.
-    """
+    """The medians over what valves that may not follow OP, though not beyond chance, would make of the estimates."""
     out = dict(estimates)
     for ones in tried.values():
         odds = np.concatenate([np.ones(1), *(one.odds for one in ones)])
@@ -94,9 +90,7 @@ def averaged_over_valves(
         for i in out.keys() & (ones[0].behind.keys() if ones else ()):
             moved = [in_row(one.shifts[i], one.behind[i], out[i].row, out[i].theta) for one in ones]
             shifts = np.vstack([np.zeros((1, out[i].row.size)), *moved])
-            known = np.zeros_like(shifts)
-            middle = Mixture(out[i].intervals, out[i].theta, shifts, shares, confidence, known).medians - out[i].theta
-            out[i] = averaged(out[i].moved(middle), shifts - middle, shares, confidence, Source.VALVE)
+            out[i] = at_median(out[i], shifts, shares, confidence, Source.VALVE)
     return out
 
 
