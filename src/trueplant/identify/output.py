@@ -310,22 +310,16 @@ def averaged(
 
 
 def at_median(
-    estimate: OutputEstimate,
-    shifts: Array,
-    shares: Array,
-    confidence: float,
-    source: Source,
-    spreads: Array | None = None,
+    estimate: OutputEstimate, shifts: Array, shares: Array, confidence: float, source: Source
 ) -> OutputEstimate:
     """`averaged`, about the median of each parameter, where the record says how probable each of the shifts is.
 
     Unlike a mean it lies near places that are probable, however far off another one is.
     """
-    spreads = np.zeros((*shifts.shape, shifts.shape[1])) if spreads is None else spreads
-    variances = np.diagonal(spreads, axis1=1, axis2=2)
-    medians = Mixture(estimate.intervals, estimate.theta, shifts, shares, confidence, variances).medians
+    as_sure = np.zeros_like(shifts)
+    medians = Mixture(estimate.intervals, estimate.theta, shifts, shares, confidence, as_sure).medians
     moved = estimate.moved(medians - estimate.theta)
-    return averaged(moved, shifts - (moved.theta - estimate.theta), shares, confidence, source, spreads)
+    return averaged(moved, shifts - (moved.theta - estimate.theta), shares, confidence, source)
 
 
 def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
