@@ -179,6 +179,8 @@ def test_intervals_of_a_mixture_are_its_quantiles():
     known = np.column_stack([theta, theta])
     assert Mixture(known, theta, nothing, shares, 0.95, nothing).ends == pytest.approx(known)
     open_ended = np.array([[-np.inf, 3.2], [9.0, np.inf]])
+    at_bound = Mixture(np.array([[0.0, 0.2]]), np.zeros(1), nothing[:, :1], shares, 0.95, nothing[:, :1])
+    assert at_bound.ends[0, 0] == at_bound.medians[0] == 0
     without_end = Mixture(open_ended, theta, shifts, shares, 0.95, nothing)
     assert np.array_equal(without_end.ends, open_ended)
     assert np.array_equal(without_end.medians, theta)

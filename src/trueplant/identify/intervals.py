@@ -127,12 +127,15 @@ class Mixture:
         centres, furthest = self.theta + self.shifts, max(z, abs(norm.ppf(share)))
         low, high = (centres - furthest * below).min(axis=0), (centres + furthest * above).max(axis=0)
         low, high = np.where(finite, low, 0.0), np.where(finite, high, 0.0)
+        rounding = 4 * np.finfo(float).eps * (high - low)
         for _ in range(np.finfo(float).nmant):
             middle = (low + high) / 2
             from_each = middle - centres
             short = self.shares @ norm.cdf(from_each / np.where(from_each < 0, below, above)) < share
             low, high = np.where(short, middle, low), np.where(short, high, middle)
-        return np.where(finite, (low + high) / 2, np.nan)
+        found = (low + high) / 2
+        found = np.where(np.abs(found - self.theta) <= rounding, self.theta, found)
+        return np.where(finite, found, np.nan)
 
 
 def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> tuple[float, RowFit]:

@@ -115,6 +115,8 @@ def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
     if part is not fit:
         others = [_ended(fit, one.theta, like) for one in found[: levels.MINIMA_POLISHED]]
         found = _distinct([_labelled(fit, like), *others])
+    # The memories are not gone through for those that are so high that their probability is 0 in any case.
+    found = [one for one in found if np.exp(-rise(found[0], one) / 2) > 0]
     factor, quantile = inflation(found[0], confidence), float(norm.ppf(0.5 + confidence / 2))
     rises = np.zeros(1) if len(found) == 1 else _rises(found, factor, confidence)
     return OpenMinima(tuple(found), rises, factor, quantile)

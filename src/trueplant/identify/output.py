@@ -290,8 +290,8 @@ def averaged(
 ) -> OutputEstimate:
     """The estimate, where theta may be larger by each of `shifts` (m, size) with the probabilities `shares` (m,).
 
-    Each is known that much less well: by `spreads` (m, size, size). `source` is what leaves that open. The estimate is in
-    its interval, whatever the probabilities are.
+    Each is known that much less well: by `spreads` (m, size, size). `source` is what leaves that open. The estimate
+    stays in its interval, whatever the probabilities are.
     """
     spreads = np.zeros((*shifts.shape, shifts.shape[1])) if spreads is None else spreads
     more = (shifts.T * shares) @ shifts + np.tensordot(shares, spreads, axes=1)
@@ -314,11 +314,13 @@ def at_median(
 ) -> OutputEstimate:
     """`averaged`, about the median of each parameter, where the record says how probable each of the shifts is.
 
-    Unlike a mean it lies near places that are probable, however far off another one is.
+    Unlike a mean it lies near places that are probable, however far off another one is. What is at a bound
+    stays there.
     """
-    as_sure = np.zeros_like(shifts)
-    medians = Mixture(estimate.intervals, estimate.theta, shifts, shares, confidence, as_sure).medians
-    moved = estimate.moved(medians - estimate.theta)
+    low, high = estimate.row.bounds()
+    between = (low < estimate.theta) & (estimate.theta < high)
+    medians = Mixture(estimate.intervals, estimate.theta, shifts, shares, confidence, np.zeros_like(shifts)).medians
+    moved = estimate.moved(np.where(between, medians - estimate.theta, 0.0))
     return averaged(moved, shifts - (moved.theta - estimate.theta), shares, confidence, source)
 
 
