@@ -2,8 +2,8 @@
 
 What holds leave in the prediction errors would pass for loads or for dynamics that a structure lacks, so that they are
 found first. Of loads and dynamics each may pass for the other: a step that nobody recorded explains what a structure
-leaves after a move, and a slow tail how the controllers answered to one. So where loads are found beside structures as
-they are said, they are looked for beside those that suffice without loads as well, and the likeliest account is taken.
+leaves after a move, and a slow tail how the controllers answered to one. So loads are looked for beside the structures
+as they are said and beside those that suffice without loads, and the likeliest of these accounts is taken.
 """
 
 from __future__ import annotations
@@ -95,12 +95,11 @@ class Rivals:
     def _likeliest(self, begun: Account, loaded: Fits) -> Account:
         """Of structures without loads, structures beside these loads, and loads beside the former structures."""
         accounts = [self._with_structures(begun)]
-        if not loaded:
-            return accounts[0]
-        accounts.append(self._with_structures(self._beside(begun, loaded)))
-        if accounts[0].structures != begun.structures and (others := find_loads(accounts[0].fits)):
+        if loaded:
+            accounts.append(self._with_structures(self._beside(begun, loaded)))
+        if self.asked.loads and accounts[0].structures != begun.structures and (others := find_loads(accounts[0].fits)):
             accounts.append(self._with_structures(self._beside(accounts[0], others)))
-        return min(accounts, key=lambda one: criterion(one.fits))
+        return min(accounts, key=lambda one: criterion(one.fits)) if len(accounts) > 1 else accounts[0]
 
     def _with_holds(self, segments: Sequence[Segment], estimates: Mapping[int, OutputEstimate]) -> Account:
         holds = find_holds(estimates, self.model, self.asked.holds)
