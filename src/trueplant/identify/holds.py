@@ -192,7 +192,7 @@ def with_holds(segments: Sequence[Segment], holds: Mapping[int, FoundHold]) -> t
 def widened_for_holds(
     estimates: Mapping[int, OutputEstimate], holds: Mapping[int, FoundHold], confidence: float
 ) -> dict[int, OutputEstimate]:
-    """The estimates with what the ways that were not taken would move, as far as the likelihood leaves them open."""
+    """The medians over the ways that disturbances may run, as far as the likelihood leaves them open."""
     out = dict(estimates)
     for found in holds.values():
         for i in found.thetas.keys() & out.keys():
