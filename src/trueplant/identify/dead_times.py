@@ -47,13 +47,12 @@ def _rivals(row: Row, theta: Array, ar: Array, weights: Array, index: int, reach
             p[index - part.start] = value
             u, hold = piece.inputs[spec.column], piece.hold[spec.column]
             candidates[c] = spec.structure.response(p, u, piece.h, hold, row.stride)
-        errors = np.where(valid, y - response, 0.0)[:, None] + (candidates[0] - candidates).T
-        errors[~valid] = 0.0
+        errors = np.where(valid, y - response + candidates[0] - candidates, 0.0)
         basis = orthonormal(whiten(ar, row.nuisance(theta, k))[use])
-        e = weights[k] * whiten(ar, errors)[use]
-        j = weights[k] * whiten(ar, gradient[:, others])[use]
-        e, j = e - basis @ (basis.T @ e), j - basis @ (basis.T @ j)
-        gram, moment, power = gram + j.T @ j, moment + j.T @ e, power + np.sum(e**2, axis=0)
+        e = weights[k] * np.compress(use, whiten(ar, errors.T).T, axis=1)
+        j = weights[k] * np.compress(use, whiten(ar, gradient[:, others]).T, axis=1)
+        e, j = e - e @ basis @ basis.T, j - j @ basis @ basis.T
+        gram, moment, power = gram + j @ j.T, moment + j @ e.T, power + np.sum(e**2, axis=1)
         count += int(use.sum())
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     steps = np.linalg.lstsq(gram / np.outer(scale, scale), moment / scale[:, None], rcond=1e-12)[0]

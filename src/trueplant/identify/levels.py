@@ -178,6 +178,9 @@ PROFILED_STEPS = 40
 MINIMA_STARTS, MINIMA_SPREAD, MINIMA_SEED = 16, 0.5, 1
 """Places from which other minima are looked for, and the standard deviation of their logarithms about fit and model:
 two of three within a factor of 1.6."""
+MINIMA_ALIKE = 8
+"""Starts that end in one minimum, after which less than half a further one is expected: by Boender and Rinnooy Kan
+(1987) w minima in n descents leave w (n - 1)/(n - w - 2) - w, which is 0.4 for 1 in 8 and 0.5 for 1 in 7."""
 MINIMA_POLISHED = 4
 """Minima found in a part of a long record that are looked at in the whole, at most."""
 TRIED_SETTLED = 1e-2

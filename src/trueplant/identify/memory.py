@@ -41,6 +41,8 @@ class _Piece:
 
     def with_memory(self, d: float) -> _Piece:
         """After (1 - 1/q)^d; what was before the piece is in its operating point and initial state."""
+        if d == 0:
+            return self
         n, length = self.valid.size, self._length
         k = np.arange(1, n)
         taps = np.concatenate([[1.0], np.cumprod((k - 1 - d) / k)])

@@ -105,11 +105,15 @@ class OpenMinima:
 def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
     """The minima found from many starts.
 
-    In a long record they are looked for in that part of it in which the inputs move most.
+    Where the first of them all end in one, no second one is expected (Boender and Rinnooy Kan 1987). In a long record
+    they are looked for in that part of it in which the inputs move most.
     """
     part = of_a_part(fit)
     like = _with_lags_in_order(fit)
-    found = _distinct([_labelled(part, like), *(_ended(part, start, like) for start in _starts(part))])
+    starts = _starts(part)
+    found = _distinct([_labelled(part, like), *(_ended(part, start, like) for start in starts[: levels.MINIMA_ALIKE])])
+    if len(found) > 1:
+        found = _distinct([*found, *(_ended(part, start, like) for start in starts[levels.MINIMA_ALIKE :])])
     # Along a flat valley the steps are short: what is still on its way is no minimum yet.
     found = _distinct([one if one.converged else _ended(one, one.theta, like) for one in found])
     if part is not fit:

@@ -7,9 +7,8 @@ gains of all others and the nuisance terms projected out, and several times over
 from __future__ import annotations
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 
-from trueplant.arrays import Array, BoolArray, ComplexArray, IntArray
+from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify import levels
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.noise import whiten, whitened_valid
@@ -140,30 +139,25 @@ def _delayed_products(
 
     Each start is the sample of `late` (..., n, N) where the responses begin for one of many dead times. From there on
     they are seen at every `stride`-th sample and whitened by `ar`. The columns (c, m) are 0 where `use` (m,) is False.
-    All dead times are slices of one whitened response, and sums of products of slices are a correlation.
+    All dead times are slices of one whitened response.
     """
-    n = late.shape[-2]
+    n, m, used = late.shape[-2], columns.shape[-1], use.astype(float)
     told = np.empty((*late.shape[:-1], len(columns), starts.size))
     energy = np.empty((*late.shape[:-1], n, starts.size))
     for phase in np.unique(starts % stride):
-        these = np.flatnonzero(starts % stride == phase)
         seen = late[..., phase::stride]
         rows = whiten(ar, seen.reshape(-1, seen.shape[-1]).T).T.reshape(*seen.shape[:-1], -1)
-        length, at = next_fast_len(rows.shape[-1], real=True), starts[these] // stride
-        spectra = rfft(rows, length)
-        for c, column in enumerate(columns):
-            told[..., c, these] = _correlated(spectra, column, length)[..., at]
-        for one, other in np.ndindex(n, n):
-            if one <= other:
-                squares = rfft(rows[..., one, :] * rows[..., other, :], length)
-                sums = _correlated(squares, use, length)[..., at]
-                energy[..., one, other, these] = energy[..., other, one, these] = sums
+        products = {(one, other): rows[..., one, :] * rows[..., other, :] for one, other in _pairs(n)}
+        for k in np.flatnonzero(starts % stride == phase):
+            part = slice(starts[k] // stride, starts[k] // stride + m)
+            told[..., k] = rows[..., part] @ columns.T
+            for (one, other), product in products.items():
+                energy[..., one, other, k] = energy[..., other, one, k] = product[..., part] @ used
     return np.moveaxis(told, -1, -3), np.moveaxis(energy, -1, -3)
 
 
-def _correlated(spectra: ComplexArray, column: Array | BoolArray, length: int) -> Array:
-    """Sums over k of ``x[..., start + k] column[k]`` by start, x known by its spectra."""
-    return np.asarray(irfft(spectra * rfft(column, length).conj(), length))
+def _pairs(n: int) -> list[tuple[int, int]]:
+    return [(one, other) for one in range(n) for other in range(one, n)]
 
 
 def _numerators(structure: Structure, p: Array) -> Array:
