@@ -92,11 +92,17 @@ def test_a_time_constant_grows_or_shrinks_threefold_in_a_step() -> None:
 
 
 @pytest.mark.holds("identify.NOISE_FREE")
-@pytest.mark.parametrize(("energy", "free"), [(0.7e-18, True), (1.4e-18, False)])
-def test_errors_of_a_billionth_of_the_output_are_rounding(energy: float, free: bool, monkeypatch: Any) -> None:
+@pytest.mark.parametrize(
+    ("left", "predicted", "free"),
+    [(0.7e-18, 1.0, True), (1.4e-18, 1.0, False), (1.0, 0.7e-24, True), (1.0, 1.4e-24, False)],
+)
+def test_errors_of_a_billionth_of_the_output_are_rounding(
+    left: float, predicted: float, free: bool, monkeypatch: Any
+) -> None:
+    """Or prediction errors of a thousandth of that."""
     y = np.array([1.0, -1.0, 1.0, -1.0])
-    monkeypatch.setattr(estimate, "noise_signals", lambda fit: ([y * np.sqrt(energy)], None))
-    fit: Any = Stub(row=Stub(measured=lambda k: (y, np.ones(4, dtype=bool))))
+    monkeypatch.setattr(estimate, "noise_signals", lambda fit: ([y * np.sqrt(left)], None))
+    fit: Any = Stub(row=Stub(measured=lambda k: (y, np.ones(4, dtype=bool))), cost=4 * predicted)
     assert free_of_noise(fit) is free
 
 

@@ -52,11 +52,12 @@ def noise_signals(fit: RowFit) -> tuple[list[Array], list[BoolArray]]:
 
 
 def free_of_noise(fit: RowFit) -> bool:
-    """Is what is left of the output rounding?"""
+    """Is what is left of the output, or of its prediction, rounding?"""
     signals, _ = noise_signals(fit)
     measured = [y[ok] for y, ok in map(fit.row.measured, range(len(signals)))]
     energy = sum(float(np.sum((y - y.mean()) ** 2)) for y in measured if y.size)
-    return sum(float(s @ s) for s in signals) <= levels.NOISE_FREE * energy
+    left = sum(float(s @ s) for s in signals)
+    return left <= levels.NOISE_FREE * energy or fit.cost <= levels.EXACT * energy
 
 
 def fit_noise(fit: RowFit, order: int | None, limit: int) -> Array:

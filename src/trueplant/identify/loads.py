@@ -18,7 +18,7 @@ from scipy.stats import chi2
 from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import most_moved
-from trueplant.identify.estimate import polished, with_own_noise
+from trueplant.identify.estimate import free_of_noise, polished, with_own_noise
 from trueplant.identify.fit import RowFit, fit_row, linearised
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.load_gains import likeliest_load
@@ -38,7 +38,7 @@ def find_loads(fits: Fits) -> Fits:
 
     Long records, of which only a part is searched, and outputs without noise are left as they are.
     """
-    own = {i: fit for i, fit in fits.items() if fit.ar.size}
+    own = _noisy(fits)
     if not own or any(most_moved(fit.row) is not fit.row for fit in own.values()):
         return {}
     found = []
@@ -58,7 +58,7 @@ def criterion(fits: Fits) -> float:
 
     Outputs without noise are left out, as they are by `find_loads`.
     """
-    return _criterion(_beside_longest_noise({i: fit for i, fit in fits.items() if fit.ar.size}))
+    return _criterion(_beside_longest_noise(_noisy(fits)))
 
 
 def with_loads(segments: Sequence[Segment], fits: Fits) -> tuple[Segment, ...]:
@@ -107,6 +107,10 @@ def _weighed(place: Place, sizes: Array) -> FoundLoad:
     """One load from sizes and their variances (n, 2)."""
     shares = 1 / sizes[:, 1]
     return FoundLoad(*place, float(shares @ sizes[:, 0] / shares.sum()), float(shares.sum() ** -0.5))
+
+
+def _noisy(fits: Fits) -> Fits:
+    return {i: fit for i, fit in fits.items() if not free_of_noise(fit)}
 
 
 def _model(fit: RowFit) -> RowFit:

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from trueplant.identify.accounts import Open, Rivals, Tell, estimating
+from trueplant.identify.estimate import free_of_noise
 from trueplant.identify.first import shown, with_guesses, with_left_out
 from trueplant.identify.holds import FoundHold
 from trueplant.identify.missing import with_missing
@@ -146,8 +147,9 @@ def _held(model: TransferMatrix, specs: Mapping[tuple[int, int], Spec], i: int) 
 
 def _with_shared_disturbances(estimates: dict[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate]:
     """The estimates, with what disturbances that reach several outputs ask for."""
-    predicted = predicted_outputs(estimates)
-    if not predicted and not related_at_once(estimates):
+    disturbed = {i: found for i, found in estimates.items() if not free_of_noise(found.fit)}
+    predicted = predicted_outputs(disturbed)
+    if not predicted and not related_at_once(disturbed):
         return estimates
     joint = together(estimates, confidence)
     for i, others in predicted.items():
