@@ -213,7 +213,10 @@ def with_noise_of_order(fit: RowFit, order: int, iterations: int) -> RowFit:
     return _with_noise(fit, order, order, iterations, reweight=False)
 
 
-def with_own_noise(fit: RowFit, iterations: int, settled: float = levels.SETTLED) -> RowFit:
-    """The fit with its noise model chosen anew, under the weights that it has: others would make costs incomparable."""
+def with_own_noise(fit: RowFit, iterations: int) -> RowFit:
+    """The fit with its noise model chosen anew, under the weights that it has: others would make costs incomparable.
+
+    As far as comparisons need it.
+    """
     limit = largest_order(fit.row, levels.LARGEST_ORDER)
-    return _with_noise(fit, None, limit, iterations, reweight=False, settled=settled)
+    return _with_noise(fit, None, limit, iterations, reweight=False, settled=levels.TRIED_SETTLED)

@@ -172,7 +172,7 @@ def _refitted(fit: RowFit, row: Row) -> RowFit:
 
 
 def _renewed(fit: RowFit) -> RowFit:
-    return with_own_noise(fit, levels.TRIED_STEPS, levels.TRIED_SETTLED)
+    return with_own_noise(fit, levels.TRIED_STEPS)
 
 
 def _places(fits: Fits) -> list[Place]:

@@ -15,6 +15,9 @@ from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.pieces import Piece
 from trueplant.loop.valve import Valve
 
+BATCH = 8
+"""Valves that are gone through at a time: what they change in long records stays in the cache."""
+
 
 def behind(fit: RowFit, column: int, valve: Valve) -> RowFit:
     """The fit with the positions of the valve's stem for its input."""
@@ -65,7 +68,8 @@ class ValveTest:
         size[size == 0] = 1.0
         self._renewed = np.linalg.pinv(jacobian / size, rcond=levels.LOST) / size[:, None]
         bases = orthonormal(jacobian), orthonormal(np.hstack([jacobian, rivals]))
-        left = [float(_left(self._errors[None], basis)[0]) for basis in bases]
+        own = self._errors[None]
+        left = [float(_left(own, np.sum(own**2, axis=1), basis)[0]) for basis in bases]
         self._explained = tuple(zip(bases, left, strict=True))
         more = bases[1].shape[1] - bases[0].shape[1]
         gained = fit.left * np.log(left[0] / left[1])
@@ -73,17 +77,26 @@ class ValveTest:
         self._needed = (gained - more * np.log(told.shape[1])) / 2
 
     def of(self, valves: Sequence[Valve]) -> Effects:
-        changes = []
-        for piece, whitening in self._parts:
-            moved = [self._response(piece, valve) for valve in valves]
-            changes.append(whitening(np.array(moved)))
-        changes.append(np.zeros((len(valves), 2 * self._fit.theta.size)))
-        changed = np.hstack(changes)
+        batches = [self._batch(valves[k : k + BATCH]) for k in range(0, len(valves), BATCH)]
+        alone, beyond, moved = (np.concatenate(of_each) for of_each in zip(*batches, strict=True))
         shifts = np.zeros((len(valves), self._free.size))
-        shifts[:, self._free] = changed @ self._renewed.T
-        alone, beyond = (self._gain(basis, before, changed) for basis, before in self._explained)
+        shifts[:, self._free] = moved
         evidence = np.logaddexp(alone / 2, self._needed + beyond / 2) - np.logaddexp(0.0, self._needed)
         return Effects(alone, evidence, beyond, shifts[:, : self._fit.theta.size])
+
+    def _batch(self, valves: Sequence[Valve]) -> tuple[Array, Array, Array]:
+        """(m,) what each valve gains alone, (m,) beside all else, and (m, n_free) by how much it moves what is free."""
+        changes = []
+        for piece, whitening in self._parts:
+            changes.append(whitening(np.array([self._response(piece, valve) for valve in valves])))
+        changes.append(np.zeros((len(valves), 2 * self._fit.theta.size)))
+        changed = np.hstack(changes)
+        rest = self._errors - changed
+        squares = np.einsum("mn,mn->m", rest, rest)
+        alone, beyond = (
+            self._fit.left * np.log(before / _left(rest, squares, basis)) for basis, before in self._explained
+        )
+        return alone, beyond, changed @ self._renewed.T
 
     def _expected(self, told: Array) -> tuple[Array, Array]:
         """Errors (2 size,) besides those of prediction, and their derivatives by theta and A(q).
@@ -107,19 +120,10 @@ class ValveTest:
         moved = valve.positions(piece.recorded[self._column], start=0.0) - piece.inputs[self._column]
         return _element_response(self._fit, self._m, piece, moved)
 
-    def _gain(self, basis: Array, before: float, changed: Array) -> Array:
-        """(m,) what -2 log likelihood gains by changes (m, n) of the errors, where a basis explains what it can.
 
-        `before` is the sum of squares that the basis leaves of the errors as they are.
-        """
-        return np.asarray(self._fit.left * np.log(before / _left(self._errors - changed, basis)))
-
-
-def _left(errors: Array, basis: Array) -> Array:
-    """(m,) sums of squares that an orthonormal basis (n, k) leaves of errors (m, n)."""
-    told = errors @ basis
-    left = np.einsum("mn,mn->m", errors, errors) - np.einsum("mk,mk->m", told, told)
-    return np.asarray(np.maximum(left, 1e-300))
+def _left(errors: Array, squares: Array, basis: Array) -> Array:
+    """(m,) what an orthonormal basis (n, k) leaves of the squares (m,) of errors (m, n)."""
+    return np.asarray(np.maximum(squares - np.sum((errors @ basis) ** 2, axis=1), 1e-300))
 
 
 def _element_response(fit: RowFit, m: int, piece: Piece, u: Array) -> Array:
