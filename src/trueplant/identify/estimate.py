@@ -204,7 +204,7 @@ def _with_noise(
 
 
 def polished(fit: RowFit) -> RowFit:
-    """The fit to the end, with a noise model of its own."""
+    """The fit with a noise model of its own, chosen once more when the plant has found its place."""
     return with_own_noise(with_own_noise(fit, levels.TRIED_STEPS), levels.POLISHED_STEPS)
 
 
