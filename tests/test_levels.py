@@ -123,6 +123,7 @@ ELSEWHERE = {
     "sizes of arrays held at once, which no result depends on": {
         "identify/initial_state.py:RUN",
         "identify/noise.py:BLOCK",
+        "identify/valve_effects.py:BATCH",
         "record/laplace.py:_CHUNK",
         "record/spectra.py:BATCH",
     },

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.identify import Row, Spec, fit_row, identify_output, output, pieces_of
+from trueplant.identify import Row, Spec, fit_row, identify_output, minima, output, pieces_of
 from trueplant.identify.covariance import scaled
 from trueplant.identify.intervals import as_wide_as, profile_of
 from trueplant.identify.minima import open_minima
@@ -140,3 +140,27 @@ def test_profiles_say_how_far_the_others_go():
     along = fit.covariance[:, 1] / sigma[1]
     np.testing.assert_allclose(profile.away[1][[0, 1]], along[[0, 1]], rtol=0.15)
     np.testing.assert_allclose(profile.furthest, np.abs(profile.away).max(axis=0))
+
+
+def further_minima(found: int, descents: int) -> float:
+    """How many more are expected (Boender and Rinnooy Kan 1987)."""
+    return found * (descents - 1) / (descents - found - 2) - found
+
+
+@pytest.mark.parametrize(("std", "descents"), [(0.05, 8), (0.5, 17)])
+def test_the_search_ends_where_no_second_minimum_is_expected(std, descents, monkeypatch):
+    """Two delayed terms: in little noise every start finds the same, in much they end in several."""
+    begun, truth = [], [3.0, -1.2, 14.0, 9.0, 3.4, 26.7]
+
+    def ended(fit, theta, like):
+        begun.append(theta)
+        return descend(fit, theta, like)
+
+    descend = minima._ended
+    monkeypatch.setattr(minima, "_ended", ended)
+    row = Row((Spec(0, TWO_TERMS, tuple(truth)),), pieces_of([record(TWO_TERMS, truth, 1, std)], 0))
+    found = open_minima(fit_row(row, np.array(truth), np.array([-0.9])), 0.95)
+    assert len(begun) == descents
+    assert (len(found.fits) == 1) is (descents == 8)
+    assert further_minima(1, 8) < 0.5 <= further_minima(1, 7)
+    assert further_minima(2, 16) >= 0.5
