@@ -17,8 +17,8 @@ from trueplant.identify import (
     find_holds,
     identify_matrix,
     identify_plant,
+    over_open_holds,
     specs_of,
-    widened_for_holds,
     with_holds,
 )
 from trueplant.identify.intervals import Mixture
@@ -72,7 +72,7 @@ def estimated(segment: Segment) -> tuple[FoundHold, OutputEstimate]:
     """As an analysis does where the hold is not declared."""
     found = identify_plant([segment], PLANT, specs_of(PLANT), Open([1]), 0.95, (0.0, 0.0))
     estimates, holds = found.estimates, found.holds
-    return holds[1], widened_for_holds(estimates, holds, 0.95)[0]
+    return holds[1], over_open_holds(estimates, holds, 0.95)[0]
 
 
 def covers(estimate: OutputEstimate) -> Array:

@@ -10,9 +10,9 @@ from scipy.stats import norm
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import (
-    averaged_over_valves,
     behind_valves,
     identify_matrix,
+    over_open_valves,
     pieces_of,
     specs_of,
     sticking,
@@ -95,7 +95,7 @@ def test_what_a_valve_may_move_reaches_an_estimate_of_another_structure():
     richer = TransferMatrix.of([["2 exp(-3.3 s)/((10 s + 1)(0.5 s + 1))"]], "min")
     second = identify_matrix([segment], richer, specs_of(richer))
     tried = try_valves(first, [0])
-    median = averaged_over_valves(second, tried, 0.95)[0]
+    median = over_open_valves(second, tried, 0.95)[0]
     odds = np.concatenate([np.ones(1), *(one.odds for one in tried[0])])
     shares, shifts = odds / odds.sum(), np.vstack([np.zeros(3), *(one.shifts[0] for one in tried[0])])
     lags = second[0].theta[1:3] / second[0].theta[1:3].sum()
@@ -121,7 +121,7 @@ def test_intervals_reach_the_plant_behind_a_valve_that_the_record_cannot_show():
         estimates = identify_matrix([segment], PLANT, specs_of(PLANT))
         tried = try_valves(estimates, [0])
         assert not sticking(tried)
-        both = estimates[0], averaged_over_valves(estimates, tried, 0.95)[0]
+        both = estimates[0], over_open_valves(estimates, tried, 0.95)[0]
         covered.append([one.intervals[1, 0] <= 10.0 <= one.intervals[1, 1] for one in both])
         errors.append([one.theta[1] - 10.0 for one in both])
     bare, wider = np.sum(covered, axis=0)

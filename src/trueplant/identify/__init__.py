@@ -7,7 +7,7 @@ from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.first import INTEGRATING, SELF_REGULATING
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.gate import Worse, worse_than_model
-from trueplant.identify.holds import FoundHold, find_holds, widened_for_holds, with_holds
+from trueplant.identify.holds import FoundHold, find_holds, over_open_holds, with_holds
 from trueplant.identify.loads import FoundLoad, found_loads, with_loads
 from trueplant.identify.longest_noise import estimate_beside_longest_noise
 from trueplant.identify.matrix import Identification, identify_matrix, identify_plant, specs_of
@@ -23,8 +23,8 @@ from trueplant.identify.validate import Validation, fit_percent, prediction_erro
 from trueplant.identify.valves import (
     FoundValve,
     Tried,
-    averaged_over_valves,
     behind_valves,
+    over_open_valves,
     sticking,
     try_valves,
     widened_for_bands,
@@ -54,7 +54,6 @@ __all__ = [
     "Validation",
     "WhyUnanswered",
     "Worse",
-    "averaged_over_valves",
     "behind_valves",
     "choose_stride",
     "equation_error",
@@ -68,6 +67,8 @@ __all__ = [
     "identify_output",
     "identify_plant",
     "operating_points",
+    "over_open_holds",
+    "over_open_valves",
     "paper_route",
     "pieces_of",
     "prediction_errors",
@@ -78,7 +79,6 @@ __all__ = [
     "try_valves",
     "unanswered",
     "widened_for_bands",
-    "widened_for_holds",
     "with_holds",
     "with_loads",
     "with_open_valves",

@@ -189,7 +189,7 @@ def with_holds(segments: Sequence[Segment], holds: Mapping[int, FoundHold]) -> t
     return tuple(out)
 
 
-def widened_for_holds(
+def over_open_holds(
     estimates: Mapping[int, OutputEstimate], holds: Mapping[int, FoundHold], confidence: float
 ) -> dict[int, OutputEstimate]:
     """The medians over the ways that disturbances may run, as far as the likelihood leaves them open."""

@@ -79,7 +79,7 @@ def sticking(tried: Mapping[int, Sequence[Tried]]) -> dict[int, FoundValve]:
     return {} if found is None or p >= levels.VALVE else {column: found}
 
 
-def averaged_over_valves(
+def over_open_valves(
     estimates: Mapping[int, OutputEstimate], tried: Mapping[int, Sequence[Tried]], confidence: float
 ) -> dict[int, OutputEstimate]:
     """The medians over what valves that may not follow OP, though not beyond chance, would make of the estimates."""

@@ -19,14 +19,14 @@ from trueplant.identify import (
     Tried,
     Unanswered,
     WhyUnanswered,
-    averaged_over_valves,
     behind_valves,
     found_loads,
     identify_plant,
+    over_open_holds,
+    over_open_valves,
     sticking,
     try_valves,
     widened_for_bands,
-    widened_for_holds,
     with_holds,
     with_loads,
     with_open_valves,
@@ -97,7 +97,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
             estimates = found.estimates
         estimates = _resting_on_disturbances(study, estimates, fits)
     confidence = study.project.analysis.confidence
-    estimates = averaged_over_valves(widened_for_holds(estimates, holds, confidence), tried, confidence)
+    estimates = over_open_valves(over_open_holds(estimates, holds, confidence), tried, confidence)
     estimates = with_open_valves(widened_for_bands(estimates, valves, found_in, confidence), columns, valves)
     if drawn := drawn_outputs(study):
         say("estimating what a historian left out")
