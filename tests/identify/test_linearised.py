@@ -11,6 +11,7 @@ from scipy.linalg import lstsq, orth
 from trueplant.identify import Row, Spec, levels
 from trueplant.identify.fit import evaluate, linearised
 from trueplant.identify.linear_algebra import eliminated, remove
+from trueplant.identify.noise import measured_from, whitened_valid
 from trueplant.identify.pieces import Piece
 from trueplant.lti import sampled_response
 from trueplant.lti.structure import Structure
@@ -155,3 +156,12 @@ def test_elimination_of_dependent_columns_against_scipy(seed, rank, more, decade
     rest = np.array([target])
     remove(basis.T.copy(), rest)
     assert np.allclose(rest[0], target - expected, atol=1e-9)
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=40), st.integers(0, 8))
+def test_where_prediction_errors_begin_and_whether_all_follow(measured, order):
+    valid = np.array(measured)
+    good = whitened_valid(order, valid)
+    first, all_follow = measured_from(order, valid)
+    assert first == (int(np.argmax(good)) if good.any() else -1)
+    assert first < 0 or all_follow == bool(good[first:].all())

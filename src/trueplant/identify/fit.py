@@ -20,7 +20,7 @@ from trueplant.identify.descent import Problem, descend
 from trueplant.identify.initial_state import Unknown
 from trueplant.identify.lagged import at_samples, gram_of_past, with_past
 from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse, remove
-from trueplant.identify.noise import filter_rows, whiten, whitened_valid
+from trueplant.identify.noise import filter_rows, measured_from, whiten, whitened_valid
 from trueplant.identify.restricted import Moved, Restriction
 from trueplant.identify.row import Row
 
@@ -282,11 +282,10 @@ class _Moved:
 
 def _used(order: int, valid: BoolArray) -> slice | BoolArray | None:
     """The prediction errors that rest on measured outputs alone; None where there are none."""
-    whole = whitened_valid(order, valid)
-    if not whole.any():
+    first, rest = measured_from(order, valid)
+    if first < 0:
         return None
-    first = int(np.argmax(whole))
-    return slice(first, None) if whole[first:].all() else whole
+    return slice(first, None) if rest else whitened_valid(order, valid)
 
 
 def fit_row(

@@ -165,36 +165,39 @@ def _largest(theta: Array, modes: Modes, past: Past, span: float) -> Array:
 
 @compiled
 def _lag(tau: float, t: Array, response: Array, slope: Array) -> None:
-    """Free response of a lag at times t (n,) since its start, and its derivative by the time constant."""
-    response[:] = _exponential(complex(-1 / tau, 0.0), t).real
-    slope[:] = response * t / tau**2
+    """Into zeros: free response of a lag at times t (n,) since its start, and its derivative by the time constant."""
+    left = _exponential(complex(-1 / tau, 0.0), t).real
+    response[: left.size] = left
+    slope[: left.size] = left * t[: left.size] / tau**2
 
 
 @compiled
 def _pair(omega0: float, zeta: float, t: Array, responses: Array, slopes: Array) -> None:
-    """The two free responses (2, n) of a complex pair, and the derivative of each by frequency and damping (4, n)."""
+    """Into zeros: two free responses (2, n) of a complex pair, derivatives of each by frequency and damping (4, n)."""
     z = min(zeta, 1.0)
     r = np.sqrt(1 - z**2)
     pole = complex(-z, r)
     by_zeta = complex(-1.0, -z / r) if r > 0 else complex(0.0, 0.0)
     swing = _exponential(pole * omega0, t)
-    responses[0], responses[1] = swing.real, swing.imag
-    slope = pole * t * swing
-    slopes[0], slopes[2] = slope.real, slope.imag
-    slope = by_zeta * omega0 * t * swing
-    slopes[1], slopes[3] = slope.real, slope.imag
+    n = swing.size
+    responses[0, :n], responses[1, :n] = swing.real, swing.imag
+    slope = pole * t[:n] * swing
+    slopes[0, :n], slopes[2, :n] = slope.real, slope.imag
+    slope = by_zeta * omega0 * t[:n] * swing
+    slopes[1, :n], slopes[3, :n] = slope.real, slope.imag
 
 
 @compiled
 def _exponential(rate: complex, t: Array) -> ComplexArray:
-    """exp(rate t) at equidistant times t (n,), until nothing is left of it."""
-    out = np.zeros(t.size, dtype=np.complex128)
+    """exp(rate t) at equidistant times t (n,), as many of them as something is left of it."""
+    size = 0
+    while size < t.size and -rate.real * t[size] <= levels.FREE_RESPONSE_GONE:
+        size += RUN
+    out = np.empty(min(size, t.size), dtype=np.complex128)
     run = np.exp(rate * (t[:RUN] - t[0])) if t.size else out
-    for first in range(0, t.size, RUN):
-        if -rate.real * t[first] > levels.FREE_RESPONSE_GONE:
-            break
+    for first in range(0, out.size, RUN):
         value = np.exp(rate * t[first])
-        for k in range(min(RUN, t.size - first)):
+        for k in range(min(RUN, out.size - first)):
             out[first + k] = value * run[k]
     return out
 

@@ -54,6 +54,22 @@ def whitened_valid(order: int, valid: BoolArray) -> BoolArray:
     return good
 
 
+@compiled
+def measured_from(order: int, valid: BoolArray) -> tuple[int, bool]:
+    """The first prediction error of this order that uses measured samples only, -1 for none; do all from there on?"""
+    first, run = -1, 0
+    for k in range(valid.size):
+        if not valid[k]:
+            if first >= 0:
+                return first, False
+            run = 0
+            continue
+        run += 1
+        if first < 0 and run > order:
+            first = k - order
+    return first, True
+
+
 def lagged(v: Array, order: int) -> Array:
     """v[k-1], ..., v[k-order] for k from order on: (n - order, order) of v (n,), (n - order, order m) of v (n, m)."""
     wide = v if v.ndim == 2 else v[:, None]
