@@ -6,6 +6,8 @@ gains of all others and the nuisance terms projected out, and several times over
 
 from __future__ import annotations
 
+from itertools import combinations_with_replacement
+
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
@@ -147,17 +149,14 @@ def _delayed_products(
     for phase in np.unique(starts % stride):
         seen = late[..., phase::stride]
         rows = whiten(ar, seen.reshape(-1, seen.shape[-1]).T).T.reshape(*seen.shape[:-1], -1)
-        products = {(one, other): rows[..., one, :] * rows[..., other, :] for one, other in _pairs(n)}
+        pairs = combinations_with_replacement(range(n), 2)
+        products = {(one, other): rows[..., one, :] * rows[..., other, :] for one, other in pairs}
         for k in np.flatnonzero(starts % stride == phase):
             part = slice(starts[k] // stride, starts[k] // stride + m)
             told[..., k] = rows[..., part] @ columns.T
             for (one, other), product in products.items():
                 energy[..., one, other, k] = energy[..., other, one, k] = product[..., part] @ used
     return np.moveaxis(told, -1, -3), np.moveaxis(energy, -1, -3)
-
-
-def _pairs(n: int) -> list[tuple[int, int]]:
-    return [(one, other) for one in range(n) for other in range(one, n)]
 
 
 def _numerators(structure: Structure, p: Array) -> Array:
