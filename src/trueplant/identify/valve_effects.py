@@ -67,10 +67,8 @@ class ValveTest:
         size = np.sqrt(np.einsum("nk,nk->k", jacobian, jacobian))
         size[size == 0] = 1.0
         self._renewed = np.linalg.pinv(jacobian / size, rcond=levels.LOST) / size[:, None]
-        bases = orthonormal(jacobian), orthonormal(np.hstack([jacobian, rivals]))
-        own = self._errors[None]
-        left = [float(_left(own, np.sum(own**2, axis=1), basis)[0]) for basis in bases]
-        self._explained = tuple(zip(bases, left, strict=True))
+        self._bases = bases = orthonormal(jacobian), orthonormal(np.hstack([jacobian, rivals]))
+        self._left = left = [float(one[0]) for one in _left(self._errors[None], bases)]
         more = bases[1].shape[1] - bases[0].shape[1]
         gained = fit.left * np.log(left[0] / left[1])
         # log odds that what else could explain the errors is needed, by the Bayesian criterion
@@ -91,11 +89,8 @@ class ValveTest:
             changes.append(whitening(np.array([self._response(piece, valve) for valve in valves])))
         changes.append(np.zeros((len(valves), 2 * self._fit.theta.size)))
         changed = np.hstack(changes)
-        rest = self._errors - changed
-        squares = np.einsum("mn,mn->m", rest, rest)
-        alone, beyond = (
-            self._fit.left * np.log(before / _left(rest, squares, basis)) for basis, before in self._explained
-        )
+        after = _left(self._errors - changed, self._bases)
+        alone, beyond = (self._fit.left * np.log(before / one) for before, one in zip(self._left, after, strict=True))
         return alone, beyond, changed @ self._renewed.T
 
     def _expected(self, told: Array) -> tuple[Array, Array]:
@@ -121,9 +116,10 @@ class ValveTest:
         return _element_response(self._fit, self._m, piece, moved)
 
 
-def _left(errors: Array, squares: Array, basis: Array) -> Array:
-    """(m,) what an orthonormal basis (n, k) leaves of the squares (m,) of errors (m, n)."""
-    return np.asarray(np.maximum(squares - np.sum((errors @ basis) ** 2, axis=1), 1e-300))
+def _left(errors: Array, bases: Sequence[Array]) -> list[Array]:
+    """(m,) each: sums of squares that each of some orthonormal bases (n, k) leaves of errors (m, n)."""
+    squares = np.einsum("mn,mn->m", errors, errors)
+    return [np.maximum(squares - np.sum((errors @ basis) ** 2, axis=1), 1e-300) for basis in bases]
 
 
 def _element_response(fit: RowFit, m: int, piece: Piece, u: Array) -> Array:
