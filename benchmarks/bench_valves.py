@@ -24,9 +24,9 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import (
-    averaged_over_valves,
     behind_valves,
     identify_matrix,
+    over_open_valves,
     specs_of,
     sticking,
     try_valves,
@@ -62,7 +62,7 @@ def run(job: tuple[int, int, str, float]) -> tuple[bool, float, np.ndarray]:
         estimates = identify_matrix(behind_valves(segments, found), PLANT, specs_of(PLANT))
         estimates = widened_for_bands(estimates, found, tried, 0.95)
     else:
-        estimates = averaged_over_valves(estimates, tried, 0.95)
+        estimates = over_open_valves(estimates, tried, 0.95)
     low, high = estimates[0].intervals.T
     covered = (low <= TRUTH) & (high >= TRUTH)
     if not given or not found:
