@@ -102,7 +102,7 @@ def test_errors_of_a_billionth_of_the_output_are_rounding(
     """Or prediction errors of a thousandth of that."""
     y = np.array([1.0, -1.0, 1.0, -1.0])
     monkeypatch.setattr(estimate, "noise_signals", lambda fit: ([y * np.sqrt(left)], None))
-    fit: Any = Stub(row=Stub(measured=lambda k: (y, np.ones(4, dtype=bool))), cost=4 * predicted)
+    fit: Any = Stub(row=Stub(energy=4.0), cost=4 * predicted)
     assert free_of_noise(fit) is free
 
 

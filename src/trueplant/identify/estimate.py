@@ -54,9 +54,7 @@ def noise_signals(fit: RowFit) -> tuple[list[Array], list[BoolArray]]:
 def free_of_noise(fit: RowFit) -> bool:
     """Is what is left of the output, or of its prediction, rounding?"""
     signals, _ = noise_signals(fit)
-    measured = [y[ok] for y, ok in map(fit.row.measured, range(len(signals)))]
-    energy = sum(float(np.sum((y - y.mean()) ** 2)) for y in measured if y.size)
-    left = sum(float(s @ s) for s in signals)
+    left, energy = sum(float(s @ s) for s in signals), fit.row.energy
     return left <= levels.NOISE_FREE * energy or fit.cost <= levels.EXACT * energy
 
 

@@ -325,7 +325,7 @@ def fit_row(
         np.concatenate([high, anywhere]),
         moving,
         np.concatenate([row.is_dead_time, np.zeros(ar.size, dtype=bool)]),
-        levels.EXACT * max(_energy(row), 1e-300),
+        levels.EXACT * max(row.energy, 1e-300),
         settled,
         reweighted,
     )
@@ -352,10 +352,6 @@ def refitted(fit: RowFit, theta: Array, free: BoolArray) -> RowFit:
         iterations=levels.PROFILED_STEPS,
         settled=levels.TRIED_SETTLED,
     )
-
-
-def _energy(row: Row) -> float:
-    return float(sum(np.sum((y - y.mean()) ** 2) for y, _ in (row.measured(k) for k in range(len(row.pieces)))))
 
 
 def _level_weights(power: Array, weights: Array) -> Array:

@@ -141,6 +141,11 @@ class Row:
         piece = self.pieces[k]
         return piece.about_its_mean[:: self.stride], piece.valid[:: self.stride]
 
+    @property
+    def energy(self) -> float:
+        """Sum of squares of the output, of each piece about its mean."""
+        return float(sum(y[ok] @ y[ok] for y, ok in map(self.measured, range(len(self.pieces)))))
+
     def without_unseen(self, theta: Array) -> Row:
         """The row without the outputs that still answer to inputs from before a record that starts in motion.
 
