@@ -147,3 +147,12 @@ def test_elements_of_one_side_are_told_and_nothing_in_common_is_a_refusal():
     found = compare_results(result(), unknown)
     assert found.status == Status.REFUSED
     assert found.elements[0].parameters[0].reason == "not answered by the second"
+
+
+def test_a_gain_of_a_flow_in_volume_per_hour_is_not_one_per_time_unit():
+    def flow(made: Result) -> Result:
+        one = made.elements[0]
+        return replace(made, elements=(replace(one, parameters=(replace(one.parameters[0], unit="m3/h"),)),))
+
+    (gain,) = parameters(flow(result(unit="s")), flow(result(digest="b", unit="h")))
+    assert gain.reason == "" and gain.difference == pytest.approx(0.0)

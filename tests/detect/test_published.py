@@ -167,3 +167,13 @@ def test_thresholds_hold_for_the_whole_matrix_in_open_loop():
         segment = replace(segment_of(sim), closed=False)
         flags += bool(detect.published("partial-correlation", [segment], model).flagged.any())
     assert flags <= most(100, 0.05)
+
+
+@pytest.mark.parametrize("element", ["0.1/s", "2", "0"])
+def test_detectors_that_need_lags_or_a_model_refuse_plants_without(element):
+    model = TransferMatrix.of([[element, element], [element, element]])
+    moved, routine = [record(1, samples=1000)], [record(9, moves=False, samples=2000)]
+    assert detect.published("one-class", routine, model).refusal
+    if element == "0":
+        refusals = [detect.published(name, moved, model, BLT).refusal for name in detect.DETECTORS[:-1]]
+        assert all("no model" in (refusal or "") for refusal in refusals[:2]), refusals

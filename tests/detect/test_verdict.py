@@ -138,3 +138,21 @@ def test_what_the_other_test_counts_by_itself_wald_does_not_count_again_but_stil
     assert p_of(None, both) == pytest.approx(chi2.sf(0.25**2 / 0.015, 1))
     whole = np.sum(moved**2 / np.diag(by_likelihood))
     assert p_of(None, by_likelihood) == pytest.approx(max(chi2.sf(whole, 2), 1e-9))
+
+
+def test_what_is_known_together_counts_as_moved_beyond_the_tolerance_or_not():
+    """Two lags of which the sum is known to 1 % and neither by itself, and a gain that has not moved."""
+    apart, together = 64.0, 0.02
+    covariance = np.zeros((3, 3))
+    covariance[0, 0] = 1e-4
+    covariance[1:, 1:] = [[apart, together - apart], [together - apart, apart]]
+    model, answered, worth = (1.0, 12.0, 8.0), (True, False, False), np.array([0.3, 9.0, 9.0])
+
+    def said(plant: list[float], tolerance: float) -> str:
+        one = Evidence(model, np.array(plant), covariance, answered, detectable=0.05, worth_knowing=worth)
+        return judge([one], tolerance_percent=tolerance)[0].verdict
+
+    assert said([1.0, 18.0, 12.0], 0) == said([1.0, 18.0, 12.0], 40) == "changed"  # the sum is up by half
+    assert said([1.0, 18.0, 12.0], 60) == "unchanged"
+    assert said([1.0, 13.0, 8.0], 0) == "changed" and said([1.0, 13.0, 8.0], 10) == "unchanged"
+    assert said([1.0, 25.0, -5.0], 40) == "unchanged"  # the sum is what it was

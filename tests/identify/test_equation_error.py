@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import max_len_seq
@@ -123,3 +125,10 @@ def test_what_cannot_be_estimated_is_refused():
         equation_error(r, e, H, 1, 2, 1.0)
     with pytest.raises(Refused, match="no usable segment"):
         paper_route([], MODEL, LOOP, {})
+
+
+def test_the_route_asks_for_the_set_points_of_all_loops():
+    record = splitter(0.0)
+    record = replace(record, r=record.r * [1.0, np.nan])
+    with pytest.raises(Refused, match="set-points of all loops"):
+        paper_route([record], MODEL, LOOP, {(0, 0): FOPDT})

@@ -17,8 +17,10 @@ from trueplant.identify import (
     WhyUnanswered,
     estimate_row,
     fit_row,
+    identify_matrix,
     identify_output,
     pieces_of,
+    specs_of,
     unanswered,
 )
 from trueplant.identify.estimate import is_better
@@ -313,3 +315,14 @@ def test_a_gain_whose_interval_is_without_zero_is_told_from_zero():
         reasons = unanswered(replace(estimate, intervals=lopsided.copy(), covariance=wide))
         dynamics = [reasons.get(k) for k in range(part.start + 1, part.stop)]
         assert said == any(one is not None and one.why is WhyUnanswered.GAIN_NOT_TOLD_FROM_ZERO for one in dynamics)
+
+
+@pytest.mark.parametrize("pv", ["constant", "two samples"])
+def test_an_output_that_does_not_move_or_is_hardly_measured_has_no_estimate(pv):
+    record = segment_of(wood_berry(10, 700))
+    y = record.y.copy()
+    y[:, 1] = 1.0 if pv == "constant" else np.nan
+    if pv == "two samples":
+        y[[5, 300], 1] = 1.0, 2.0
+    found = identify_matrix([replace(record, y=y)], WOOD_BERRY, specs_of(WOOD_BERRY))
+    assert list(found) == [0]

@@ -362,3 +362,14 @@ def test_response_carries_the_covariance():
     draws = rng.multivariate_normal(fit.theta, fit.covariance, 3000)
     spread = np.sqrt(np.mean([np.abs(FOURTH.transfer(p)(s) - value) ** 2 for p in draws], axis=0))
     np.testing.assert_allclose(std, spread, rtol=0.06)
+
+
+def test_in_open_loop_the_inputs_are_their_own_instruments():
+    rng = np.random.default_rng(1)
+    u = random_switching(rng, 600, 1, 15.0)
+    plant = WOOD_BERRY[0, 0]
+    y = sampled_response(plant, u[:, 0], 1.0)[:, None] + 0.1 * rng.standard_normal((600, 1))
+    empty, nothing = np.zeros((600, 0)), np.full((600, 1), np.nan)
+    record = Segment(0, 1.0, np.arange(600.0), nothing, u, y, empty, np.ones((600, 1), bool), ("zoh",), closed=False)
+    order = [Order(0, 1, 0, plant.terms[0].dead_time)]
+    assert two_stage([record], 0, order).theta == pytest.approx(srivc([record], 0, order).theta, rel=1e-6)

@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from support.joint_bound import joint_bound
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant import plants
 from trueplant.identify import Spec, identify_matrix, identify_output, specs_of
-from trueplant.identify.joint import fit_jointly, fit_until_white, whiteness_p
+from trueplant.identify.fit import fit_row
+from trueplant.identify.joint import _chosen_order, fit_jointly, fit_until_white, whiteness_p
+from trueplant.identify.shared_disturbance import predicted_outputs
 from trueplant.loop import simulate
+from trueplant.lti import TransferMatrix
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.structure import structure_of
 
 TRUTH = [np.concatenate([structure_of(WOOD_BERRY[i, j])[1] for j in range(2)]) for i in range(2)]
 
 
-def separate(segment):
-    specs = specs_of(WOOD_BERRY)
-    rows: list[list[Spec]] = [[spec for (row, _), spec in sorted(specs.items()) if row == i] for i in range(2)]
-    return [identify_output([segment], i, row) for i, row in enumerate(rows)]
+def row_of(model, i) -> list[Spec]:
+    return [spec for (row, _), spec in sorted(specs_of(model).items()) if row == i]
+
+
+def separate(segment, model=WOOD_BERRY):
+    return [identify_output([segment], i, row_of(model, i)) for i in range(2)]
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +97,52 @@ def test_too_few_whole_samples_are_left_alone():
     record = segment_of(wood_berry(70, 1500))
     y = np.where(rng.random(record.y.shape) < 0.7, np.nan, record.y)
     assert fit_jointly([e.fit for e in separate(dataclasses.replace(record, y=y))], 4) is None
+
+
+@pytest.mark.parametrize("lost", [0, 9])
+def test_the_order_of_the_vector_autoregression_does_not_depend_on_units(lost):
+    """Of first order, in three pieces, whole or with every ninth sample lost."""
+    rng = np.random.default_rng(3)
+    v = np.split(lfilter([1], [1, -0.7], rng.standard_normal((1500, 2)), axis=0), 3)
+    valid = [np.arange(500) % lost != lost - 1 if lost else np.ones(500, dtype=bool) for _ in v]
+    fits = [SimpleNamespace(ar=np.zeros(5))] * 2
+    assert {_chosen_order([unit * x for x in v], valid, fits) for unit in (1e-3, 1.0, 1e3)} == {1}
+
+
+def test_the_joint_fit_does_not_depend_on_units():
+    """The same record with the second PV, and its model, in a thousandth of its unit."""
+    segment = segment_of(wood_berry(5, 1500))
+    scale = np.array([1.0, 1000.0])
+    other = TransferMatrix(
+        tuple(tuple(float(k) * cell for cell in row) for k, row in zip(scale, WOOD_BERRY.elements, strict=True))
+    )
+    plain, scaled = (
+        fit_jointly([one.fit for one in separate(s, model)])
+        for s, model in ((segment, WOOD_BERRY), (dataclasses.replace(segment, y=segment.y * scale), other))
+    )
+    assert plain.ar.shape == scaled.ar.shape
+    assert scaled.theta[1][[1, 2, 4, 5]] == pytest.approx(plain.theta[1][[1, 2, 4, 5]], rel=1e-3)
+
+
+def test_what_a_fit_holds_the_joint_fit_holds():
+    alone = separate(segment_of(wood_berry(9, 1500)))
+    free = np.array([True, True, False, True, True, True])
+    theta = np.where(free, alone[0].fit.theta, 0.0)
+    held = fit_row(alone[0].fit.row, theta, alone[0].fit.ar, free=free)
+    joint = fit_jointly([held, alone[1].fit], 1)
+    assert joint.theta[0][2] == 0.0 and joint.covariance[0][2, 2] < 1e-20
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_disturbances_are_found_to_pass_from_output_to_output_whatever_is_missing(missing):
+    """Seen in PV 1 three samples before PV 2, in two experiments, of which PV 2 may be missing in the first."""
+    segments = []
+    for k in range(2):
+        rng = np.random.default_rng(40 + k)
+        e = coloured(rng, 903, 1, [1, -0.9], [1], 0.4)[:, 0]
+        v = np.column_stack([e[3:], 1.5 * e[:-3]]) + 0.03 * rng.standard_normal((900, 2))
+        segments.append(segment_of(simulate(WOOD_BERRY, BLT, random_switching(rng, 900, 2, 20.0), 1.0, v=v), k))
+    if missing:
+        segments[0] = dataclasses.replace(segments[0], y=segments[0].y * [1.0, np.nan])
+    found = {i: identify_output(segments, i, row_of(WOOD_BERRY, i)) for i in range(2)}
+    assert predicted_outputs(found) == {1: [0]}

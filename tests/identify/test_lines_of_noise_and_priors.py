@@ -18,8 +18,8 @@ from trueplant.identify.noise import choose_order
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.pieces import pieces_of
 from trueplant.identify.prior import Prior
-from trueplant.identify.sandwich import squares_p
-from trueplant.identify.shared_disturbance import _at_common_instants, _relation_p
+from trueplant.identify.shared_disturbance import _at_common_instants, _Errors, _relation_p
+from trueplant.identify.validate import squares_p
 from trueplant.lti import Structure
 
 Array = np.ndarray
@@ -99,15 +99,16 @@ def test_errors_of_outputs_together_are_white_if_nothing_comes_again_within_twen
 @pytest.mark.parametrize(("late", "seen"), [(6, True), (12, False)])
 def test_one_output_foretells_the_errors_of_another_within_eight_samples(late: int, seen: bool) -> None:
     x, t = white(4000), np.arange(4000.0)
-    assert (_relation_p(t, np.roll(x, late) + white(4000, 2), t, x) < 1e-3) is seen
+    here, there = ({0: _Errors(1.0, t, e)} for e in (np.roll(x, late) + white(4000, 2), x))
+    assert (_relation_p(here, there) < 1e-3) is seen
 
 
 @pytest.mark.holds("identify.ERRORS_PER_LAG")
 @pytest.mark.parametrize(("common", "compared"), [(60, False), (120, True)])
 def test_errors_of_two_outputs_are_compared_that_have_eighty_instants_in_common(common: int, compared: bool) -> None:
     t, late = np.arange(400.0), np.arange(400.0) + 400 - common
-    e, _ = _at_common_instants(t, white(400), late, white(400, 2))
-    assert (e.size == common) is compared
+    e, _ = _at_common_instants({0: _Errors(1.0, t, white(400))}, {0: _Errors(1.0, late, white(400, 2))})
+    assert ([part.size for part in e] == [common]) is compared
 
 
 @pytest.mark.holds("identify.RESIDUAL_LAGS")
@@ -116,7 +117,7 @@ def test_errors_keep_their_size_if_they_do_so_within_25_samples(lag: int, seen: 
     """Bursts of one sample that come again so many later: what tests of whiteness look at as well."""
     loud = np.zeros(4000)
     loud[::lag] = 1.0
-    assert (squares_p(white(4000) * (1 + 5 * loud)) < 1e-3) is seen
+    assert (squares_p([white(4000) * (1 + 5 * loud)]) < 1e-3) is seen
 
 
 @pytest.mark.holds("identify.INITIAL_STATE_BIAS")

@@ -9,9 +9,10 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import kstest
 
-from support.simulated import random_switching
-from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of, sandwich
-from trueplant.identify.sandwich import correlated_lags, plant_covariance, sandwich_covariance, squares_p
+from support.simulated import WOOD_BERRY, random_switching, segment_of, wood_berry
+from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of, prediction_errors, sandwich, specs_of
+from trueplant.identify.sandwich import correlated_lags, plant_covariance, sandwich_covariance
+from trueplant.identify.validate import squares_p
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.structure import Structure
 from trueplant.record.types import Segment
@@ -55,7 +56,7 @@ def test_standard_errors_are_those_of_monte_carlo():
 
 def test_loud_noise_after_moves_widens_what_moves_tell_and_even_noise_hardly_anything():
     loud = identify_output([step_test(7)], 0, [SPEC])
-    assert loud.uneven and squares_p(loud.tests.e) < 1e-6
+    assert loud.uneven and loud.tests.size_p < 1e-6
     assert np.all(np.diag(loud.covariance)[1:] > 1.3 * np.diag(loud.fit.covariance)[1:])
     ratios = []
     for seed in range(8):
@@ -113,13 +114,13 @@ def test_not_by_rounding_either(monkeypatch):
 def test_p_values_are_uniform_for_even_errors_and_tiny_for_a_burst():
     """300 seeded runs: uniform passes with 0.99, and with less than 1e-3 where 20 % of p-values are below 5 %."""
     rng = np.random.default_rng(1)
-    p = [squares_p(rng.standard_normal(800)) for _ in range(300)]
+    p = [squares_p([rng.standard_normal(800)]) for _ in range(300)]
     assert kstest(p, "uniform").pvalue > 0.01
     e = rng.standard_normal(800)
     e[300:400] *= 3
     e[::50] = np.nan
-    assert squares_p(e) < 1e-6
-    assert squares_p(np.zeros(800)) == squares_p(e[:30]) == 1.0
+    assert squares_p([e]) < 1e-6
+    assert squares_p([np.zeros(800)]) == squares_p([e[:30]]) == 1.0
 
 
 def test_a_parameter_of_which_nothing_is_known_stays_unknown():
@@ -131,3 +132,11 @@ def test_a_parameter_of_which_nothing_is_known_stays_unknown():
     gain, lag, dead_time = TRUTH
     expected = [np.hypot(gain, gain), lag, np.hypot(lag + dead_time, dead_time)]
     assert np.sqrt(np.diag(covariance)) == pytest.approx(expected, rel=0.02)
+
+
+def test_runs_of_unlike_noise_are_of_one_size_as_the_fit_weights_them():
+    runs = [segment_of(wood_berry(20 + k, 700, noise), k) for k, noise in enumerate((0.1, 0.6))]
+    row = [spec for (i, _), spec in sorted(specs_of(WOOD_BERRY).items()) if i == 0]
+    found = identify_output(runs, 0, row)
+    assert found.tests.size_p > 0.01
+    assert squares_p([prediction_errors(found.fit)]) < 1e-20

@@ -81,7 +81,7 @@ class _Both:
         if one.unit == self.second_unit:
             return one.times(self.scale, self.first_unit)
         ending = f"/{self.second_unit}"
-        if one.unit.endswith(ending):
+        if one.unit.endswith(ending) and "gain" not in one.name:  # a gain may be one of a flow in m3/h
             return one.times(1 / self.scale, f"{one.unit.removesuffix(ending)}/{self.first_unit}")
         return one
 

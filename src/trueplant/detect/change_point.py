@@ -82,7 +82,7 @@ def change_point(
     best, interval, gain = np.nan, (np.nan, np.nan), 0.0
     for _ in range(levels.CHANGE_ROUNDS):
         parts = _parts(row, clock, before, after, changing)
-        filtered = _Filtered(parts, ar, row)
+        filtered = _Filtered(parts, ar)
         places = filtered.places(search)
         if places.size < 3:
             return None
@@ -143,7 +143,7 @@ def _parts(row: Row, clock: Array, before: Array, after: Array, changing: BoolAr
 class _Filtered:
     """The parts through the inverse noise model, and the least squares at each instant."""
 
-    def __init__(self, parts: _Parts, ar: Array, row: Row) -> None:
+    def __init__(self, parts: _Parts, ar: Array) -> None:
         self.parts, self.ar, order = parts, ar, ar.size
         starts = np.flatnonzero(np.diff(parts.piece, prepend=-1))
         self.bounds = [*starts.tolist(), parts.t.size]
@@ -177,15 +177,18 @@ class _Filtered:
         inside[0] = False
         return np.flatnonzero(inside)
 
-    def _system(self, place: int) -> tuple[Array, Array]:
+    def _own(self, place: int) -> tuple[Array, Array]:
+        """(N, m) the columns that depend on the instant, and (N,) what all columns have to explain."""
         parts = self.parts
         late = np.arange(parts.t.size) >= place
         after = late[:, None]
         since = np.where(late, parts.t - parts.t[place], 0.0)
         begun = [late.astype(float)] + [np.where(late, np.exp(-since / lag), 0.0) for lag in parts.lags]
-        old, new = np.where(after, 0.0, parts.old), np.where(after, parts.new, 0.0)
-        target = parts.target - np.where(late, parts.difference, 0.0)
-        white = self._white(np.column_stack([*begun, old, new, target]))
+        columns = np.column_stack([*begun, np.where(after, 0.0, parts.old), np.where(after, parts.new, 0.0)])
+        return columns, parts.target - np.where(late, parts.difference, 0.0)
+
+    def _system(self, place: int) -> tuple[Array, Array]:
+        white = self._white(np.column_stack(self._own(place)))
         return np.hstack([self.common, white[:, :-1]]), white[:, -1]
 
     def deviance(self, place: int) -> float:
@@ -196,14 +199,9 @@ class _Filtered:
         columns, target = self._system(place)
         scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         step = np.linalg.lstsq(columns / scale, target, rcond=1e-9)[0] / scale
-        parts = self.parts
-        late = np.arange(parts.t.size) >= place
-        since = np.where(late, parts.t - parts.t[place], 0.0)
-        begun = [late.astype(float)] + [np.where(late, np.exp(-since / lag), 0.0) for lag in parts.lags]
-        raw = np.column_stack([parts.common, *begun, np.where(late[:, None], 0.0, parts.old)])
-        raw = np.hstack([raw, np.where(late[:, None], parts.new, 0.0)])
-        errors = parts.target - np.where(late, parts.difference, 0.0) - raw @ step
-        return step, np.where(parts.valid, errors, 0.0)
+        own, raw_target = self._own(place)
+        errors = raw_target - np.hstack([self.parts.common, own]) @ step
+        return step, np.where(self.parts.valid, errors, 0.0)
 
 
 def _remainder(columns: Array, target: Array) -> float:

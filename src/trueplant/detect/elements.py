@@ -11,7 +11,7 @@ import numpy as np
 from trueplant.arrays import Array
 from trueplant.detect import levels
 from trueplant.detect.detectable import detectable_change, worth_knowing_of
-from trueplant.detect.verdict import Evidence, Verdict, judge
+from trueplant.detect.verdict import Evidence, Verdict, judge, level_of
 from trueplant.identify import (
     Budget,
     OutputEstimate,
@@ -148,7 +148,7 @@ def judge_elements(
 
     for p in places:
         sceptic = partial(longest, p[0])
-        other, detectable = _by_likelihood(found[p], estimates[p[0]], sceptic, len(places), 1 - confidence)
+        other, detectable = _by_likelihood(found[p], estimates[p[0]], sceptic, len(places), level_of(confidence))
         evidence.append(
             Evidence(
                 found[p].model,

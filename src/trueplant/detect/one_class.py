@@ -29,13 +29,15 @@ def one_class(segments: Sequence[Segment], model: TransferMatrix, level: float =
     This compares early with late data, not data with the model, and ARX models of short windows in closed loop
     without set-point changes are biased: as long as controller and disturbance stay, the bias is the same in all.
 
-    Raises NotApplicable where there are too few samples for the windows.
+    Raises NotApplicable where there are too few samples for the windows, or no element has a lag.
     """
     closed = [s for s in segments if np.isfinite(s.y).all()]
     if not closed:
         raise NotApplicable("every stretch of data has missing PVs")
     lags = _lags(model)
-    stride = max(1, int(min(lag for lag in lags.ravel() if lag > 0) / levels.SAMPLES_PER_LAG / closed[0].h))
+    if not lags.any():
+        raise NotApplicable("no element of the model has a lag to choose the windows by")
+    stride = max(1, int(lags[lags > 0].min() / levels.SAMPLES_PER_LAG / closed[0].h))
     signals = [(centred(s.y[::stride]), centred(s.u[::stride])) for s in closed]
     if len(signals) == 1:
         y, u = signals[0]

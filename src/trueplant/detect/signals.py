@@ -107,13 +107,15 @@ def signals_of(segments: Sequence[Segment], model: TransferMatrix) -> Signals:
 
 
 def memory_of(model: TransferMatrix) -> float:
-    """Dead time and three lags (95 % of the answer) of the slowest element."""
+    """Dead time and three lags (95 % of the answer) of the slowest element; NotApplicable without one."""
     spans = [
         max(t.dead_time for t in cell.terms) + 3 * max((1 / abs(p.real) for p in cell.poles if p.real < 0), default=0.0)
         for row in model.elements
         for cell in row
         if not cell.is_zero
     ]
+    if not spans:
+        raise NotApplicable("there is no model to compare with")
     return max(spans)
 
 

@@ -14,7 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linprog
 from scipy.stats import chi2, norm
 
 from trueplant.arrays import Array, ComplexArray
@@ -83,8 +84,26 @@ def holm(p_values: ArrayLike) -> Array:
     return adjusted
 
 
-def _joint_p(evidence: Evidence) -> float | None:
-    """That the parameters all still have the model's values, as far as they are known; None where nothing is known."""
+def level_of(confidence: float) -> float:
+    """Of a false alarm by a parameter anywhere in the matrix; the rest is for structures."""
+    return (1 - confidence) * (1 - STRUCTURE_SHARE)
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What is known of an element, and so tested."""
+
+    index: NDArray[np.intp]
+    """The parameters that it is known in."""
+    scale: Array
+    directions: Array
+    """(n, n_index) in units of `scale`."""
+    shift: Array
+    """(n_index,) of plant from model."""
+
+
+def _known(evidence: Evidence) -> _Known | None:
+    """The directions whose standard error is below what is worth knowing; None where there is none."""
     told = np.array([value is not None for value in evidence.model])
     whole = evidence.covariance if evidence.joint is None else evidence.joint
     if evidence.worth_knowing is None:
@@ -96,13 +115,30 @@ def _joint_p(evidence: Evidence) -> float | None:
     shift = evidence.plant[index] - np.array([evidence.model[k] for k in index], dtype=float)
     values, vectors = np.linalg.eigh(whole[np.ix_(index, index)] / np.outer(scale, scale))
     use = (values > levels.DEGENERATE * np.max(values, initial=0.0)) & (values <= largest)
-    if not use.any():
-        return None
-    rotated = (vectors.T @ (shift / scale))[use]
-    counted = whole if evidence.beside is None else evidence.beside
-    within = vectors[:, use].T @ (counted[np.ix_(index, index)] / np.outer(scale, scale)) @ vectors[:, use]
-    wald = float(chi2.sf(rotated @ np.linalg.solve(within, rotated), int(use.sum())))
+    return _Known(index, scale, vectors[:, use].T, shift) if use.any() else None
+
+
+def _joint_p(evidence: Evidence, known: _Known) -> float:
+    """That the parameters all still have the model's values, as far as they are known."""
+    rotated = known.directions @ (known.shift / known.scale)
+    whole = evidence.covariance if evidence.joint is None else evidence.joint
+    counted = (whole if evidence.beside is None else evidence.beside)[np.ix_(known.index, known.index)]
+    within = known.directions @ (counted / np.outer(known.scale, known.scale)) @ known.directions.T
+    wald = float(chi2.sf(rotated @ np.linalg.solve(within, rotated), rotated.size))
     return wald if evidence.strictest is None else max(wald, evidence.strictest)
+
+
+def _is_beyond(evidence: Evidence, known: _Known, tolerance: float) -> bool:
+    """Has the element moved by more than a share of the model's values, in what is known of it?
+
+    It has not where some parameters that have not moved by more would look the same: two lags of which only the sum is
+    known.
+    """
+    allowed = tolerance * np.abs([evidence.model[k] or 0.0 for k in known.index]) / known.scale
+    moved = known.directions @ (known.shift / known.scale)
+    ends = np.column_stack([-allowed, allowed])
+    infeasible = 2
+    return bool(linprog(np.zeros(allowed.size), A_eq=known.directions, b_eq=moved, bounds=ends).status == infeasible)
 
 
 def judge(
@@ -117,17 +153,20 @@ def judge(
     without one is unchanged if a change of `worth_knowing` (a share) would have been found, else not identifiable. One
     whose structure was rejected has changed; of the chance of a false alarm a share is left to that.
     """
-    level = (1 - confidence) * (1 - STRUCTURE_SHARE)
+    level = level_of(confidence)
     tested = [
         [k for k, (m, ok) in enumerate(zip(e.model, e.answered, strict=True)) if ok and m is not None] for e in elements
     ]
-    raw = [_joint_p(e) for e in elements]
-    known = [p for p in raw if p is not None]
-    adjusted = iter(holm(known))
-    familywise = [None if p is None else float(next(adjusted)) for p in raw]
+    known = [_known(e) for e in elements]
+    adjusted = iter(holm([_joint_p(e, k) for e, k in zip(elements, known, strict=True) if k is not None]))
+    familywise = [None if k is None else float(next(adjusted)) for k in known]
+    tolerance = tolerance_percent / 100
+    beyond = [
+        k is not None and (not tolerance or _is_beyond(e, k, tolerance)) for e, k in zip(elements, known, strict=True)
+    ]
     return tuple(
-        _verdict(e, t, p, level, tolerance_percent / 100, worth_knowing)
-        for e, t, p in zip(elements, tested, familywise, strict=True)
+        _verdict(e, t, p, level, tolerance, b, worth_knowing)
+        for e, t, p, b in zip(elements, tested, familywise, beyond, strict=True)
     )
 
 
@@ -137,6 +176,7 @@ def _verdict(
     p_element: float | None,
     level: float,
     tolerance: float,
+    beyond_tolerance: bool,
     worth_knowing: float,
 ) -> Verdict:
     none = ParameterVerdict(None, None, False)
@@ -156,7 +196,7 @@ def _verdict(
         parameters[k] = ParameterVerdict(float(p), float(q), bool(c))
     if evidence.structure_p is not None:
         said, p_element = ElementVerdict.CHANGED, min(p_element, evidence.structure_p)
-    elif significant and (tolerance == 0 or beyond.any()):
+    elif significant and (beyond_tolerance or beyond.any()):
         said = ElementVerdict.CHANGED
     elif evidence.detectable <= worth_knowing:
         said = ElementVerdict.UNCHANGED

@@ -110,13 +110,15 @@ def paper_route(
 
     An output of which no stable error model explains more than noise does keeps e_Mr = 0, the model as it is.
 
-    Raises Refused where there are no usable records, LoopError for a plant that is not square.
+    Raises Refused where there are no usable records or set-points, LoopError for a plant that is not square.
     """
     n_y, n_u = model.shape
     if n_y != n_u:
         raise LoopError(f"(20) needs as many inputs as outputs, not {n_u} and {n_y}")
     if not segments:
         raise Refused("there is no usable segment: see what screening left out, and why")
+    if not all(np.isfinite(segment.r).all() for segment in segments):
+        raise Refused("the equation error needs the set-points of all loops: record them, or use another method")
     h = segments[0].h
     references, errors = [], []
     for segment in segments:

@@ -19,7 +19,7 @@ from trueplant.identify import levels
 from trueplant.identify.descent import Problem, descend
 from trueplant.identify.initial_state import Unknown
 from trueplant.identify.lagged import at_samples, gram_of_past, with_past
-from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse, remove
+from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse, remove, with_held
 from trueplant.identify.noise import filter_rows, measured_from, whiten, whitened_valid
 from trueplant.identify.restricted import Moved, Restriction
 from trueplant.identify.row import Row
@@ -332,10 +332,7 @@ def fit_row(
     found = descend(problem, np.concatenate([theta, ar]), evaluate(row, theta, ar, weights), iterations)
     theta, ar, point = found.x[:n], found.x[n:], found.point
     left = max(point.count - int(moving.sum()) - row.nuisance_count, 1)
-    information = point.information.copy()
-    frozen = np.flatnonzero(~moving)
-    information[frozen, :] = information[:, frozen] = 0.0
-    information[frozen, frozen] = 1e30
+    information = with_held(point.information, moving)
     variance = float(point.power[:, 0].sum()) / left
     return RowFit(row, theta, ar, variance, information, point.cost, point.count, point.weights, found.converged, free)
 
@@ -355,7 +352,7 @@ def refitted(fit: RowFit, theta: Array, free: BoolArray) -> RowFit:
 
 
 def _level_weights(power: Array, weights: Array) -> Array:
-    """Weights that level the prediction errors of the pieces, held within a factor of 10 of each other."""
+    """Weights that level the prediction errors of the pieces, held within a factor of 10 of the typical one."""
     spread = np.sqrt(power[:, 0] / np.maximum(power[:, 1], 1)) / weights
     typical = np.median(spread[power[:, 1] > 0]) if (power[:, 1] > 0).any() else 1.0
     if typical <= 0:

@@ -19,7 +19,7 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.descent import Descent, Problem, descend
 from trueplant.identify.fit import RowFit, residuals
-from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse
+from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse, with_held
 from trueplant.identify.noise import lagged, whitened_valid
 from trueplant.identify.portmanteau import correlogram
 from trueplant.identify.row import Row
@@ -118,8 +118,8 @@ class _Point:
 
 
 def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | None:
-    """The rows of `fits` together, started from them; None where they do not share their samples, too few
-    have their whole past measured, or they are too many.
+    """The rows of `fits` together, started from them, what they hold held; None where they do not share their samples,
+    too few have their whole past measured, or they are too many.
 
     order: of the autoregression; None chooses it by Akaike's criterion.
     """
@@ -130,9 +130,9 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
     order = _chosen_order(v, valid, fits) if order is None else order
     theta, n = np.concatenate([fit.theta for fit in fits]), len(rows)
     size = theta.size + order * n * n
-    if sum(x.size for x in v) * size > levels.LARGEST_JACOBIAN:
+    if sum(x.size for x in v) * size > levels.LARGEST_JACOBIAN or max(map(len, v)) <= order:
         return None
-    ar = _vector_ar(v, valid, order)[0]
+    ar = _vector_ar(v, valid, order, order)[0]
     low, high = (np.concatenate(ends) for ends in zip(*(row.bounds() for row in rows), strict=True))
     anywhere = np.full(ar.size, np.inf)
 
@@ -143,15 +143,16 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
     point = at(initial, np.eye(n))
     if point.count < 2 * size:
         return None
+    moving = np.concatenate([*(fit.free for fit in fits), np.ones(ar.size, dtype=bool)])
     problem = Problem(
         lambda x, near: at(x, near.root),
         np.concatenate([low, -anywhere]),
         np.concatenate([high, anywhere]),
-        np.ones(size, dtype=bool),
+        moving,
         np.concatenate([*(row.is_dead_time for row in rows), np.zeros(ar.size, dtype=bool)]),
     )
     found = descend(problem, initial, at(initial, point.root), levels.JOINT_ITERATIONS)
-    return _finished(rows, found)
+    return _finished(rows, found, moving)
 
 
 def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivatives: bool = True) -> _Errors:
@@ -206,15 +207,15 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
     return _Errors(tuple(errors), tuple(exist), information, slope)
 
 
-def _finished(rows: Sequence[Row], found: Descent[_Point]) -> JointFit:
+def _finished(rows: Sequence[Row], found: Descent[_Point], moving: BoolArray) -> JointFit:
     point = found.point
     theta, ar = point.theta, point.ar
     ends = np.cumsum([row.size for row in rows])
     nuisance = sum(row.nuisance_count for row in rows)
-    used = point.count - (theta.size + ar.size + nuisance) / len(rows)
+    used = point.count - (int(moving.sum()) + nuisance) / len(rows)
     sigma = point.sigma * point.count / max(used, 1.0)
     # the weight was the inverse of sigma without the degrees of freedom
-    covariance = inverse(point.information) * point.count / max(used, 1.0)
+    covariance = inverse(with_held(point.information, moving)) * point.count / max(used, 1.0)
     places = [slice(int(end) - row.size, int(end)) for row, end in zip(rows, ends, strict=True)]
     order = ar.shape[0]
     errors = []
@@ -292,25 +293,33 @@ def _output_errors(fits: Sequence[RowFit]) -> tuple[list[Array], list[BoolArray]
     return [np.nan_to_num(v) for v in stacked], [np.isfinite(v).all(axis=1) for v in stacked]
 
 
-def _vector_ar(v: Sequence[Array], valid: Sequence[BoolArray], order: int) -> tuple[Array, float, int]:
-    """Least-squares coefficients (order, n_y, n_y), log determinant of the residual covariance, number of residuals."""
+def _vector_ar(v: Sequence[Array], valid: Sequence[BoolArray], order: int, past: int) -> tuple[Array, float, int]:
+    """Least-squares coefficients (order, n_y, n_y), log determinant of the residual covariance, number of residuals.
+
+    Of the samples of which `past` before them, at least `order`, were measured.
+    """
     n = v[0].shape[1]
-    pairs = [(x, whitened_valid(order, ok)) for x, ok in zip(v, valid, strict=True) if len(x) > order + 1]
-    past = np.vstack([lagged(x, order)[use] for x, use in pairs])
-    now = np.vstack([x[order:][use] for x, use in pairs])
-    weights = np.linalg.lstsq(past, now, rcond=1e-10)[0] if order else np.zeros((0, n))
-    rest = now - past @ weights
+    pairs = [(x, whitened_valid(past, ok)) for x, ok in zip(v, valid, strict=True) if len(x) > past]
+    before = np.vstack([lagged(x, order)[past - order :][use] for x, use in pairs])
+    now = np.vstack([x[past:][use] for x, use in pairs])
+    weights = np.linalg.lstsq(before, now, rcond=1e-10)[0] if order else np.zeros((0, n))
+    rest = now - before @ weights
     determinant = np.linalg.slogdet(rest.T @ rest / max(len(rest), 1))[1]
     return np.asarray(-weights.reshape(order, n, n).transpose(0, 2, 1)), float(determinant), len(rest)
 
 
 def _chosen_order(v: Sequence[Array], valid: Sequence[BoolArray], fits: Sequence[RowFit]) -> int:
+    """By Akaike's criterion, all on the same samples: fewer of them would count as likelier in some units of PV."""
     n = len(fits)
-    shortest = min(len(x) for x in v)
-    largest = min(levels.JOINT_LARGEST_ORDER, max(2 * max(fit.ar.size for fit in fits), 4), shortest // (8 * n))
+    most = min(levels.JOINT_LARGEST_ORDER, max(2 * max(fit.ar.size for fit in fits), 4))
+
+    def bearing(order: int) -> int:
+        return sum(int(whitened_valid(order, ok).sum()) for ok in valid)
+
+    largest = next((k for k in range(most, 0, -1) if bearing(k) >= 8 * n * k), 0)
     scores = []
     for order in range(largest + 1):
-        _, determinant, count = _vector_ar(v, valid, order)
+        _, determinant, count = _vector_ar(v, valid, order, largest)
         scores.append(count * determinant + 2 * order * n * n)
     return int(np.argmin(scores))
 

@@ -19,6 +19,13 @@ def inverse(information: Array, floor: float = 1e-14) -> Array:
     return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
 
 
+def with_held(information: Array, moving: BoolArray) -> Array:
+    """The information (n, n) with what does not move (n,) known, and related to nothing."""
+    held = np.where(np.outer(moving, moving), information, 0.0)
+    held[~moving, ~moving] = 1e30
+    return held
+
+
 def log_determinant(information: Array, floor: float = 1e-14) -> float:
     """Of the same matrix, with the same floor."""
     scale, values, _ = _scaled(information, floor)

@@ -14,15 +14,12 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.first import absence
+from trueplant.identify.first import SELF_REGULATING, absence
 from trueplant.identify.fit import RowFit, Whitening
 from trueplant.identify.likelihood import ratio_p
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.row import Spec
-from trueplant.lti.structure import Structure
-
-STRUCTURE = Structure.parse("fopdt")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +47,7 @@ def with_missing(
     if not absent:
         return Completed(estimate)
     left, doubtful = list(absent), []
-    freedom = levels.SEARCHED_FREEDOM + len(STRUCTURE.names)
+    freedom = levels.SEARCHED_FREEDOM + len(SELF_REGULATING.names)
     level = levels.MISSING_ELEMENT / tested
     while left and estimate.fit.ar.size:
         gains = _Scan(estimate.fit)
@@ -58,7 +55,7 @@ def with_missing(
         column = left.pop(int(np.argmax(gained)))
         if ratio_p(max(gained), freedom) * tested >= levels.MISSING_TRIED:
             break
-        specs = sorted([*estimate.row.specs, Spec(column, STRUCTURE)], key=lambda spec: spec.column)
+        specs = sorted([*estimate.row.specs, Spec(column, SELF_REGULATING)], key=lambda spec: spec.column)
         wider = again(specs)
         if wider is None:
             continue
@@ -103,6 +100,6 @@ class _Scan:
         row, found = self._fit.row, []
         for k, whitening in self._pieces:
             piece = row.pieces[k]
-            y = STRUCTURE.response(theta, piece.inputs[column], piece.h, piece.hold[column], row.stride)
+            y = SELF_REGULATING.response(theta, piece.inputs[column], piece.h, piece.hold[column], row.stride)
             found.append(whitening(y[None])[0])
         return np.concatenate(found)

@@ -59,7 +59,7 @@ class OutputEstimate:
     """(size, 2); infinite where nothing is known."""
     runs: Runs | None
     order_dependence: Mapping[int, Unanswered]
-    """Parameters whose estimate moves beyond its interval with the order of the noise model."""
+    """Parameters that another order of the noise model moves by more than chance and more than a third."""
     tests: ResidualTests
     validation: Validation | None
     predicted_by: tuple[int, ...] = ()
@@ -187,13 +187,15 @@ def identify_output(
     """
     sampling = sampling or Sampling()
     pieces = pieces_of(segments, output, held, sampling.update)
-    if not pieces or not specs:
+    if not specs or not any(piece.spread for piece in pieces):
         return None
     if sampling.block is not None:
         pieces = in_blocks(pieces, sampling.block, sampling.stride)
     row = Row(tuple(specs), pieces, sampling.stride)
     full, minima = _fitted(estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options), confidence)
     fit = minima.best
+    if fit.count <= fit.row.nuisance_count:
+        return None
     tests, factor = residual_tests(fit, confidence), minima.factor
     runs = compare_runs(fit, factor)
     more, budget = _beyond_likelihood(fit, factor, any(segment.closed for segment in segments), runs)

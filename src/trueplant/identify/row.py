@@ -25,7 +25,7 @@ from trueplant.record.types import Load
 
 @dataclass(frozen=True)
 class Spec:
-    """One element of the row: which input drives it, and its structure or its fixed transfer function."""
+    """One element of the row: which input drives it, and its structure."""
 
     column: int
     """Index into the inputs followed by the measured disturbances."""

@@ -15,30 +15,17 @@ from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, linearised
 from trueplant.identify.linear_algebra import inverse
-from trueplant.identify.portmanteau import correlogram
-from trueplant.identify.validate import ResidualTests, prediction_errors
+from trueplant.identify.validate import ResidualTests, squares_p, weighted_errors
 
 
 def homoscedastic_p(fit: RowFit) -> float:
     """p-value that the prediction errors of a fit keep their size."""
-    return squares_p(prediction_errors(fit))
-
-
-def squares_p(e: Array) -> float:
-    """p-value that errors e (n,), NaN where there are none, keep their size (McLeod and Li 1983).
-
-    Squares of errors whose size changes are correlated over time.
-    """
-    there = np.isfinite(e)
-    if int(there.sum()) <= 2 * levels.RESIDUAL_LAGS:
-        return 1.0
-    squares = e**2 - np.mean(e[there] ** 2)
-    return correlogram([squares], levels.RESIDUAL_LAGS).p_value()
+    return squares_p(weighted_errors(fit))
 
 
 def uneven(tests: ResidualTests) -> bool:
     """Do the prediction errors change their size, or is colour left in them?"""
-    return min(squares_p(tests.e), tests.whiteness_p) < levels.UNEVEN
+    return min(tests.size_p, tests.whiteness_p) < levels.UNEVEN
 
 
 def sandwich_covariance(fit: RowFit) -> Array:

@@ -8,7 +8,7 @@ not show it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -17,48 +17,83 @@ from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.budget import Budget
 from trueplant.identify.covariance import scaled
+from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import normal_intervals, widened
 from trueplant.identify.joint import fit_until_white
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.portmanteau import correlogram
+from trueplant.identify.validate import weighted_errors
 from trueplant.result.budget import Source
 
 
 def predicted_outputs(estimates: Mapping[int, OutputEstimate]) -> dict[int, list[int]]:
     """For each output the others whose past prediction errors predict its own."""
+    errors = {i: _by_experiment(found.fit) for i, found in estimates.items()}
     pairs = [(i, j) for i in estimates for j in estimates if i != j]
     found: dict[int, list[int]] = {}
     for i, j in pairs:
-        here, there = estimates[i].tests, estimates[j].tests
-        if _relation_p(here.t, here.e, there.t, there.e) * len(pairs) < levels.SHARED_DISTURBANCE:
+        if _relation_p(errors[i], errors[j]) * len(pairs) < levels.SHARED_DISTURBANCE:
             found.setdefault(i, []).append(j)
     return found
 
 
 def related_at_once(estimates: Mapping[int, OutputEstimate]) -> bool:
     """Are the prediction errors of some outputs related at the same instants?"""
-    pairs = [(estimates[i].tests, estimates[j].tests) for i in estimates for j in estimates if i < j]
-    for here, there in pairs:
-        e, x = _at_common_instants(here.t, here.e, there.t, there.e)
+    errors = {i: _by_experiment(found.fit) for i, found in estimates.items()}
+    pairs = [(i, j) for i in estimates for j in estimates if i < j]
+    for i, j in pairs:
+        own, others = _at_common_instants(errors[i], errors[j])
+        e, x = (np.concatenate([np.zeros(0), *of]) for of in (own, others))
         both = np.isfinite(e) & np.isfinite(x)
         e, x = e[both], x[both]
         power = float(e @ e) * float(x @ x)
-        if e.size and power and chi2.sf(e.size * float(e @ x) ** 2 / power, 1) * len(pairs) < levels.SHARED_DISTURBANCE:
+        if power and chi2.sf(e.size * float(e @ x) ** 2 / power, 1) * len(pairs) < levels.SHARED_DISTURBANCE:
             return True
     return False
 
 
-def _relation_p(t: Array, e: Array, s: Array, x: Array) -> float:
-    """p-value that e is unrelated to the last SHARED_LAGS values of x, taken at the same instants."""
-    e, x = _at_common_instants(t, e, s, x)
-    return correlogram([e], levels.SHARED_LAGS, [x]).p_value() if e.size else 1.0
+def _relation_p(here: dict[int, _Errors], there: dict[int, _Errors]) -> float:
+    """p-value that the errors here are unrelated to the last SHARED_LAGS values of those there."""
+    own, others = _at_common_instants(here, there)
+    return correlogram(own, levels.SHARED_LAGS, others).p_value() if own else 1.0
 
 
-def _at_common_instants(t: Array, e: Array, s: Array, x: Array) -> tuple[Array, Array]:
-    """e, of the instants t, and x, of s, where there are both; empty if that is too seldom to compare them."""
-    common, at, of = np.intersect1d(np.round(t, 9), np.round(s, 9), return_indices=True)
-    enough = common.size >= levels.ERRORS_PER_LAG * levels.SHARED_LAGS
-    return (e[at], x[of]) if enough else (np.zeros(0), np.zeros(0))
+@dataclass(frozen=True, eq=False)
+class _Errors:
+    """Weighted prediction errors of one experiment."""
+
+    interval: float
+    """Between two of them."""
+    t: Array
+    e: Array
+
+
+def _by_experiment(fit: RowFit) -> dict[int, _Errors]:
+    found: dict[int, _Errors] = {}
+    for piece, e in zip(fit.row.pieces, weighted_errors(fit), strict=True):
+        own = _Errors(piece.h * fit.row.stride, piece.times[:: fit.row.stride], e)
+        before = found.get(piece.experiment)
+        found[piece.experiment] = own if before is None else _on_end(before, own)
+    return found
+
+
+def _on_end(one: _Errors, other: _Errors) -> _Errors:
+    return _Errors(one.interval, np.concatenate([one.t, other.t]), np.concatenate([one.e, other.e]))
+
+
+def _at_common_instants(here: dict[int, _Errors], there: dict[int, _Errors]) -> tuple[list[Array], list[Array]]:
+    """Prediction errors of two outputs where there are both, one vector an experiment; none if that is too seldom to
+    compare them. Within one interval all is at once: PVs may be updated in turn."""
+    own, others = [], []
+    for experiment in sorted(here.keys() & there.keys()):
+        one, other = here[experiment], there[experiment]
+        interval, begin = max(one.interval, other.interval), min(one.t[0], other.t[0])
+        one_of, other_of = (np.floor((of.t - begin) / interval + 1e-6) for of in (one, other))
+        _, at, of = np.intersect1d(one_of, other_of, return_indices=True)
+        own.append(one.e[at])
+        others.append(other.e[of])
+    enough = sum(e.size for e in own) >= levels.ERRORS_PER_LAG * levels.SHARED_LAGS
+    return (own, others) if enough else ([], [])
 
 
 def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict[int, OutputEstimate] | None:

@@ -78,25 +78,33 @@ def validate(fit: RowFit) -> Validation | None:
     experiments = sorted({p.experiment for p in pieces})
     if len(experiments) > 1:
         kind, held = "other experiments", experiments[-1]
-        train = tuple(p for p in pieces if p.experiment != held)
-        test = tuple(p for p in pieces if p.experiment == held)
+        train = [p for p in pieces if p.experiment != held]
+        test = [p for p in pieces if p.experiment == held]
     else:
         kind = "last third"
-        longest = max(pieces, key=lambda p: p.y.size)
-        cut = 2 * longest.y.size // 3
-        train = (longest.from_sample(0, cut),)
-        test = (longest.from_sample(cut),)
-    row = replace(fit.row, pieces=train)
+        train, test = _divided(pieces)
+    row = replace(fit.row, pieces=tuple(train))
+    test = [p for p in test if p.y.size >= levels.SAMPLES_PER_PARAMETER * fit.theta.size]
     samples = sum(int(row.measured(k)[1].sum()) for k in range(len(train)))
-    if (
-        samples < levels.SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.size)
-        or min(t.y.size for t in test) < levels.SAMPLES_PER_PARAMETER * fit.theta.size
-    ):
+    if not test or samples < levels.SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.size):
         return None
-    trained = fit_row(row, fit.theta, fit.ar, iterations=30)
+    trained = fit_row(row, fit.theta, fit.ar, free=fit.free, iterations=30)
     # Data that say little about some parameter would condemn the plant for that: it keeps its value there.
-    unseen, seen = (_score(fit, theta, test) for theta in (trained.theta, fit.theta))
-    return Validation(kind, unseen, seen, trained, test)
+    unseen, seen = (_score(fit, theta, tuple(test)) for theta in (trained.theta, fit.theta))
+    return Validation(kind, unseen, seen, trained, tuple(test))
+
+
+def _divided(pieces: Sequence[Piece]) -> tuple[list[Piece], list[Piece]]:
+    """The first two thirds of the samples of some pieces in order of time, and the last third."""
+    before, after = [], []
+    cut = 2 * sum(p.y.size for p in pieces) // 3
+    for piece in pieces:
+        if cut > 0:
+            before.append(piece.from_sample(0, min(cut, piece.y.size)))
+        if cut < piece.y.size:
+            after.append(piece.from_sample(max(cut, 0)))
+        cut -= piece.y.size
+    return before, after
 
 
 def _score(fit: RowFit, theta: Array, pieces: tuple[Piece, ...]) -> float:
@@ -112,6 +120,7 @@ class ResidualTests:
     """Tests on the prediction errors, at the strided samples."""
 
     t: Array
+    """Time since the first sample, pieces on end."""
     e: Array
     lags: NDArray[np.intp]
     acf: Array
@@ -119,6 +128,8 @@ class ResidualTests:
     """Two-sided bound at the confidence level for a single lag."""
     whiteness_p: float
     """Ljung-Box over `lags`."""
+    size_p: float
+    """That they keep their size (`squares_p`)."""
     ccf: Array
     """(n_columns, n_lags): correlation of e with past inputs (whitened)."""
     cross_p: Array
@@ -130,6 +141,28 @@ def prediction_errors(fit: RowFit) -> Array:
     return np.concatenate([e for _, e, _ in residuals(fit)])
 
 
+def weighted_errors(fit: RowFit) -> list[Array]:
+    """Those of each piece as the fit weights them: all of one size, however loud an experiment is."""
+    return _weighted([e for _, e, _ in residuals(fit)], fit)
+
+
+def _weighted(errors: Sequence[Array], fit: RowFit) -> list[Array]:
+    return [e * weight for e, weight in zip(errors, fit.weights, strict=True)]
+
+
+def squares_p(errors: Sequence[Array]) -> float:
+    """p-value that errors, one (n,) a piece, NaN where there are none, keep their size (McLeod and Li 1983).
+
+    Squares of errors whose size changes are correlated over time.
+    """
+    squares = [e**2 for e in errors]
+    there = sum(int(np.isfinite(e).sum()) for e in errors)
+    if there <= 2 * levels.RESIDUAL_LAGS:
+        return 1.0
+    mean = sum(float(np.nansum(s)) for s in squares) / there
+    return correlogram([s - mean for s in squares], levels.RESIDUAL_LAGS).p_value()
+
+
 def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
     """Whiteness of the prediction errors, and their correlation with what each input did before.
 
@@ -138,7 +171,7 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
     """
     stride = fit.row.stride
     errors = [e for _, e, _ in residuals(fit)]
-    weighted = [e * weight for e, weight in zip(errors, fit.weights, strict=True)]
+    weighted = _weighted(errors, fit)
     own = correlogram(weighted, levels.RESIDUAL_LAGS)
     columns = range(fit.row.pieces[0].inputs.shape[0])
     inputs = [
@@ -158,6 +191,7 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
         acf=own.value[:, 0, 0],
         bound=float(norm.ppf(0.5 + confidence / 2) / np.sqrt(max(own.count, 1))),
         whiteness_p=own.p_value(fit.ar.size),
+        size_p=squares_p(weighted),
         ccf=np.array([cross.value[:, 0, 0] for cross in crossed]),
         cross_p=np.array([cross.p_value() for cross in crossed]),
     )

@@ -38,8 +38,6 @@ class Varx:
     order is y[k-1], u[k-1], y[k-2], u[k-2], ..."""
     h: float
     count: int
-    excited: Array
-    """(n_u,) standard deviation of each input's steps; 0 where it does not move."""
 
     @property
     def lags(self) -> int:
@@ -137,7 +135,7 @@ def varx(segments: Sequence[Segment], lags: int | None = None) -> Varx:
     rows = regression(data, lags, lags) if lags > 0 else None
     if rows is None or len(rows.y) < 2 * rows.past.shape[1]:
         raise Refused("the records are too short for a vector ARX model: more samples without gaps are needed")
-    return _solved(rows, lags, h, moved)
+    return _solved(rows, lags, h)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +196,7 @@ def arrays_of(segment: Segment) -> tuple[Array, Array]:
     return segment.y - np.nanmean(segment.y, axis=0), segment.u - segment.u[0]
 
 
-def _solved(rows: Regression, lags: int, h: float, moved: Array) -> Varx:
+def _solved(rows: Regression, lags: int, h: float) -> Varx:
     phi, target, n_y = rows.past, rows.y, rows.y.shape[1]
     scale = np.linalg.norm(phi, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
@@ -212,4 +210,4 @@ def _solved(rows: Regression, lags: int, h: float, moved: Array) -> Varx:
     blocks = weights.reshape(lags, -1, n_y).transpose(0, 2, 1)
     noise = errors.T @ errors / free
     gram = back @ back.T / np.outer(scale, scale)
-    return Varx(blocks[:, :, :n_y].copy(), blocks[:, :, n_y:].copy(), noise, gram, h, len(target), moved)
+    return Varx(blocks[:, :, :n_y].copy(), blocks[:, :, n_y:].copy(), noise, gram, h, len(target))

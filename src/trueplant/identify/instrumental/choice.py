@@ -25,8 +25,6 @@ class Candidate:
     order: Order
     bic: float
     """-2 log likelihood + log(samples) coefficients, up to a constant; less is better."""
-    yic: float
-    """Young's identification criterion: log of what is left, plus log of the mean relative variance; less is better."""
     fit_percent: float
     """100 (1 - |y - yhat|/|y - mean y|)."""
 
@@ -53,9 +51,7 @@ def choose_orders(
 
     Elements are chosen in turn, the others kept, until nothing changes. All candidates are weighed by the Bayesian
     criterion with one autoregressive noise model (in closed loop too, where the output error alone would choose too
-    much); the dead time is estimated for each. Young's criterion (Young 1989), which punishes coefficients that the
-    data do not determine, stands beside it in the table: alone it preferred what is too simple on three of four
-    simulated records.
+    much); the dead time is estimated for each.
 
     Raises Refused where nothing on the list can be fitted.
     """
@@ -106,14 +102,7 @@ def _weighed(orders: Sequence[Order], k: int, samples: Sequence[Samples], noise:
     if not np.isfinite(point.cost) or point.cost <= 0:
         return None
     bic = point.count * np.log(point.cost / point.count) + np.log(point.count) * refined.theta.size
-    return Candidate(orders[k], float(bic), _young(refined, samples), _fit_percent(refined, samples))
-
-
-def _young(refined: Refined, samples: Sequence[Samples]) -> float:
-    power = sum(float(np.sum((s.y[s.valid] - s.y[s.valid].mean()) ** 2)) for s in samples)
-    left = sum(float(v @ v) for v in refined.point.raw)
-    relative = np.mean(np.minimum(refined.point.std / np.maximum(np.abs(refined.theta), 1e-100), 1e100) ** 2)
-    return float(np.log(max(left, 1e-300) / power) + np.log(max(relative, 1e-300)))
+    return Candidate(orders[k], float(bic), _fit_percent(refined, samples))
 
 
 def _fit_percent(refined: Refined, samples: Sequence[Samples]) -> float:

@@ -136,6 +136,8 @@ def projected_inputs(segments: Sequence[Segment]) -> tuple[list[Array], Array]:
     In open loop all of them, which are no answer to noise.
     """
     closed = [segment for segment in segments if segment.closed]
+    if not closed:
+        return [s.u - s.u[0] for s in segments], np.ones(segments[0].u.shape[1])
     if not all(np.all(np.isfinite(segment.r)) for segment in closed):
         raise Refused("an instrument from set-points needs recorded set-points: use srivc or rivc")
     if not any(np.any(np.ptp(s.r, axis=0) > 0) for s in closed):

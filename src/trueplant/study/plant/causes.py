@@ -232,7 +232,7 @@ def _common(
     ratio, covariance = np.full((n_y, n_u), np.nan), np.zeros((n_y * n_u, n_y * n_u))
     present = np.array([[not study.model[i, j].is_zero for j in range(n_u)] for i in range(n_y)])
     for i, estimate in estimates.items():
-        places, index, scale = [], [], []
+        places, index, scale, of_model = [], [], [], []
         for spec, part in _parts(estimate):
             known = found.get((i, spec.column))
             if spec.column >= n_u or known is None or spec.structure.delayed > 1 or 0 in known.reasons:
@@ -241,7 +241,9 @@ def _common(
                 places.append(i * n_u + spec.column)
                 index.append(part.start)
                 scale.append(known.model[0])
+                of_model.append(0.0 if known.of_model is None else known.of_model[0, 0])
         if index:
             ratio.ravel()[places] = estimate.theta[index] / scale
-            covariance[np.ix_(places, places)] = estimate.covariance[np.ix_(index, index)] / np.outer(scale, scale)
+            own = estimate.covariance[np.ix_(index, index)] + np.diag(of_model)
+            covariance[np.ix_(places, places)] = own / np.outer(scale, scale)
     return common_factors(ratio, covariance, present, 1 - study.project.analysis.confidence)

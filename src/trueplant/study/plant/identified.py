@@ -99,6 +99,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     confidence = study.project.analysis.confidence
     estimates = over_open_valves(over_open_holds(estimates, holds, confidence), tried, confidence)
     estimates = with_open_valves(widened_for_bands(estimates, valves, found_in, confidence), columns, valves)
+    segments = with_loads(segments, _fits(estimates))
     if drawn := drawn_outputs(study):
         say("estimating what a historian left out")
         held = _identified(study, held_between(segments, drawn), ())
