@@ -117,7 +117,7 @@ def test_a_record_starts_at_rest_if_its_input_stood_still_for_20_samples(samples
 @pytest.mark.holds("identify.ORDER_CLEAR")
 @pytest.mark.parametrize(("gap", "words"), [(8.0, "hardly better"), (13.0, "clearly better")])
 def test_a_structure_is_clearly_better_by_ten_in_the_bayesian_criterion(gap, words):
-    first, second = (Candidate(Order(0, 1 + k), k * gap, 0.0, 90.0) for k in range(2))
+    first, second = (Candidate(Order(0, 1 + k), k * gap, 90.0) for k in range(2))
     assert words in _said((first, second))
 
 

@@ -186,13 +186,11 @@ def identify_output(
     the initial guess of the lags of elements that the model lacks.
     """
     sampling = sampling or Sampling()
-    pieces = pieces_of(segments, output, held, sampling.update)
-    if not specs or not any(piece.spread for piece in pieces):
+    row = _row(segments, output, specs, held, sampling)
+    if row is None:
         return None
-    if sampling.block is not None:
-        pieces = in_blocks(pieces, sampling.block, sampling.stride)
-    row = Row(tuple(specs), pieces, sampling.stride)
-    full, minima = _fitted(estimate_row(row, time_scale or max(p.span for p in pieces) / 20, options), confidence)
+    time_scale = time_scale or max(p.span for p in row.pieces) / 20
+    full, minima = _fitted(estimate_row(row, time_scale, options), confidence)
     fit = minima.best
     if fit.count <= fit.row.nuisance_count:
         return None
@@ -246,6 +244,18 @@ def identify_output(
         factor=factor,
         ratio_factor=small_samples(fit, confidence),
     )
+
+
+def _row(
+    segments: Sequence[Segment], output: int, specs: Sequence[Spec], held: Sequence[Held], sampling: Sampling
+) -> Row | None:
+    """None where there is nothing to estimate, or PV does not move."""
+    pieces = pieces_of(segments, output, held, sampling.update)
+    if not specs or not any(piece.spread for piece in pieces):
+        return None
+    if sampling.block is not None:
+        pieces = in_blocks(pieces, sampling.block, sampling.stride)
+    return Row(tuple(specs), pieces, sampling.stride)
 
 
 def _beyond_likelihood(fit: RowFit, factor: Array, closed: bool, runs: Runs | None) -> tuple[Array, Budget]:
