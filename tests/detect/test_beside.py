@@ -119,23 +119,30 @@ def test_lopsided_intervals_count_on_the_side_of_the_other():
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "independent"),
+    ("first", "second", "shared"),
     [
-        ({}, {}, False),
-        ({"unit": "min"}, {"unit": "s"}, False),
-        ({}, {"digest": "b"}, True),
-        ({"span": (0.0, 50.0)}, {"span": (50.0, 100.0)}, True),
-        ({"start": "2024-01-01T00:00:00"}, {"start": "2024-01-01T01:00:00", "digest": "b"}, False),
-        ({"start": "2024-01-01T00:00:00"}, {"start": "2024-01-01T02:00:00", "digest": "b"}, True),
-        ({"start": "2024-01-01T00:00:00+00:00"}, {"start": "2024-01-01T02:00:00+01:00", "digest": "b"}, False),
+        ({}, {}, ["same-data"]),
+        ({"unit": "min"}, {"unit": "s"}, ["same-data"]),
+        ({}, {"digest": "b"}, []),
+        ({"span": (0.0, 50.0)}, {"span": (50.0, 100.0)}, []),
+        ({"start": "2024-01-01T00:00:00"}, {"start": "2024-01-01T00:00:00"}, ["same-data"]),
+        ({"start": "2024-01-01T00:00:00"}, {"start": "2024-01-01T01:00:00", "digest": "b"}, ["same-hours"]),
+        ({"start": "2024-01-01T00:00:00"}, {"start": "2024-01-01T02:00:00", "digest": "b"}, []),
+        (
+            {"start": "2024-01-01T00:00:00+00:00"},
+            {"start": "2024-01-01T02:00:00+01:00", "digest": "b"},
+            ["same-hours"],
+        ),
     ],
 )
-def test_what_is_used_twice_is_noticed(first, second, independent):
+def test_what_is_used_twice_is_noticed(first, second, shared):
     found = compare_results(result(**first), result(TRUE + 5, **second))
-    assert found.independent == independent
-    assert [note.code for note in found.notes] == ([] if independent else ["same-data"])
-    assert all((one.p_value is not None) == independent for one in found.elements[0].parameters)
-    assert ("same data" in found.headline) != independent
+    assert [note.code for note in found.notes] == shared
+    assert found.independent == (not shared)
+    assert all((one.p_value is None) == bool(shared) for one in found.elements[0].parameters)
+    assert ("same data" in found.headline) == (shared == ["same-data"])
+    assert ("different files of the same hours" in found.headline) == (shared == ["same-hours"])
+    assert ("plant differs between the two beyond chance" in found.headline) == (not shared)
 
 
 def test_elements_of_one_side_are_told_and_nothing_in_common_is_a_refusal():

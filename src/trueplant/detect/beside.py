@@ -178,15 +178,23 @@ def _z(result: Result) -> float:
 
 
 def _shared(first: Result, second: Result) -> Reason | None:
-    """Why the two are not independent: a stretch of time is used in both, of one file or of two exports."""
+    """Why the two are not independent: they use a stretch of one file, or of two files with the same time stamps."""
+    same_hours = None
     for a in first.data:
         for b in second.data:
             one_file = _sum(a, first) == _sum(b, second) != ""
             same_clock = a.start == b.start if one_file else _stamped_alike(a, b)
-            if same_clock and _overlap(_used(a, first), _used(b, second)):
-                what = f"{a.name} is in both" if one_file else f"{a.name} and {b.name} are of the same hours"
+            if not same_clock or not _overlap(_used(a, first), _used(b, second)):
+                continue
+            if one_file:
+                what = f"{a.name} is in both"
                 return Reason(Code.SAME_DATA, f"{what}: the two are not independent, and no p-value is given")
-    return None
+            same_hours = same_hours or Reason(
+                Code.SAME_HOURS,
+                f"{a.name} and {b.name} are different files of the same hours: the two may not be independent, and no "
+                "p-value is given; compare records of different hours",
+            )
+    return same_hours
 
 
 def _sum(one: ExperimentData, result: Result) -> str:

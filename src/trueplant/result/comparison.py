@@ -10,7 +10,7 @@ from trueplant.result.codec import document
 from trueplant.result.element import Interval
 from trueplant.result.numbers import counted, spoken
 from trueplant.result.provenance import Provenance
-from trueplant.result.reason import Reason
+from trueplant.result.reason import Code, Reason
 from trueplant.result.status import ElementVerdict, Status
 
 
@@ -82,7 +82,7 @@ class Comparison:
     provenance: tuple[Provenance, Provenance]
     confidence: float
     independent: bool
-    """False where both rest on the same data: the differences are then not of chance."""
+    """False where both rest on the same data, or on other data of the same hours: chance is then not judged."""
     elements: tuple[ComparedElement, ...]
     fit: tuple[ComparedFit, ...]
     controllers: tuple[ComparedLoop, ...]
@@ -93,8 +93,10 @@ class Comparison:
         if self.status == Status.REFUSED:
             return "Nothing can be compared."
         compared = [p for e in self.elements for p in e.parameters if p.difference is not None]
-        if not self.independent:
+        if any(note.code == Code.SAME_DATA for note in self.notes):
             return "Both results rest on the same data: their differences come from what was asked, not from the plant."
+        if not self.independent:
+            return "Two different files of the same hours: whether the plant differs beyond chance cannot be said."
         found = [(e, [p for p in e.parameters if p.differs]) for e in self.elements]
         found = [(e, parameters) for e, parameters in found if parameters]
         if not found:

@@ -59,6 +59,7 @@ class Code(StrEnum):
     TUNING = "tuning", "nothing, or not all, can be retuned"
     MORE_DATA = "more-data", "moves that would settle what is open"
     SAME_DATA = "same-data", "two results rest on the same data"
+    SAME_HOURS = "same-hours", "two results rest on different data with the same time stamps"
     ONLY_IN_ONE = "only-in-one", "an element is in one of two results"
     NOTHING_COMMON = "nothing-common", "two results answer no parameter in common"
     CAUSE_PLANT = "cause-plant", "the plant itself"
