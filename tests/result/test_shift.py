@@ -11,7 +11,8 @@ import pytest
 from support.one_loop import LAG, declared, one_loop
 from trueplant import Loop, Result, run
 from trueplant.lti import TransferMatrix
-from trueplant.result import Code, LoopRobustness, Reason, SystemPeaks
+from trueplant.report.shift import render_shift
+from trueplant.result import Code, Importance, LoopRobustness, Reason, SystemPeaks
 from trueplant.result.shift_words import Action
 
 MODEL = "2 exp(-13.4 s)/(60 s + 1)"
@@ -131,6 +132,33 @@ def test_another_controller_is_said_and_its_margins_are_not(tmp_path):
         result.shift == "Y answers as the model says; the controller is not the one that was declared: look up which "
         "settings are in it."
     )
+    assert result.action is Action.GET_DATA
+
+
+def test_new_settings_are_not_asked_for_on_the_word_of_a_controller_that_was_not_at_work(tmp_path):
+    """Declared is a law that would be unstable on the plant; the one that wrote OP has a sixth of its gain."""
+    result = said(tmp_path, "4 exp(-13.4 s)/(60 s + 1)", LAW | {"Kc": 6.0})
+    assert isinstance(result.robustness, LoopRobustness) and not result.robustness.margins.plant[0].stable
+    assert result.action is Action.GET_DATA
+    assert "new settings" not in result.shift and "unstable" not in result.shift
+    assert not [note for note in result.notes if note.code in (Code.MARGINS, Code.DRAWN)]
+    page = render_shift(result)
+    assert "Not known: OP was written by another controller" in page and "NOT SAFE" not in page
+
+
+def test_a_gain_whose_sign_has_turned_is_said_before_all_else(tmp_path):
+    result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)")
+    element = result.elements[0]
+
+    def with_model(model: float) -> Result:
+        derived = tuple(replace(one, model=model) if one.name == "net_gain" else one for one in element.derived)
+        return replace(result, elements=(replace(element, derived=derived),))
+
+    assert with_model(-2.0).shift.startswith("Y answers in the opposite direction to what the model says;")
+    assert "u -> y responds in the opposite direction to the model, with a gain of 2." in with_model(-2.0).headline
+    assert "opposite" not in with_model(2.0).shift + with_model(2.0).headline
+    one, other = with_model(-2.0).elements[0], replace(element, output="Z", importance=Importance(9.0, "loop"))
+    assert replace(result, elements=(other, one)).shift.startswith("Y answers in the opposite direction")
 
 
 def test_an_unstable_loop_needs_new_settings(tmp_path):

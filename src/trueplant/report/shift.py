@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from trueplant.report.levels import MOST_CELLS, MOST_LINES
 from trueplant.report.page import environment
 from trueplant.result import Code, Element, ElementVerdict, Result, Status
+from trueplant.result.headline import is_another
 from trueplant.result.numbers import counted, percentage, spoken
 from trueplant.result.summary import loop_line, settings_lines
 
@@ -83,6 +84,8 @@ def _tuning(result: Result) -> str:
     found = result.robustness
     if found is None:
         return "Not known: no controller is declared, or nothing was answered."
+    if is_another(result):
+        return "Not known: OP was written by another controller than declared. Look up which settings are in it."
     if any(not loop.stable for loop in found.margins.plant):
         return "NOT SAFE: at least one loop is unstable on the plant as estimated."
     if found.worse:

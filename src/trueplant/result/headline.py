@@ -106,10 +106,18 @@ def _would_be_seen(elements: Sequence[Element]) -> str:
     return f"; one of gain, lag or dead time by more than {number(100 * max(shares), 2)} % would have been seen"
 
 
-def weight(element: Element) -> tuple[float, float]:
-    """To sort by: what matters most to the loops first."""
+def weight(element: Element) -> tuple[bool, float, float]:
+    """To sort by: what answers the other way first, then what matters most to the loops."""
     importance = element.importance.value
-    return -(importance if importance is not None and math.isfinite(importance) else 0.0), element.p_adjusted or 0.0
+    size = importance if importance is not None and math.isfinite(importance) else 0.0
+    return not is_reversed(element), -size, element.p_adjusted or 0.0
+
+
+def is_reversed(element: Element) -> bool:
+    """Does the output of a changed element for certain answer in the opposite direction to its model?"""
+    nets = [one for one in element.derived if one.name in ("net_gain", "net_slope") and one.model and one.ci]
+    beyond = any(max(end * (one.model or 0.0) for end in one.ci or ()) < 0 for one in nets)
+    return element.verdict == ElementVerdict.CHANGED and beyond
 
 
 def _arrow(element: Element) -> str:
@@ -135,7 +143,8 @@ def _what_changed(element: Element) -> str:
             if is_useful(parameter) and _is_number(parameter.change_percent):
                 clause += f" ({parameter.change_percent:+.0f} %)"
         clauses.append(clause)
-    return f"{where} responds with {_listed(clauses)}"
+    way = " in the opposite direction to the model," if is_reversed(element) else ""
+    return f"{where} responds{way} with {_listed(clauses)}"
 
 
 def _listed(clauses: Sequence[str]) -> str:
@@ -194,6 +203,12 @@ def _phrase(parameter: Parameter, parameters: Sequence[Parameter]) -> str:
 
 def _is_number(value: float | None) -> bool:
     return value is not None and math.isfinite(value)
+
+
+def is_another(result: Outcome) -> bool:
+    """Was OP of today's loop written by another controller than was declared?"""
+    today = result.robustness.controller_of if result.robustness else None
+    return any(one.experiment == today and one.confirmed is False for one in result.methods.controller_consistency)
 
 
 def is_answered(result: Outcome) -> bool:

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 from trueplant.result import levels
 from trueplant.result.element import Element, Parameter
-from trueplant.result.headline import is_answered, is_lacking, is_useful, weight
+from trueplant.result.headline import is_another, is_answered, is_lacking, is_reversed, is_useful, weight
 from trueplant.result.numbers import counted, number, spoken
 from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of
@@ -31,6 +31,8 @@ def action(result: Outcome) -> Action:
         return Action.GET_DATA
     if _sticking(result):
         return Action.CHECK_VALVE
+    if is_another(result):
+        return Action.GET_DATA  # on what is in the controller: all that is known of the loops is of another
     if _unsafe(result) or _misses(result) or any(loop.chosen for loop in result.controllers):
         return Action.RETUNE
     told = any(e.verdict in (ElementVerdict.CHANGED, ElementVerdict.FOUND) for e in result.elements)
@@ -74,6 +76,8 @@ def _answer(element: Element, several: bool) -> str:
     to = f" to {spoken(element.input)}" if several else ""
     if is_lacking(element):
         return f"{output} answers to {spoken(element.input)}, which the model does not have"
+    if is_reversed(element):
+        return f"{output} answers{to} in the opposite direction to what the model says"
     words = [(_size(p, element), _changed(p)) for p in element.parameters if p.changed]
     largest = max((size for size, word in words if word), default=0.0)
     said = [word for size, word in words if word and size >= levels.WORTH_SAYING * largest]
@@ -111,7 +115,7 @@ def _tuning(result: Outcome) -> str:
         return ""
     if found is None:
         return _unknown_tuning(result)
-    if _is_another(result):
+    if is_another(result):
         return "the controller is not the one that was declared: look up which settings are in it"
     unstable = [spoken(loop.input) for loop in found.margins.plant if not loop.stable]
     if unstable:
@@ -142,13 +146,15 @@ def _to_do(result: Outcome) -> str:
         # a loop that is not safe cannot wait for an instrument
         instruments = [] if _unsafe(result) else _suspects(result)
         return f"check {_and(instruments)} first: if that is in order, {tune}" if instruments else tune
+    if does is Action.GET_DATA and is_another(result):
+        return ""  # that its settings are what is missing is said of the tuning
     if does is Action.GET_DATA:
         simple = any(note.code is Code.UNDERMODELLED for note in result.notes)
         also = ", or try a richer structure of the model," if simple and result.status == Status.REFUSED else ""
         return f"get more data{also} before anything is changed"
     if result.robustness is None and _has_changed(result):
         return f"check {_and(_suspects(result))}" if _suspects(result) else ""
-    return "" if _is_another(result) else "no action now"
+    return "no action now"
 
 
 def _valve(name: str) -> str:
@@ -166,12 +172,6 @@ def _suspects(result: Outcome) -> list[str]:
             if note.code in (Code.CAUSE_ACTUATOR_GAIN, Code.CAUSE_UNKNOWN):
                 named.append(_valve(where.split(" -> ")[0]))
     return list(dict.fromkeys(named))
-
-
-def _is_another(result: Outcome) -> bool:
-    """Was OP of today's loop written by another controller than was declared?"""
-    today = result.robustness.controller_of if result.robustness else None
-    return any(one.experiment == today and one.confirmed is False for one in result.methods.controller_consistency)
 
 
 def _has_changed(result: Outcome) -> bool:

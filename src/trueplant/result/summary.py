@@ -9,7 +9,7 @@ from trueplant.result.controllers import KEEP
 from trueplant.result.detectors_words import detector_lines
 from trueplant.result.element import Element, Parameter
 from trueplant.result.faceplate_words import faceplate_values
-from trueplant.result.headline import headline, is_answered, seen
+from trueplant.result.headline import headline, is_another, is_answered, seen
 from trueplant.result.methods_words import comparison_lines
 from trueplant.result.numbers import number, percentage, sentence, spoken, value_with_interval
 from trueplant.result.outcome import Outcome
@@ -110,9 +110,7 @@ def loop_line(result: Outcome) -> str:
     found = result.robustness
     if found is None:
         return ""
-    checks = result.methods.controller_consistency
-    wrong = any(one.experiment == found.controller_of and one.confirmed is False for one in checks)
-    whose = "The controller as declared (OP was written by another)" if wrong else "Today's controller"
+    whose = "The controller as declared (OP was written by another)" if is_another(result) else "Today's controller"
     unstable = [spoken(loop.input) for loop in found.margins.plant if not loop.stable]
     if unstable:
         every = len(unstable) == len(found.margins.plant) > 1

@@ -57,7 +57,7 @@ def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
     say("comparing methods")
     compared = compare_methods(study, identified, plant.nominal)
     say("margins and robustness of today's loops")
-    loop = robustness_of(study, plant, settled_for(study, controllers)) if judged.answered else LoopToday()
+    loop = robustness_of(study, plant, settled_for(study, controllers), controllers) if judged.answered else LoopToday()
     retuned = Retuning()
     if judged.answered:
         say("settings for the controllers")

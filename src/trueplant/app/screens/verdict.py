@@ -15,6 +15,7 @@ from starlette.routing import Route
 from trueplant.app.pages import ok, page, url
 from trueplant.app.saved import Saved, saved_of
 from trueplant.result import Code, Curves, Element, ElementVerdict, Reason, Result, Status
+from trueplant.result.headline import is_another
 from trueplant.result.shift_words import Action
 
 MARKS = {"changed": "changed", "unchanged": "unchanged", "found": "found", "none found": "absent"}
@@ -51,6 +52,13 @@ TO_DO: Mapping[Action, ToDo] = {
 }
 
 
+ANOTHER_CONTROLLER = ToDo(
+    "Look up the controller's settings",
+    "OP was not written by the controller that is declared. What the loops do today, and which settings would suit "
+    "them, is not known before its settings are.",
+    (("model", "Model and controllers"),),
+)
+"""In place of more data, where the settings are the data that is missing."""
 TUNING_UNKNOWN = ToDo(
     "See whether the tuning still suits it",
     "The plant has changed, and what today's controllers do with it is not known.",
@@ -131,6 +139,8 @@ def _body(found: Saved, links: Mapping[str, str], report: str) -> Any:
 def to_do(result: Result) -> ToDo:
     """What is to be done, as the sentence for the shift has it."""
     changed = any(element.verdict == ElementVerdict.CHANGED for element in result.elements)
+    if result.action is Action.GET_DATA and is_another(result):
+        return ANOTHER_CONTROLLER
     return (
         TUNING_UNKNOWN if result.action is Action.NONE and changed and not result.robustness else TO_DO[result.action]
     )

@@ -189,7 +189,7 @@ def stand_of(
     Raises LoopError where today's loop is stable on hardly a plant that is possible.
     """
     if not _settles(bench):
-        raise LoopError("today's loop would run away on the plant as estimated")
+        raise LoopError("with the controllers as declared the loops would run away on the plant as estimated")
     slowest, samples = span
     rest = Rest.of(study, bench, slowest)
     room, drift = _room(study, rest.now), np.arange(samples)[:, None] * _drift(study, bench)
@@ -207,7 +207,10 @@ def stand_of(
             away = there.now - rest.now + there.wandered(samples, rng)
             trials.append(Trial.of(own, _disturbance(study, estimates, least, samples, rng) + drift, there, away))
     if len(trials) < levels.FEWEST_TRIED_ON:
-        raise LoopError("today's loop would run away on nearly all plants that these data leave possible")
+        raise LoopError(
+            "with the controllers as declared the loops would run away on nearly all plants that these data leave "
+            "possible"
+        )
     return Stand(bench, room, slowest, today, tuple(trials))
 
 

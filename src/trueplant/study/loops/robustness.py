@@ -14,6 +14,7 @@ from trueplant.loop import Controller, Linear, LinearLoop
 from trueplant.lti import TransferMatrix, UncertainPlant
 from trueplant.result import (
     Code,
+    ControllerCheck,
     DrawnLoop,
     DrawnStability,
     LoopMargins,
@@ -43,11 +44,14 @@ class LoopToday:
     notes: tuple[Reason, ...] = ()
 
 
-def robustness_of(study: Study, known: UncertainPlant, settled: float | None) -> LoopToday:
+def robustness_of(
+    study: Study, known: UncertainPlant, settled: float | None, checks: Sequence[ControllerCheck]
+) -> LoopToday:
     """Margins of each loop (the others closed), pairing, robust performance, and the share of likely plants that hold.
 
     The controller is that of the last usable closed experiment, linearised about the mean PV where it acts on a
-    transformed one. `settled` is for how long it is known not to have run away (`settled_for`).
+    transformed one. `settled` is for how long it is known not to have run away (`settled_for`). Where OP was written by
+    another, as `checks` may say, no note says what the loop of today does.
     """
     k, loop = study.loop_experiment, study.loop(known.nominal)
     if k is None or loop is None:
@@ -64,7 +68,8 @@ def robustness_of(study: Study, known: UncertainPlant, settled: float | None) ->
         pairing=pairing_of(names, controller, {"model": model, "plant": today}),
         drawn=_drawn(study, loop, known, settled),
     )
-    notes = _notes(table)
+    at_work = not any(one.experiment == table.controller_of and one.confirmed is False for one in checks)
+    notes = [*(_tuning_notes(table) if at_work else ()), *_pairing_notes(table)]
     if beyond := study.project.experiments[k].beyond():
         said = f"margins, mu and settings are those of the controller without {beyond}"
         notes = [*notes, Reason(Code.CONTROLLER, said, study.project.experiments[k].name)]
@@ -205,7 +210,18 @@ def _crossover(plant: TransferMatrix, controller: Controller) -> float:
 # -- in words -----------------------------------------------------------------------------------------------------
 
 
-def _notes(table: LoopRobustness) -> list[Reason]:
+def _pairing_notes(table: LoopRobustness) -> list[Reason]:
+    wrong = table.pairing["plant"].wrong_sign if table.pairing else ()
+    message = (
+        "on the plant the steady-state relative gain of these pairings is negative: with integral action either the "
+        "loops together are unstable, or this loop alone is, or the others are once it is opened; pair the outputs "
+        "with other inputs"
+    )
+    return [Reason(Code.PAIRING, message, ", ".join(wrong))] if wrong else []
+
+
+def _tuning_notes(table: LoopRobustness) -> list[Reason]:
+    """What today's controller does on the plant."""
     notes = [
         Reason(
             Code.MARGINS, "on the plant as estimated, today's controller leaves this loop unstable or close to it", name
@@ -214,17 +230,6 @@ def _notes(table: LoopRobustness) -> list[Reason]:
     ]
     if found := _missed(table.peaks):
         notes.append(Reason(Code.ROBUST_PERFORMANCE, found))
-    wrong = table.pairing["plant"].wrong_sign if table.pairing else ()
-    if wrong:
-        notes.append(
-            Reason(
-                Code.PAIRING,
-                "on the plant the steady-state relative gain of these pairings is negative: with integral action "
-                "either the loops together are unstable, or this loop alone is, or the others are once it is opened; "
-                "pair the outputs with other inputs",
-                ", ".join(wrong),
-            )
-        )
     if table.drawn and table.drawn.share_stable < 1 and table.margins.plant[0].stable:
         unstable = 100 * (1 - table.drawn.share_stable)
         of = "" if table.drawn.count == levels.STABILITY_DRAWS else ", without those on which it would have run away"
