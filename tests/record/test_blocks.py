@@ -13,6 +13,7 @@ from trueplant.errors import DataError
 from trueplant.record import Channel, Layout, Record, levels, read_record, read_table
 from trueplant.record.runs import spans_of
 from trueplant.record.screening import screen
+from trueplant.record.table import did_you_mean
 
 LAYOUT = Layout((Channel("y", "pv", sp="sp"),), (Channel("u", "op"),), project_time_unit="s")
 ROWS = 400
@@ -106,6 +107,14 @@ def test_columns_that_are_not_named_are_not_kept(ending, tmp_path):
         read_record(path, Layout((Channel("y", "pv1", sp="sp"),), LAYOUT.inputs, project_time_unit="s"))
     with pytest.raises(DataError, match="199 cells are the most"):
         read_record(path, Layout(LAYOUT.outputs, LAYOUT.inputs, project_time_unit="s", most=50 * 4 - 1))
+
+
+def test_a_column_that_holds_the_name_comes_before_one_that_looks_like_it():
+    assert did_you_mean("TIC1.PV", ["TIC2.PV", "TIC1.PV (degC) raw", "TIC1.PV (degC)"]) == (
+        "; did you mean 'TIC1.PV (degC)'?"
+    )
+    assert did_you_mean("TIC1.PW", ["TIC2.OP", "TIC1.PV"]) == "; did you mean 'TIC1.PV'?"
+    assert did_you_mean("", ["TIC1.PV"]) == "."
 
 
 def test_the_clock_to_a_date_is_kept_although_nobody_names_it(tmp_path):

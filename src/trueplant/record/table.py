@@ -60,9 +60,13 @@ class Table:
 
 
 def did_you_mean(name: str, names: Sequence[str]) -> str:
-    """The nearest of the names as a question that ends a sentence; a full stop where none is near."""
-    lower = {n.strip().casefold(): n for n in reversed(names)}
-    near = difflib.get_close_matches(name.strip().casefold(), lower, n=1, cutoff=levels.NEAR_NAME)
+    """The nearest of the names as a question that ends a sentence; a full stop where none is near.
+
+    The nearest is one that holds the whole name, if there is one: TIC1.PV (degC) for TIC1.PV, not TIC2.PV.
+    """
+    asked, lower = name.strip().casefold(), {n.strip().casefold(): n for n in reversed(names)}
+    holding = sorted((n for n in lower if asked and asked in n), key=len)
+    near = holding or difflib.get_close_matches(asked, lower, n=1, cutoff=levels.NEAR_NAME)
     return f"; did you mean {lower[near[0]]!r}?" if near else "."
 
 
