@@ -36,6 +36,16 @@ def changed_lines(before: str, after: str) -> list[tuple[str, str]]:
     return [(old, new) for old, new in pairs if old != new]
 
 
+def test_a_page_that_cannot_be_shows_the_formula_that_is_wrong_in_lines_of_their_own(
+    visitor: Visitor, demo_folder: Path
+) -> None:
+    file = demo_folder / "project.toml"
+    file.write_text(file.read_text(encoding="utf-8").replace("/(18 s + 1)", "/(18 s + 1"), encoding="utf-8")
+    page = visitor.ask("GET", f"/model{PROJECT}")
+    assert page.status == 422
+    assert "<pre>    3.2 exp(-3 s)/(18 s + 1\n                  ^</pre>" in page.text
+
+
 # -- elements ------------------------------------------------------------------------------------------------------
 
 

@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 
 import trueplant as tp
-from support.command import ENVIRONMENT
+from support.command import ENVIRONMENT, PROJECT
 from trueplant.cli import main
 from trueplant.cli.analyse import demo_text
 
@@ -110,6 +110,16 @@ def test_wrong_usage_is_one_message(arguments, said, capsys, folder):
     assert out == ""
     assert err.startswith("trueplant: ") and err.count("\n") == 1 and said in err
     assert list(folder.iterdir()) == []
+
+
+def test_a_formula_is_shown_below_its_message_and_a_name_cannot_begin_a_line(capsys, folder):
+    path = folder / "a\ntrueplant: all is well.toml"
+    path.write_text(PROJECT.replace("(10 s + 1)", "(10 s + 1"))
+    assert main(["run", path.name]) == 2
+    first, shown, caret = capsys.readouterr().err.splitlines()
+    assert first.startswith(r"trueplant: a\ntrueplant: all is well.toml, line 15: model[1].tf: formula, column 13: ")
+    assert shown == "    2 exp(-2 s)/(10 s + 1"
+    assert caret == " " * shown.index("(10") + "^"
 
 
 def test_internal_error_is_one_line_with_the_place_of_the_details(capsys, folder, monkeypatch):

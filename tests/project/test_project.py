@@ -245,7 +245,31 @@ MISTAKES = {
         'input = "gas"\noutput = "top"\nKc = 1.5\nanti_windup = "clamp"',
         'anti_windup: needs the limits of OP: add limits to the input "gas"',
     ),
-    "not TOML": ("Ti = 8", "Ti = ", "not valid TOML.*line 43"),
+    "no value": ("Ti = 8", "Ti = ", r"line 43: is not valid TOML: Ti = \(write a value behind the ="),
+    "decimal comma": ("Ti = 8", "Ti = 1,0", r"line 43: is not valid TOML: Ti = 1,0 \(write decimals with a point"),
+    "backslashes of Windows": (
+        '["a.csv", "b.csv"]',
+        r'["C:\data\x.csv"]',
+        r'line 3: is not valid TOML: files = \["C:\\data\\x.csv"\] \(write / instead of \\, or .* single quotes',
+    ),
+    "no quotes": (
+        'name = "top"',
+        "name = top",
+        "line 6: is not valid TOML: name = top .put text in quotes, as in name",
+    ),
+    "quotes not closed": ('name = "top"', 'name = "top', "line 6: .*the quotes are never closed"),
+    "bracket not closed": ("limits = [0, 400]", "limits = [0, 400", "line 10: .*bracket .* never closed"),
+    "key that is there twice": ("Ti = 8", "Ti = 8\nTi = 9", "line 44: is not valid TOML: Ti = 9 .it is there twice"),
+    "wrong key in the place of one that is needed": (
+        'pv = "pv2"',
+        'pvv = "pv2"',
+        r'line 13: output\[2\]\.pvv: is not a key .*did you mean "pv".*\(1 more after this one\)',
+    ),
+    "mistake in a formula before another": (
+        'tf = "3.2 exp(-3 s)/(18 s + 1)"',
+        'tf = "2 (s"\nestmate = true',
+        r"model\[1\]\.tf: formula, column 3: .*add '\)' \(1 more after this one\)\n    2 \(s\n      \^$",
+    ),
     "unknown method": ("[[controller]]", '[analysis]\nmethod = "best"\n[[controller]]', "analysis.method: must be"),
     "confidence in percent": (
         "[[controller]]",

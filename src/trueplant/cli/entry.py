@@ -131,7 +131,8 @@ def _interrupted(interrupts: _Interrupts) -> int:
 
 def _say(message: str) -> None:
     from trueplant.cli.folding import folded
-    from trueplant.printable import printable
+    from trueplant.printable import message_lines
 
+    first, *shown = message_lines(f"trueplant: {message}")
     with contextlib.suppress(OSError, OutputError):  # nobody is left to be told
-        print(folded(printable(f"trueplant: {message}").replace("\n", "\\n"), sys.stderr), file=sys.stderr)
+        print(folded(first, sys.stderr), *shown, sep="\n", file=sys.stderr)

@@ -16,6 +16,7 @@ from trueplant.errors import ProjectError
 from trueplant.files import contents
 from trueplant.project.fields import Name, Positive, Table, problem
 from trueplant.project.messages import message
+from trueplant.project.not_toml import not_toml
 
 _LENGTH = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(ms|s|min|h|d)\s*")
 _LOCAL = re.compile(r"[a-z]+://(127\.0\.0\.1|localhost|\[::1\])(:\d+)?/?")
@@ -176,7 +177,7 @@ class Site(Table):
         except UnicodeDecodeError:
             raise ProjectError(f"{file}: is not UTF-8 text: save the site file as UTF-8") from None
         except tomllib.TOMLDecodeError as error:
-            raise ProjectError(f"{file}: is not valid TOML: {error}") from None
+            raise ProjectError(not_toml(error, str(file), text)) from None
         except ValidationError as error:
             raise ProjectError(message(error, cls, str(file), text, "the site file")) from None
         site._folder, site._source = file.parent, str(file)

@@ -18,9 +18,7 @@ from typing import NoReturn
 
 from trueplant.errors import FormulaError
 from trueplant.lti import levels
-
-_WINDOW = 40
-"""Characters shown on each side of an error."""
+from trueplant.printable import SHOWN, around
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[^\W\d]\w*)|(?P<sign>\*\*|[-+*/^()]))"
@@ -63,11 +61,8 @@ Node = Number | Name | Call | Operation
 
 def fail(text: str, at: int, what: str) -> NoReturn:
     """Raise FormulaError saying ``what``, with a caret under character ``at`` of the formula."""
-    first = max(0, at - _WINDOW)
-    shown = "".join(c if c.isprintable() else " " for c in text[first : at + _WINDOW])
-    before, after = "..." * (first > 0), "..." * (at + _WINDOW < len(text))
-    caret = " " * (len(before) + at - first) + "^"
-    raise FormulaError(f"formula, column {at + 1}: {what}\n    {before}{shown}{after}\n    {caret}")
+    shown, below = around(text, at)
+    raise FormulaError(f"formula, column {at + 1}: {what}{SHOWN}{shown}{SHOWN}{' ' * below}^")
 
 
 def parse(text: str, variable: str, functions: Iterable[str]) -> Node:

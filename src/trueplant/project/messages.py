@@ -24,6 +24,8 @@ def message(
 ) -> str:
     """The first mistake of ``error`` (by line where ``text``, the file's, is given), and how many more there are.
 
+    A key that is missing comes last: one that is written wrongly may be it.
+
     ``file`` is what the file is called where a key stands in no table.
     """
     lines = line_numbers(text)
@@ -38,14 +40,15 @@ def message(
         if not any(other != where and other[: len(where)] == where for other in merged)
     }
     ordered = sorted(
-        deepest.items(), key=lambda entry: (_line(entry[0], lines) or 10**9, entry[1]["type"] != "extra_forbidden")
+        deepest.items(), key=lambda entry: (entry[1]["type"] == "missing", _line(entry[0], lines) or 10**9)
     )
     where, item = ordered[0]
     line = _line(where, lines)
     place = f"{source}, line {line}" if line else source
     key = path(where)
     more = f" ({len(ordered) - 1} more after this one)" if len(ordered) > 1 else ""
-    return f"{place}: {f'{key}: ' if key else ''}{_words(item, where, model, file)}{more}"
+    said, end, shown = _words(item, where, model, file).partition("\n")
+    return f"{place}: {f'{key}: ' if key else ''}{said}{more}{end}{shown}"
 
 
 def path(where: Sequence[str | int]) -> str:

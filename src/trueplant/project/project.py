@@ -15,6 +15,7 @@ from trueplant import loop
 from trueplant.errors import OutputError, ProjectError
 from trueplant.files import contents
 from trueplant.lti import TransferFunction, TransferMatrix, to_formula
+from trueplant.printable import SHOWN
 from trueplant.project.checks import check_project
 from trueplant.project.controllers import controller_of, layout_of
 from trueplant.project.declaration import Declaration
@@ -22,6 +23,7 @@ from trueplant.project.document import same_toml, to_toml, with_exclusions, with
 from trueplant.project.messages import message
 from trueplant.project.model_table import ModelElement
 from trueplant.project.models import DeclaredModel, declared_models
+from trueplant.project.not_toml import not_toml
 from trueplant.record.layout import Layout
 
 
@@ -67,7 +69,7 @@ class Project(Declaration):
         try:
             tables = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
-            raise ProjectError(_if_record(file) or f"{file}: is not valid TOML: {error}") from None
+            raise ProjectError(_if_record(file) or not_toml(error, str(file), text)) from None
         try:
             project = cls(**tables)
         except ProjectError as error:
@@ -176,10 +178,9 @@ class Project(Declaration):
         data["exclude"] = [*data.get("exclude", []), *map(dict, entries)]
         text = with_exclusions(before, entries)
         if not same_toml(text, wanted):
-            lines = to_toml({"data": {"exclude": [dict(entry) for entry in entries]}}).strip()
-            raise ProjectError(
-                f"{self._source}: data.exclude cannot be written into this file; do it by hand:\n{lines}"
-            )
+            lines = to_toml({"data": {"exclude": [dict(entry) for entry in entries]}}).strip().split("\n")
+            said = f"{self._source}: data.exclude cannot be written into this file; do it by hand:"
+            raise ProjectError(SHOWN.join([said, *lines]))
         return self._read(text, Path(self._source))
 
     def to_toml(self, folder: str | os.PathLike[str] | None = None) -> str:
