@@ -49,7 +49,7 @@ ELSEWHERE = {
         "app/svg.py:WIDE",
         "app/svg.py:WIDTH",
         "app/whatif_answers.py:DIGITS",
-        "lti/grammar.py:_WINDOW",
+        "printable.py:_WINDOW",
         "paper/figures.py:GAP",
         "paper/figures.py:PANEL",
         "report/figures.py:GAP",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from zoneinfo import ZoneInfo
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from trueplant.errors import DataError
-from trueplant.record import Channel, Layout, read_record
+from trueplant.record import Channel, Kind, Layout, levels, read_record
 
 ONE = Layout((Channel("T", "pv"),), (Channel("Q", "op"),))
 N = 20
@@ -49,6 +50,38 @@ def test_stamps_without_seconds_and_at_midnight() -> None:
     moments = [datetime(2024, 1, 31, 23, 50) + timedelta(minutes=k) for k in range(N)]
     stamps = [f"{m:%d.%m.%Y}" if (m.hour, m.minute) == (0, 0) else f"{m:%d.%m.%Y %H:%M}" for m in moments]
     np.testing.assert_allclose(read_record(frame(stamps), ONE).t, np.arange(N), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("step", "notation", "said"),
+    [
+        (10.0, "%d/%m/%Y %H:%M", "50 rows .*83 % of all, and the stamps hold whole minutes.*with seconds"),
+        (30.0, "%Y-%m-%d %H:%M", "30 rows .*50 % of all, and the stamps hold whole minutes.*with seconds"),
+        (0.5, "%Y-%m-%d %H:%M:%S", "30 rows .*the stamps hold whole seconds.*with fractions of a second"),
+        (600.0, "%Y-%m-%d %H", "50 rows .*the stamps hold whole hours.*with minutes"),
+    ],
+)
+def test_stamps_that_are_cut_are_said_with_what_to_export(step: float, notation: str, said: str) -> None:
+    first = datetime(2024, 5, 3, 6, 0)
+    stamps = [f"{first + timedelta(seconds=step * k):{notation}}" for k in range(60)]
+    record = read_record(frame([f"{s}:00" if notation.endswith("%H") else s for s in stamps]), ONE)
+    (found,) = (note for note in record.notes if note.kind is Kind.DUPLICATE)
+    assert re.search(said, found.message), found.message
+    assert found.samples == 60 - record.t.size
+
+
+@pytest.mark.parametrize(("repeated", "advised"), [(14, False), (16, True)])
+def test_stamps_that_repeat_now_and_then_are_not_called_coarse(repeated: int, advised: bool) -> None:
+    assert 14 < levels.REPEATED_TIMES * 60 < 16
+    moments = [datetime(2024, 5, 3, 6, 0) + timedelta(seconds=k - (k % 2) * (k < 2 * repeated)) for k in range(60)]
+    (found,) = (n for n in read_record(frame(moments), ONE).notes if n.kind is Kind.DUPLICATE)
+    assert found.samples == repeated and ("fractions of a second" in found.message) == advised
+
+
+def test_dates_that_could_be_swapped_are_shown_as_they_stand_in_the_file() -> None:
+    stamps = [f"03/05/2024 06:{k:02d}" for k in range(30)]
+    messages = [note.message for note in read_record(frame(stamps), ONE).notes]
+    assert any("dates such as 03/05/2024 06:00 were read as day first" in message for message in messages), messages
 
 
 @pytest.mark.parametrize("mark", ["Z", "+02:00", "-0530", " UTC"])

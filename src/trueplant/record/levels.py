@@ -90,6 +90,9 @@ LARGEST_OPC = 255
 LOST_TIMES = 0.01
 """Share of rows without a time, and of rows out of order, up to which they are left out or sorted in. Judgement: more
 is no slip of the logger but another format, or several runs in one file."""
+REPEATED_TIMES = 0.25
+"""Share of rows with the time of the row before, from which stamps may be too coarse. Judgement: a logger repeats one
+now and then, and stamps that were cut to minutes repeat in every second row at least."""
 CLOCK_CHANGE = (1800.0, 3700.0)
 """A step back by so many seconds is offered as the autumn change of the clock: one hour (half an hour on Lord Howe
 Island), and a sample more."""

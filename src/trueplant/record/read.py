@@ -20,10 +20,11 @@ from trueplant.record.layout import Channel, Layout
 from trueplant.record.long import bad_quality, is_long, nothing_good, to_wide
 from trueplant.record.modes import read_modes
 from trueplant.record.numbers import counted, no_measurements
+from trueplant.record.order import put_in_order
 from trueplant.record.readers import read_table
 from trueplant.record.runs import spans_of
 from trueplant.record.table import Table
-from trueplant.record.times import Times, find_time, parse_times, partners, put_in_order
+from trueplant.record.times import Times, find_time, parse_times, partners
 from trueplant.record.types import Finding, Kind, Record
 
 Rows = NDArray[np.int64]

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueplant.arrays import Array
-from trueplant.calendar import Calendar, offset_name, unit_seconds, zone_of
+from trueplant.calendar import offset_name, unit_seconds, zone_of
 from trueplant.errors import DataError
 from trueplant.record import levels
 from trueplant.record.guard import foreign
 from trueplant.record.layout import Layout
-from trueplant.record.numbers import counted
 from trueplant.record.stamps import FORMATS as MOMENTS
 from trueplant.record.stamps import as_moments
 from trueplant.record.table import Table
@@ -188,6 +187,7 @@ def _from_text(table: Table, name: str, order: str | None) -> _Stamps:
 
     text = _with_date(table, name)
     text = pl.select(pl.when(text == "").then(None).otherwise(text)).to_series()
+    shown = str(next(iter(text.drop_nulls()), ""))
     text = text.str.replace(r"^(\d{4}-?\d{2}-?\d{2})T", "$1 ").str.replace(r"^(\d{4})(\d{2})(\d{2})( |$)", "$1-$2-$3$4")
     text = text.str.replace(r"(:\d{2}),(\d+)", "$1.$2").str.replace_all(r" {2,}", " ")
     zone = text.str.extract(_ZONE, 2)
@@ -205,7 +205,7 @@ def _from_text(table: Table, name: str, order: str | None) -> _Stamps:
         offsets = (minutes * 60_000_000).cast(pl.Duration("us"))
         text = text.str.replace(_ZONE, "$1")
     text = text.str.replace(rf"^({_DATE})$", "$1 00:00:00").str.replace(r"( \d{1,2}:\d{2})( ?[AP]M)?$", "$1:00$2")
-    stamps, notes = _date_order(text, f"{table.source}, column {name!r}", order)
+    stamps, notes = _date_order(text, shown, f"{table.source}, column {name!r}", order)
     unread = stamps.is_null() & text.is_not_null()
     if bool(unread.any()):
         _refuse(table, name, int(unread.arg_max() or 0))
@@ -259,9 +259,10 @@ def _all_match(table: Table, name: str, pattern: str) -> bool:
     return known and bool(_upper(table, name).str.contains(rf"^({pattern})$").all())
 
 
-def _date_order(text: pl.Series, source: str, order: str | None) -> tuple[pl.Series, tuple[Finding, ...]]:
+def _date_order(text: pl.Series, shown: str, source: str, order: str | None) -> tuple[pl.Series, tuple[Finding, ...]]:
     """Parse by the notation that fits; where day and month could be swapped, take the smoother one and say so.
 
+    shown: the first stamp as the file has it.
     Raises DataError where the year could be the first or the last of three pairs of digits.
     """
     dotted = bool(text.str.contains(r"^\d{1,2}\.\d{1,2}\.").any())
@@ -294,14 +295,10 @@ def _date_order(text: pl.Series, source: str, order: str | None) -> tuple[pl.Ser
     alike = [f for f in ranked if np.isclose(roughness(fitting[f]), roughness(fitting[ranked[0]]), rtol=1e-9)]
     if same and "%y-%m-%d" in alike:
         readings = " or ".join(f"{fitting[f].drop_nulls()[0]:%Y-%m-%d} ({_order_of(f)})" for f in alike)
-        raise DataError(
-            f"{source}: {text.drop_nulls()[0]} can be {readings}: set data.time_format to the order that is meant"
-        )
+        raise DataError(f"{source}: {shown} can be {readings}: set data.time_format to the order that is meant")
     # with nothing else to go by, dots are written day first, and a 12-hour clock goes with month first
     chosen = ranked[0] if not same else next(f for f in fitting if f.startswith("%m" if american else "%d"))
-    message = (
-        f"{source}: dates such as {text.drop_nulls()[0]} were read as {'month' if chosen[1] == 'm' else 'day'} first."
-    )
+    message = f"{source}: dates such as {shown} were read as {'month' if chosen[1] == 'm' else 'day'} first."
     return fitting[chosen], (Finding(Kind.DATE_ORDER, source, message),) if same else ()
 
 
@@ -343,56 +340,3 @@ def _to_utc(table: Table, stamps: pl.Series, zone: str, groups: NDArray[np.int64
     later = np.zeros(order.size, dtype=bool)
     later[order] = fold & (back > at_begin[stretch])
     return second.zip_with(pl.Series(later), first)
-
-
-def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[Finding, ...]]:
-    """Rows in increasing time, without empty or repeated stamps.
-
-    Raises DataError where time runs backwards for more than single rows.
-    """
-    t = times.seconds
-    if np.all(np.diff(t) > 0):
-        return np.arange(t.size), ()
-    rows = np.flatnonzero(np.isfinite(t))
-    notes: list[Finding] = []
-    if rows.size < t.size:
-        lost = np.flatnonzero(~np.isfinite(t))
-        if lost.size > max(1, levels.LOST_TIMES * t.size):
-            raise DataError(
-                f"{table.source}, {table.where(int(lost[0]))}: {counted(lost.size, 'row')} without a time; "
-                "complete or delete them"
-            )
-        message = f"{counted(lost.size, 'row')} without a time left out (first: {table.where(int(lost[0]))})."
-        notes.append(Finding(Kind.MISSING, "time", message, samples=int(lost.size), excludes=True))
-    steps = np.diff(t[rows])
-    if steps.size and np.mean(steps < 0) > levels.MOSTLY and np.all(steps <= 0):
-        rows = rows[::-1]
-        notes.append(
-            Finding(Kind.BACKWARDS, "time", "The file runs from the latest to the earliest time; it was reversed.")
-        )
-    late = np.flatnonzero(t[rows] < np.maximum.accumulate(t[rows]))
-    if late.size > max(1, levels.LOST_TIMES * rows.size):
-        k = int(late[0])
-        calendar = Calendar("s", times.start, times.zone)
-        shown = f"{calendar.text(t[rows[k - 1]])} to {calendar.text(t[rows[k]])}"
-        hint = ""
-        back = t[rows[k - 1]] - t[rows[k]]
-        least, most = levels.CLOCK_CHANGE
-        if times.start is not None and times.start.tzinfo is None and least <= back < most:
-            hint = " if this is the autumn change of the clock, give `time_zone`;"
-        raise DataError(
-            f"{table.source}, {table.where(int(rows[k]))}: time runs backwards ({shown});{hint} "
-            "sort the file, or split it into one file for each run"
-        )
-    if late.size:
-        rows = rows[np.argsort(t[rows], kind="stable")]
-        message = f"{counted(late.size, 'row')} out of order, sorted in (first: {table.where(int(late[0]))})."
-        notes.append(Finding(Kind.BACKWARDS, "time", message, samples=int(late.size)))
-    keep = np.diff(t[rows], prepend=-np.inf) > 0
-    if not keep.all():
-        first = int(rows[np.argmin(keep)])
-        count = int(np.sum(~keep))
-        message = f"{counted(count, 'row')} with the time of the row before left out (first: {table.where(first)})."
-        notes.append(Finding(Kind.DUPLICATE, "time", message, samples=count, excludes=True))
-        rows = rows[keep]
-    return rows, tuple(notes)
