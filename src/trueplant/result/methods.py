@@ -61,6 +61,8 @@ class ControllerCheck:
     """The time stamp of that, where the record has time stamps."""
     ratios: tuple[LawRatio, ...] = ()
     """For each output that the law acts on: its gain, integral time and derivative time."""
+    by_hand: tuple[Interval, ...] = field(default=(), metadata=ABSENT)
+    """From when to when OP looks to be in manual, though nobody said so: these samples were left out."""
 
 
 @dataclass(frozen=True)

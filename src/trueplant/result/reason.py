@@ -34,7 +34,7 @@ class Code(StrEnum):
     SETPOINT_COMPUTED = "setpoint-computed", "a set-point follows PV and moves nothing from outside"
     SETPOINT_STILL = "setpoint-still", "a set-point never moves"
     SETPOINT_RANK = "setpoint-rank", "the set-points move in the same proportion"
-    MANUAL = "manual", "a loop was in manual for most of a record of closed loops"
+    MANUAL = "manual", "a loop was in manual in a record of closed loops, or looks so"
     COMPRESSED = "compressed", "a historian stored only part of a signal"
     CONTROLLER = "controller", "a declared controller does not reproduce OP"
     SCAN = "scan", "OP was written between the recorded samples"

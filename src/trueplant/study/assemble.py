@@ -25,6 +25,7 @@ from trueplant.result import (
     Uncertainty,
 )
 from trueplant.study.curves import curves_of, trends_alone
+from trueplant.study.data.by_hand import hand_notes
 from trueplant.study.data.cascade import cascade_notes
 from trueplant.study.data.declared import band_notes, beside_the_band
 from trueplant.study.data.nonparametric import coherence_curves, coherence_table
@@ -110,7 +111,8 @@ def refused(study: Study, checked: Checked) -> Result:
         )
         for (i, j), spec in sorted(study.specs.items())
     )
-    notes = [*study.notes, *controller_notes(checked.controllers), *cascade_notes(checked.cascades)]
+    told = [*hand_notes(study, checked.controllers), *controller_notes(checked.controllers)]
+    notes = [*study.notes, *told, *cascade_notes(checked.cascades)]
     return Result(
         status=Status.REFUSED,
         reasons=reasons,

@@ -92,6 +92,11 @@ LAW_TREND_PIECES = 12
 that is not leaves it each time. Judgement."""
 LAW_WINDOW = 20
 """Samples of a window at least: several for each part and what it remembers."""
+STOOD_STILL = 10.0
+"""Times OP's usual move that a law would have moved it by while it stands still, from which it was in manual: a law of
+a tenth of the declared gain would have been seen to move it. Judgement."""
+SHOWN_BY_HAND = 3
+"""Stretches in manual of one OP that a sentence names."""
 LAW_BEFORE = 3
 """Windows at least before and after the moment at which a law became another one."""
 MOVED_QUANTA = 3.0

@@ -19,7 +19,8 @@ from trueplant import Project
 from trueplant.errors import ProjectError
 from trueplant.loop import PID, Controller, Linear, simulate
 from trueplant.lti import TransferMatrix, tf
-from trueplant.result import ControllerCheck
+from trueplant.result import Code, ControllerCheck
+from trueplant.study.data.by_hand import hand_notes
 from trueplant.study.data.controller_check import check_controllers
 from trueplant.study.data.prepare import prepare
 
@@ -282,3 +283,24 @@ def test_a_controller_is_not_blamed_for_what_a_historian_left_out(seed):
     frame = frame.with_columns(pl.Series("pv", swinging_door(frame["pv"].to_numpy(), 0.3)))
     right = checked(loop, frame)
     assert right.confirmed is None and "what a historian left out of y" in right.message
+
+
+def test_a_stretch_in_manual_that_nobody_declared_is_no_other_tuning():
+    """A hand moves OP every 25 samples there; the mode column says automatic throughout."""
+    loop = Loop(PI, seed=5, manual=((800, 1400),), op_digits=0.001)
+    study = prepare(loop.project(), frames=[loop.record().with_columns(mode=pl.lit(1))])
+    found = check_controllers(study)[0]
+    assert found.confirmed is True, found.message
+    ((begin, end),) = found.by_hand
+    assert begin == pytest.approx(800, abs=25) and end == pytest.approx(1400, abs=25)
+    (note,) = hand_notes(study, [found])
+    assert note.code is Code.MANUAL
+    assert note.message.startswith(f"u looks to be in manual from {begin:.0f} to {end:.0f} s")
+
+
+@pytest.mark.parametrize("digits", [0.01, 1.0, 5.0])
+def test_a_coarse_op_is_not_in_manual(digits):
+    """Of a law that is declared and of one with a third of its gain, which moves OP that much less."""
+    for factor in (1.0, 3.0):
+        loop = Loop(PI, seed=6, op_digits=digits, noise=0.05)
+        assert checked(loop, gain=factor).by_hand == ()

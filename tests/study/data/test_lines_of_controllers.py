@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from support.simulated import segment_of
 from trueplant.loop import PID, Controller, Kind, Sum
 from trueplant.record import Segment
+from trueplant.result import ControllerCheck
 from trueplant.study.data import controller_check, law_judged, op_law, scan
+from trueplant.study.data.by_hand import hand_notes, without_hand
 from trueplant.study.data.law_samples import wrong_samples
 from trueplant.study.data.law_trend import law_trend
 from trueplant.study.data.law_windows import Cuts, Stretch, Windows, cut
@@ -196,7 +198,7 @@ def test_op_is_at_its_limit_within_half_a_percent_of_its_range(op: float, free: 
 @pytest.mark.parametrize(("missed", "words"), [(0.7e-6, "to rounding"), (1.5e-6, "to 1.5e-06 % rms")])
 def test_a_millionth_of_op_is_called_rounding(missed: float, words: str, monkeypatch: Any) -> None:
     found = Stub(confirmed=True, missed=missed, rounding=0.0, ratios=(), integral=None)
-    monkeypatch.setattr(controller_check._Written, "of", lambda *given: Stub(stretches=(), scale=1.0))
+    monkeypatch.setattr(controller_check._Written, "of", lambda *given: Stub(stretches=(), scale=1.0, by_hand=()))
     monkeypatch.setattr(controller_check, "judged", lambda *given: found)
     study: Any = Stub(project=Stub(inputs=[Stub(name="u", unit="%")], output_names=("y",)))
     assert words in controller_check._entry(study, 0, "run", LAW, 0).message
@@ -208,3 +210,31 @@ def test_the_integral_of_a_law_that_is_drawn_begins_anew_a_dozen_times() -> None
     law = Controller.diagonal([PID(Kc=1.0, Ti=10.0)])
     study: Any = Stub(records=Stub(declared=[law]), screened=[Stub(segments=[record(-y, y)])])
     assert 8 < np.isnan(law_trend(study, 0, 0).t).sum() < 18
+
+
+@pytest.mark.holds("study.STOOD_STILL")
+@pytest.mark.parametrize(("times", "manual"), [(6, False), (16, True)])
+def test_op_is_in_manual_where_its_law_would_have_moved_it_by_ten_usual_moves(times: int, manual: bool) -> None:
+    """OP moves by 1 from sample to sample, and stands still for 40 samples in the middle, in which PV steps."""
+    y = np.arange(400) % 2 * 1.0
+    u = -y
+    u[200:240], y[200:220], y[220:240] = -y[199], y[199], y[199] + times
+    (left,), found = without_hand([stretch(u, y)], LAW, 0)
+    assert (found == ((200.0, 239.0),)) is manual
+    assert left.good[200:240].any() == (not manual) and left.good[:200].all() and left.good[240:].all()
+
+
+def test_an_op_that_never_moves_is_in_manual_throughout() -> None:
+    (left,), found = without_hand([stretch(np.full(400, 5.0), noise(400))], LAW, 0)
+    assert found == ((1.0, 399.0),) and not left.good[1:].any()
+
+
+@pytest.mark.holds("study.SHOWN_BY_HAND")
+@pytest.mark.parametrize(("stretches", "more"), [(2, False), (4, True)])
+def test_three_stretches_in_manual_are_named(stretches: int, more: bool) -> None:
+    said = tuple((10.0 * k, 10.0 * k + 5) for k in range(stretches))
+    check = ControllerCheck("A", "u", "%", True, None, "", by_hand=said)
+    calendar = Stub(span=lambda a, b: f"{a:g} to {b:g} s")
+    study = Stub(project=Stub(experiments=[Stub(name="A")]), screened=[Stub(record=Stub(calendar=calendar))])
+    (note,) = hand_notes(study, [check])
+    assert ("times more" in note.message) is more and note.message.count("from ") == min(stretches, 3)

@@ -12,8 +12,9 @@ from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, Kind, Sum, law_parts
 from trueplant.record import Segment
 from trueplant.record.sensor import update_every
-from trueplant.result import ControllerCheck, LawRatio
+from trueplant.result import ControllerCheck, Interval, LawRatio
 from trueplant.study import levels
+from trueplant.study.data.by_hand import without_hand
 from trueplant.study.data.excitation import mostly_filled_in
 from trueplant.study.data.law_judged import Judged, Ratio, judged, parted
 from trueplant.study.data.law_windows import Stretch
@@ -47,11 +48,13 @@ def _entry(study: Study, k: int, name: str, controller: Controller, i: int) -> C
     unchecked = ControllerCheck(name, signal.name, signal.unit, None, None, "the controller cannot be checked: ")
     try:
         written = _Written.of(study, k, controller, i)
+        unchecked = replace(unchecked, by_hand=written.by_hand)
         found = judged(written.stretches, controller, i, written.scale)
     except LoopError as problem:
         return replace(unchecked, message=unchecked.message + str(problem))
     if found is None:
-        why = study.screened[k].refusal or "there are too few samples in which OP was free and PV good and moving"
+        free = "in automatic" if written.by_hand else "free"
+        why = study.screened[k].refusal or f"there are too few samples in which OP was {free} and PV good and moving"
         return replace(unchecked, message=unchecked.message + why)
     ratios = _ratios(study, found.ratios)
     said = replace(unchecked, rms=found.missed, relative=found.missed / written.scale, ratios=ratios)
@@ -184,12 +187,15 @@ class _Written:
     stretches: tuple[Stretch, ...]
     scale: float
     """Root mean square of OP's own movement."""
+    by_hand: tuple[Interval, ...]
+    """From when to when it was in manual, which is not in the stretches."""
 
     @classmethod
     def of(cls, study: Study, k: int, controller: Controller, i: int) -> _Written:
         stretches = tuple(_stretch(study, k, controller, i, s) for s in _enough(study.screened[k].segments))
         u = np.concatenate([np.zeros(0), *(s.u for s in stretches)])
-        return cls(stretches, (float(np.std(u)) if u.size else 0.0) or 1.0)
+        stretches, by_hand = without_hand(stretches, controller, i)
+        return cls(stretches, (float(np.std(u)) if u.size else 0.0) or 1.0, by_hand)
 
     def between(self, study: Study, k: int, controller: Controller, i: int) -> bool:
         """May OP have been written between the samples?"""

@@ -10,6 +10,7 @@ from trueplant.identify import OutputEstimate, unanswered
 from trueplant.identify.between_experiments import kinds_of
 from trueplant.identify.levels import SHARED_FACTOR, UNDERMODELLED
 from trueplant.result import Code, ControllerCheck, Reason
+from trueplant.study.data.by_hand import hand_notes
 from trueplant.study.data.excitation import compression_notes, manual_notes, setpoint_rank_note
 from trueplant.study.data.scan import faster_scan
 from trueplant.study.plant.identified import Identified
@@ -27,7 +28,7 @@ def controller_notes(consistency: Sequence[ControllerCheck]) -> list[Reason]:
 def notes_of(study: Study, found: Identified, consistency: Sequence[ControllerCheck]) -> list[Reason]:
     """What the reader should know although an answer was possible."""
     notes = [*setpoint_rank_note(study), *manual_notes(study), *compression_notes(study)]
-    notes += [*controller_notes(consistency), *_scan_note(study)]
+    notes += [*hand_notes(study, consistency), *controller_notes(consistency), *_scan_note(study)]
     notes += _hold_notes(study, found)
     answered = {i for i, estimate in found.estimates.items() if len(unanswered(estimate)) < estimate.theta.size}
     for i, estimate in found.estimates.items():
