@@ -30,12 +30,14 @@ def plan_sentence(unit: str, plan: MoreData) -> str:
     element = f"{spoken(worst.input)} -> {spoken(worst.output)}"
     text += f"the {name} of {element} would then be known to {known}"
     if worst.now is not None:
-        text += f" (now ±{number(worst.now, 2)})"
+        beside = ", with times as in the model, as the record does not tell them" if worst.as_modelled else ""
+        text += f" (now ±{number(worst.now, 2)}{beside})"
     others = len(told) - 1
     if others:
         text += f", and {counted(others, 'other open parameter')} better too"
     if plan.suffices:
         text += ", which is enough for these loops" if closed else ", which is enough"
+        text += f", though grade A takes ±{number(worst.wanted, 2)}" if worst.then > worst.wanted else ""
     if plan.limited_by:
         text += f" ({_signal(plan.limited_by)} limits the size)"
     if plan.first_of_two:
@@ -50,10 +52,10 @@ def plan_sentence(unit: str, plan: MoreData) -> str:
 
 
 def not_worth_sentence(unit: str, plan: MoreData) -> str:
-    """Why no test is worth it; `unit` is that of time."""
+    """Why there is no test to be made, and what to do instead; `unit` is that of time."""
     assert plan.longest is not None  # said with every plan that was looked for
     if plan.not_worth is NotWorth.MATTERS_LITTLE:
-        return "a test is not worth it, because what is open matters little beside what is known"
+        return "no test is needed: what is still open of the plant as estimated makes little difference to the loops"
     if plan.not_worth is NotWorth.NO_LIMITS:
         return (
             "no test can be planned, because an OP that has not moved would have to, and nothing says how far it may: "
@@ -67,15 +69,16 @@ def not_worth_sentence(unit: str, plan: MoreData) -> str:
         )
     if plan.not_worth is NotWorth.LIMITS_TOO_NEAR:
         return (
-            f"a test is not worth it, because {_signal(plan.limited_by)} is so near its limits, with what the "
+            f"no test can be planned, because {_signal(plan.limited_by)} is so near its limits, with what the "
             "disturbance does to it, that no move can be made: move it away from them first, or declare wider limits"
         )
     limited = f", as {_signal(plan.limited_by)} keeps the moves small" if plan.limited_by else ""
+    records = "give more records together in which the set-points or OPs move, as far as operation allows"
     if plan.needs is None:
-        return f"a test is not worth it, because no length of it would settle what is open{limited}"
+        return f"no length of a test would settle what is open{limited}: {records}"
     return (
-        f"a test is not worth it, because it would take {duration(plan.needs, unit)}{limited}, and a test may "
-        f"take {duration(plan.longest, unit)} (longest_test in [analysis])"
+        f"a test that settles what is open would take {duration(plan.needs, unit)}{limited}, and a test may take "
+        f"{duration(plan.longest, unit)} (longest_test in [analysis]): allow a longer one, or {records}"
     )
 
 

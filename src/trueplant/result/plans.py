@@ -47,6 +47,9 @@ class Settled:
     """After the moves."""
     matters: bool = True
     """To the loops: what does not is not waited for."""
+    as_modelled: bool = False
+    """Is it counted with times as the model has them, where the record does not tell those of the output's elements?
+    Then `now` is not the half-width of the parameter's own interval, which rests on the times as estimated."""
 
 
 @dataclass(frozen=True)

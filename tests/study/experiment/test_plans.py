@@ -171,7 +171,7 @@ def test_no_plan_is_longer_than_a_test_may_be(tmp_path: Path) -> None:
     entry = refused["more_data"][0]
     assert entry["not_worth"] == "too-long" and entry["moves"] == [] and entry["longest"] == 480.0
     assert entry["needs"] > 480.0
-    assert entry["sentence"].startswith("a test is not worth it, because it would take ")
+    assert entry["sentence"].startswith("a test that settles what is open would take ")
     assert [n["message"] for n in refused["notes"] if n["code"] == "more-data"] == [entry["sentence"]]
     loop_project(tmp_path, CONTROLLER + "[analysis]\nlongest_test = 3000\n", noise=1.0)
     allowed = run(Project.load(tmp_path / "project.toml")).to_dict()["more_data"][0]

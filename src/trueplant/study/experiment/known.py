@@ -55,6 +55,11 @@ class Known:
         return list(zip(self.fit.row.specs, self.fit.row.slices, strict=True))
 
     @property
+    def as_modelled(self) -> bool:
+        """Do times of the model stand where the record tells none?"""
+        return not np.array_equal(self.fit.theta, self.estimate.theta)
+
+    @property
     def data_can_help(self) -> bool:
         """Not where runs of the plant differ, or the structure is too simple: there more of the same tells nothing."""
         return not self.estimate.disputed and not self.estimate.undermodelled

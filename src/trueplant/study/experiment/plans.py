@@ -328,6 +328,7 @@ def _entry(question: Question, stand: Stand, plan: Plan) -> MoreData:
                 wanted=one.wanted,
                 then=then,
                 matters=one.place in places,
+                as_modelled=question.known[one.output].as_modelled,
             )
             for one, then in zip(question.asked, plan.then, strict=True)
         ),
