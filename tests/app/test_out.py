@@ -267,7 +267,7 @@ def test_accepting_writes_what_the_command_writes(tmp_path: Path, monkeypatch: p
     assert main(["accept", "project-result", "--project", "project.toml"]) == 0
     visitor = Visitor.inside(ours)
     ready = visitor.ask("GET", "/api/out/acceptable?project=project.toml").json()
-    assert ready == {"state": "ready", "message": "", "changes": ["u → y"], "kept": []}
+    assert ready == {"state": "ready", "message": "", "changes": ["u → y"], "kept": [], "doubts": []}
     answer = visitor.post("/api/out/accept?project=project.toml", {})
     assert answer.status == 200 and "the model is now the plant for 1 element (u -> y)" in answer.json()["said"][0]
     for name in ("project.toml", "project.toml.bak"):

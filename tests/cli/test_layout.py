@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from io import StringIO
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
@@ -10,6 +11,8 @@ from rich.text import Text
 
 from trueplant.cli.folding import folded
 from trueplant.cli.layout import blocks, say_lines
+from trueplant.cli.show import legend
+from trueplant.result import Code, Reason
 
 HEADINGS = ("parameter", "model", "plant (95 % interval)", "change")
 GROUPS = [
@@ -86,3 +89,11 @@ def test_plain_lines_are_folded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdout", terminal)
     say_lines(SENTENCE)
     assert max(map(len, terminal.getvalue().splitlines())) <= 40
+
+
+def test_grades_are_no_leave_to_retune_on_what_changed_during_the_record():
+    moved = Reason(Code.CAUSE_MOVED_MEANWHILE, "the plant was not the same throughout the record", "y, a.csv")
+    for notes, words in (((moved,), "retune on, but not what changed during the record"), ((), "retune on")):
+        assert legend(SimpleNamespace(elements=[SimpleNamespace(grade="B", parameters=())], notes=notes)).endswith(
+            words
+        )

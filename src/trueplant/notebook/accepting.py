@@ -65,5 +65,6 @@ def told_accepted(found: Accepted, place: Path | str, copy: Path | str) -> Itera
     names = ", ".join(f"{e.input} -> {e.output}" for e in found.changed)
     yield f"{place}: the model is now the plant for {counted(len(found.changed), 'element')} ({names})"
     if found.kept:
-        yield f"kept, since the data do not answer them: {', '.join(f'{e.input} -> {e.output}' for e in found.kept)}"
+        yield f"kept as they are: {', '.join(f'{e.input} -> {e.output} ({e.verdict})' for e in found.kept)}"
+    yield from (f"look at it before you rely on it: {doubt}" for doubt in found.doubts)
     yield f"{copy}: the file as it was; the old lines stand in the new one as comments, too"

@@ -211,7 +211,8 @@ def _acceptable(found: Saved, project: ProjectFile) -> dict[str, Any]:
         "state": "changed" if since else "ready",
         "message": f"{'; '.join(since)} since this result was written." if since else "",
         "changes": [f"{e.input} → {e.output}" for e in ready.changed],
-        "kept": [f"{e.input} → {e.output}" for e in ready.kept],
+        "kept": [f"{e.input} → {e.output} ({e.verdict})" for e in ready.kept],
+        "doubts": list(ready.doubts),
     }
 
 

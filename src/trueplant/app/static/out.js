@@ -62,7 +62,8 @@ function showAcceptable(found) {
   const lines = found.message ? [line(found.message, found.state === "ready" ? "" : "message")] : [];
   if (found.state !== "refused") {
     lines.push(line(`The plant takes the place of the model in ${found.changes.join(", ")}.`));
-    if (found.kept.length) lines.push(line(`Kept, since the data do not answer them: ${found.kept.join(", ")}.`));
+    if (found.kept.length) lines.push(line(`Kept as they are: ${found.kept.join(", ")}.`));
+    for (const doubt of found.doubts) lines.push(line(`${doubt}.`, "message"));
   }
   place.replaceChildren(...lines);
 }
