@@ -169,6 +169,15 @@ def number(time: float) -> str:
     return f"{time:.0f}" if abs(time) >= 1e5 else f"{time:.6g}"
 
 
+def duration(length: float, unit: str) -> str:
+    """A length of time as a person says it: in its unit, in a longer one from two of these on, or in a shorter one."""
+    own = unit_seconds(unit)
+    names = {86400.0: "days", 3600.0: "h", 60.0: "min", 1.0: "s", own: unit}
+    fitting = (size for size in sorted(names, reverse=True) if length * own >= size * (2 if size > own else 1))
+    size = next(fitting, min(names))
+    return f"{float(f'{length * own / size:.3g}'):g} {names[size]}"
+
+
 def offset_name(seconds: int) -> str:
     """An offset from UTC as a zone: UTC, or +01:00."""
     return "UTC" if seconds == 0 else timezone(timedelta(seconds=seconds)).tzname(None)[3:]

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trueplant.calendar import Calendar
+from trueplant.calendar import Calendar, duration
 from trueplant.errors import DataError
 from trueplant.record import Channel, Layout, read_record
 
@@ -141,3 +141,24 @@ def test_an_unknown_zone_is_named_even_where_stamps_bear_offsets():
     stamps = [f"2024-07-01T10:{k:02d}:00Z" for k in range(20)]
     with pytest.raises(DataError, match="did you mean Europe/Amsterdam"):
         read_record(frame(stamps), layout(time_zone="Europe/Amsterdm"))
+
+
+@pytest.mark.parametrize(
+    ("length", "unit", "said"),
+    [
+        (10 / 60, "min", "10 s"),
+        (89.6667, "min", "89.7 min"),
+        (162.0, "min", "2.7 h"),
+        (119.0, "s", "119 s"),
+        (120.0, "s", "2 min"),
+        (0.5, "h", "30 min"),
+        (1.0, "min", "1 min"),
+        (0.25, "d", "6 h"),
+        (3.0, "d", "3 d"),
+        (0.02, "s", "0.02 s"),
+        (0.005, "min", "0.3 s"),
+        (500.0, "ms", "500 ms"),
+    ],
+)
+def test_a_length_of_time_is_said_in_the_unit_that_reads_best(length: float, unit: str, said: str) -> None:
+    assert duration(length, unit) == said

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from trueplant.calendar import duration
 from trueplant.result import Check, Code, Status
 
 SCREENS = {
@@ -35,7 +36,7 @@ def told_check(found: Check) -> dict[str, Any]:
     for one in found.data:
         calendar = one.calendar(unit)
         kept = [f"{name} {100 * share:.0f} %" for name, share in one.usable_share.items() if share < 1]
-        span, every = calendar.span(*one.span), f"{one.sample_time:g} {unit}"
+        span, every = calendar.span(*one.span), duration(one.sample_time, unit)
         records.append(
             {
                 "name": one.name,

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from trueplant.calendar import duration
 from trueplant.claims import claim
 from trueplant.cli.layout import say_lines
 from trueplant.errors import UsageError
@@ -40,7 +41,7 @@ def show_check(found: Check) -> None:
     for record in found.data:
         calendar = record.calendar(unit)
         span = calendar.span(*record.span)
-        say_lines(f"{record.name}: {record.samples} samples, {span}, one every {record.sample_time:g} {unit}")
+        say_lines(f"{record.name}: {record.samples} samples, {span}, one every {duration(record.sample_time, unit)}")
         if record.refused:
             say_lines(f"  cannot be used: {record.refused}")
         for name, share in record.usable_share.items():

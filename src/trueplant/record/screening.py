@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
+from trueplant.calendar import duration
 from trueplant.errors import DataError
 from trueplant.record import levels, sensor
 from trueplant.record.compression import filled_in, moves
@@ -118,7 +119,7 @@ def _report_clock(record: Record, clock: Clock, log: _Log) -> None:
         spans = tuple((float(record.t[k]), float(record.t[k + 1])) for k in gaps)
         longest = float(steps[gaps].max())
         message = (
-            f"The record has {counted(gaps.size, 'gap')}, the longest {longest:.4g} {unit}; "
+            f"The record has {counted(gaps.size, 'gap')}, the longest {duration(longest, unit)}; "
             "a new segment begins after each."
         )
         log.findings.append(Finding(Kind.GAP, "time", message, spans, value=longest))
@@ -127,13 +128,15 @@ def _report_clock(record: Record, clock: Clock, log: _Log) -> None:
         if lost > 0:
             message = f"{counted(lost, 'single row')} missing; OP and set-points hold their last value there."
             log.findings.append(Finding(Kind.GAP, "time", message, samples=lost))
+    even = duration(clock.h, unit)
     if clock.uniform and clock.jitter > levels.JITTER_SAID:
-        message = f"Stamps deviate from an even {clock.h:.4g} {unit} by {100 * clock.jitter:.2g} % rms; taken as even."
+        message = f"Stamps deviate from an even {even} by {100 * clock.jitter:.2g} % rms; taken as even."
         log.add(Kind.IRREGULAR, "time", message, value=clock.jitter)
     if not clock.uniform:
+        least, most = (duration(float(step), unit) for step in (steps.min(), steps.max()))
         message = (
-            f"Sampling is irregular ({steps.min():.3g} to {steps.max():.3g} {unit}). On a grid of {clock.h:.4g} "
-            f"{unit}, OP and set-points hold their last value and PV is interpolated between near samples."
+            f"Sampling is irregular ({least} to {most}). On a grid of {even}, OP and set-points hold their last value "
+            "and PV is interpolated between near samples."
         )
         log.add(Kind.IRREGULAR, "time", message, value=clock.jitter)
 
@@ -260,7 +263,9 @@ def _output(
 
 def _report_sensor(every: float, q: float, name: str, clock: Clock, unit: str, log: _Log) -> None:
     if every > 1:
-        message = f"{name} is updated every {every * clock.h:.3g} {unit} ({every:.3g} samples) and held in between."
+        message = (
+            f"{name} is updated every {duration(every * clock.h, unit)} ({every:.3g} samples) and held in between."
+        )
         log.add(Kind.HELD, name, message, value=every * clock.h)
     if q > 0:
         log.add(Kind.QUANTISED, name, f"{name} moves in steps of {q:.4g} (quantisation).", value=q)

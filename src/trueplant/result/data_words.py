@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from trueplant.calendar import duration
 from trueplant.result.data import SetpointMoves
-from trueplant.result.numbers import counted, duration
+from trueplant.result.numbers import counted
 
 
 def moves_sentence(found: SetpointMoves, column: str, time_unit: str) -> str:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-from trueplant.calendar import unit_seconds
-
 
 def spoken(name: str) -> str:
     return name.replace("_", " ")
@@ -60,12 +58,3 @@ def value_with_interval(value: float, ci: tuple[float, float]) -> str:
 def sentence(text: str) -> str:
     text = text.strip()
     return text if text.endswith((".", "!", "?")) else f"{text}."
-
-
-def duration(length: float, unit: str) -> str:
-    """A length of time in its unit, or in minutes, hours or days where that reads better."""
-    seconds = length * unit_seconds(unit)
-    for size, name in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2 * size and size > unit_seconds(unit):
-            return f"{number(seconds / size, 2)} {name}"
-    return f"{length:.6g} {unit}"

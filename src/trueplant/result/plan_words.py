@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from trueplant.calendar import duration
 from trueplant.result import levels
-from trueplant.result.numbers import counted, duration, number, spoken
+from trueplant.result.numbers import counted, number, spoken
 from trueplant.result.parameter_words import kind_of, word_of
 from trueplant.result.plans import MoreData, NotWorth
 

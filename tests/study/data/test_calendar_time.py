@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -137,3 +138,9 @@ def test_the_report_says_when():
     again = build(Curves, plain(result.curves))
     assert again.calendar(again.trends[0]) == result.curves.calendar(result.curves.trends[0])
     assert again.calendar(again.trends[0]).text(0.0) == "2024-03-30 19:00:00 CET"
+
+
+def test_check_says_a_sample_time_below_one_unit_in_seconds(capsys: pytest.CaptureFixture[str]):
+    found = checked("numbers", EXCLUDE.format(60, 120))
+    show_check(replace(found, data=(replace(found.data[0], sample_time=10 / 60),)))
+    assert "0 to 1499 min, one every 10 s" in capsys.readouterr().out
