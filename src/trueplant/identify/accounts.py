@@ -77,14 +77,19 @@ class Rivals:
     tested: int
     """Elements of the whole matrix."""
     timely: bool
-    """Does OP act at the instants recorded? What it did in between would pass for a structure."""
+    """Does OP act at the instants recorded? What it did in between would pass for a structure, or for loads that step
+    when set-points do."""
     confidence: float
     tell: Tell | None
+
+    @property
+    def looks_for_loads(self) -> bool:
+        return self.asked.loads and self.timely
 
     def likeliest(self, segments: Sequence[Segment], estimates: Mapping[int, OutputEstimate]) -> Account:
         """The likeliest account that these estimates, without loads, lead to."""
         begun = self._with_holds(segments, estimates)
-        loaded = find_loads(begun.fits) if self.asked.loads else {}
+        loaded = find_loads(begun.fits) if self.looks_for_loads else {}
         if not self.asked.pinned:
             return self._likeliest(begun, loaded)
         # Whether these are loads is asked beside structures that suffice, whichever are kept.
@@ -97,7 +102,8 @@ class Rivals:
         accounts = [self._with_structures(begun)]
         if loaded:
             accounts.append(self._with_structures(self._beside(begun, loaded)))
-        if self.asked.loads and accounts[0].structures != begun.structures and (others := find_loads(accounts[0].fits)):
+        looked_for = self.looks_for_loads and accounts[0].structures != begun.structures
+        if looked_for and (others := find_loads(accounts[0].fits)):
             accounts.append(self._with_structures(self._beside(accounts[0], others)))
         return min(accounts, key=lambda one: criterion(one.fits)) if len(accounts) > 1 else accounts[0]
 

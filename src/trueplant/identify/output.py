@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
 from trueplant.identify.between_experiments import Runs, compare_runs
+from trueplant.identify.between_samples import covariance_between_samples
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.budget import Budget
 from trueplant.identify.covariance import initial_state_share, least_covariance, scaled, small_samples
@@ -202,6 +203,8 @@ def identify_output(
     alone, follows = ([fit], tests.cross_p) if runs is None else (runs.fits, runs.cross_p)
     moved, shifts = order_dependence(fit, covariance, follows, alone)
     least = least_covariance(row, theta, sampling.timing)
+    if sampling.timing:
+        least = least + covariance_between_samples(fit)
     # How far another noise model moves a parameter counts as its error. A dead time that was left out may be there, too
     # small to be seen: then the other parameters are as the fit with it has them.
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)

@@ -13,11 +13,33 @@ import pytest
 from support.one_loop import declared
 from support.simulated import coloured, random_switching
 from trueplant import Project, run
+from trueplant import simulate as simulated
 from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix, tf
 from trueplant.project.tables import Unmeasured
 from trueplant.tracking.track import track
 
+PROJECT = """
+time_unit = "min"
+data = {files = ["p.csv"], time = "t"}
+output = [{name = "top", pv = "pv", sp = "sp"}]
+input = [{name = "reflux", op = "op", limits = [0, 100]}]
+model = [{output = "top", input = "reflux", tf = "-0.464/(12 s + 1)"}]
+controller = [{output = "top", input = "reflux", Kc = 1.0, Ti = 8.0, Td = 0.5, action = "direct"}]
+
+[simulate]
+duration = 600
+sample_time = 0.5
+noise = 0.05
+seed = SEED
+start = {top = 0, reflux = 50}
+plant = [{output = "top", input = "reflux", tf = "-0.7/(12 s + 1)"}]
+setpoints = [
+    {time = 50, output = "top", value = 2},
+    {time = 200, output = "top", value = -1},
+    {time = 400, output = "top", value = 1},
+]
+"""
 MODEL = "-2.6 exp(-6 s)/(40 s + 1)"
 LAW = {"Kc": -1.0, "Ti": 40.0, "Td": 4.0, "alpha": 0.1, "derivative_on": "pv"}
 
@@ -141,3 +163,15 @@ def test_the_rounding_of_op_is_no_other_tuning(tmp_path):
         "controller_consistency"
     ]
     assert [entry["confirmed"] for entry in checked] == [True]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_set_points_that_kick_op_between_samples_pass_for_no_loads(tmp_path, seed):
+    """A derivative answers a set-point within a twentieth of a sample: what OP did then nobody recorded."""
+    text = PROJECT.replace("SEED", str(seed))
+    (tmp_path / "p.toml").write_text(text)
+    simulated(tmp_path / "p.toml").write_csv(tmp_path / "p.csv")
+    result = run(tmp_path / "p.toml")
+    assert not any("stepped as an input" in note.message for note in result.notes)
+    low, high = result.elements[0].parameters[0].ci
+    assert low < -0.7 < high

@@ -1,0 +1,49 @@
+"""What OP did between its samples, where it acts at other instants than those recorded.
+
+A controller that scans faster than the record writes an OP that nobody recorded, and answers within a sample to noise
+that shows in the next one: no fit can see it. How much depends on it the record itself says, looked at as if it had
+been sampled half as often: what that hides moves the estimate by more than what is hidden already (Richardson's
+extrapolation; an error that grows with the sample time in proportion moves it by as much). How far it moves counts as
+an error, beside that of the instants.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trueplant.arrays import Array
+from trueplant.identify import levels
+from trueplant.identify.blocks import most_moved
+from trueplant.identify.estimate import best_dead_times, with_own_noise
+from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.pieces import Piece
+from trueplant.identify.row import Row
+
+
+def covariance_between_samples(fit: RowFit) -> Array:
+    """(size, size) of what inputs did between their samples."""
+    row = most_moved(fit.row)
+    found = _refitted(fit, row).theta
+    sparse = [_refitted(fit, _thinned(row, phase)).theta for phase in range(2)]
+    moved = np.mean(sparse, axis=0) - found
+    return np.asarray(np.outer(moved, moved))
+
+
+def _refitted(fit: RowFit, row: Row) -> RowFit:
+    again = fit_row(row, fit.theta, np.zeros(0), free=fit.free)
+    return best_dead_times(with_own_noise(again, levels.TRIED_STEPS), reach=1, rounds=1)
+
+
+def _thinned(row: Row, phase: int) -> Row:
+    """The row as every second sample shows it, from the first or the second on."""
+    return replace(row, pieces=tuple(_every_second(piece.from_sample(phase)) for piece in row.pieces))
+
+
+def _every_second(piece: Piece) -> Piece:
+    restarts, jumps = (tuple(-(-k // 2) for k in of) for of in (piece.restarts, piece.jumps))
+    inputs = np.ascontiguousarray(piece.inputs[:, ::2])
+    sent = None if piece.sent is None else np.ascontiguousarray(piece.sent[:, ::2])
+    y, valid = np.ascontiguousarray(piece.y[::2]), np.ascontiguousarray(piece.valid[::2])
+    return replace(piece, h=2 * piece.h, y=y, valid=valid, inputs=inputs, sent=sent, restarts=restarts, jumps=jumps)
