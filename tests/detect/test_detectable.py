@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from trueplant.detect import detectable_change
+from trueplant.detect import detectable_change, least_known
 from trueplant.lti import Structure
 
 FOPDT = Structure.parse("fopdt")
@@ -54,3 +54,10 @@ def test_an_element_that_the_model_lacks_is_measured_by_what_pv_does():
     assert detectable_change(FOPDT, np.array([0.01, 10.0, 5.0]), covariance, 1, 0.05, 10.0, 4.0) == pytest.approx(
         told * 0.025
     )
+
+
+@pytest.mark.parametrize(
+    ("errors", "named"), [((1.0, 0.1, 0.1), "gain"), ((0.01, 9.0, 0.1), "lag"), ((0.01, 0.1, 9.0), "dead time")]
+)
+def test_what_is_known_least_is_named(errors, named):
+    assert least_known(FOPDT, THETA, np.diag(np.square(errors)), 10.0) == named

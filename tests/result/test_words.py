@@ -140,6 +140,11 @@ def test_no_change_found_without_power_is_no_all_clear():
     assert _result(weak).headline == (
         "No change was found in u1 -> y1, but these data say too little: one of 35 % could have been missed."
     )
+    of_lag = replace(weak, detectable_of="lag")
+    assert _result(of_lag).headline.endswith("one of the lag by 35 % could have been missed.")
+    assert _result(_element(verdict="unchanged"), of_lag).headline.endswith(
+        "In 1 element no change was found, but one of the lag by 35 % could have been missed (u1 -> y1)."
+    )
     blind = replace(weak, detectable_change=None)
     assert "in 2 elements, but these data say too little: any could have been missed" in _result(weak, blind).headline
 

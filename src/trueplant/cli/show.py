@@ -12,6 +12,7 @@ from rich.text import Text
 from trueplant.cli.layout import Group, blocks, console, text
 from trueplant.result import Element, Parameter, Result
 from trueplant.result.detectors_words import detector_lines
+from trueplant.result.headline import seen
 from trueplant.result.methods_words import comparison_lines
 from trueplant.result.numbers import counted, number, percentage, value_with_interval
 from trueplant.result.reason import Code, is_common
@@ -88,6 +89,8 @@ def _title(element: Element) -> Text:
     said.append(text(element.verdict, style=_STYLE.get(element.verdict, "")))
     if element.grade:
         said.append(text(f", grade {element.grade}"))
+    if element.verdict == ElementVerdict.NOT_IDENTIFIABLE:
+        said.append(text(seen(element)))
     return said if element.parameters or not element.reason else said.append(text(f" ({element.reason})"))
 
 

@@ -2,7 +2,7 @@
 
 from trueplant.detect.causes import CommonFactor, common_factors
 from trueplant.detect.correlation import cross_correlation, partial_correlation
-from trueplant.detect.detectable import detectable_change
+from trueplant.detect.detectable import detectable_change, least_known
 from trueplant.detect.elements import Found, elements_found, judge_elements, verdicts
 from trueplant.detect.one_class import one_class
 from trueplant.detect.published import DETECTORS, published
@@ -43,6 +43,7 @@ __all__ = [
     "importance_open_loop",
     "judge",
     "judge_elements",
+    "least_known",
     "likeliest_change",
     "middle",
     "nominal_sensitivity",

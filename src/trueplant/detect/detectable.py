@@ -41,17 +41,33 @@ def detectable_change(
     `scale` stands for the net gain of an element that the model lacks. Infinite where nothing is known.
     """
     told = norm.isf(level / (2 * max(elements, 1))) + norm.ppf(levels.POWER)
+    return float(told * max(_relative_errors(structure, theta, covariance, lag, scale).values(), default=np.inf))
+
+
+def least_known(structure: Structure, theta: Array, covariance: Array, lag: float) -> str:
+    """Which of "gain", "lag" and "dead time" a change would have to be largest of to be found, in those shares."""
+    errors = _relative_errors(structure, theta, covariance, lag, None)
+    return max(errors, key=lambda name: errors[name], default="")
+
+
+def _relative_errors(
+    structure: Structure, theta: Array, covariance: Array, lag: float, scale: float | None
+) -> dict[str, float]:
+    """Standard errors of net gain, lag and mean dead time as the shares that `detectable_change` tells."""
     by_lag = np.where(structure.is_lag, 1.0, 0.0)
     by_lag[structure.is_frequency] = -1 / theta[structure.is_frequency] ** 2
     by_dead_time = structure.is_dead_time / max(int(structure.is_dead_time.sum()), 1)
     gain = abs(float(theta[structure.is_gain].sum())) if scale is None else scale
     slow = lag + float(by_dead_time @ theta)
-    quantities = ((structure.is_gain.astype(float), gain), (by_lag, structure.lag(theta)), (by_dead_time, slow))
+    quantities = {
+        "gain": (structure.is_gain.astype(float), gain),
+        "lag": (by_lag, structure.lag(theta)),
+        "dead time": (by_dead_time, slow),
+    }
     if not np.isfinite(covariance).all():
-        return np.inf
-    shares = [
-        told * np.sqrt(max(float(weights @ covariance @ weights), 0.0)) / size if size > 0 else np.inf
-        for weights, size in (quantities if scale is None else quantities[:1])
-        if np.any(weights)
-    ]
-    return float(max(shares, default=np.inf))
+        return {}
+    return {
+        name: float(np.sqrt(max(float(weights @ covariance @ weights), 0.0)) / size) if size > 0 else np.inf
+        for name, (weights, size) in quantities.items()
+        if np.any(weights) and (scale is None or name == "gain")
+    }

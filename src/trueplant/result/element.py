@@ -72,6 +72,8 @@ class Element:
     detectable_change: float | None = None
     """The change that would just have been found, as a share of net gain, lag, or dead time plus lag: the largest of
     the three. None where nothing was tested or nothing is known."""
+    detectable_of: str = ""
+    """Which of them that is: "gain", "lag" or "dead time"; empty where it is not known."""
     rejected_structure: str | None = None
     """The declared structure, where the record rejects it in favour of `structure`."""
     derived: tuple[Derived, ...] = ()

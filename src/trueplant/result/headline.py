@@ -9,7 +9,7 @@ from trueplant.result import levels
 from trueplant.result.element import Element, Parameter
 from trueplant.result.numbers import counted, number, sentence, spoken
 from trueplant.result.outcome import Outcome
-from trueplant.result.parameter_words import kind_of, number_of, word_of
+from trueplant.result.parameter_words import change_of, kind_of, number_of, word_of
 from trueplant.result.reason import Code
 from trueplant.result.status import ElementVerdict, Status
 
@@ -50,8 +50,22 @@ def headline(result: Outcome) -> str:
     if first and (changed or kept):
         text += f" {_first_model(first)}"
     if open_ones and (changed or kept or first):
-        text += f" {counted(len(open_ones), 'element')} could not be judged ({', '.join(map(_arrow, open_ones[:3]))}"
-        text += f" and {len(open_ones) - 3} more)." if len(open_ones) > 3 else ")."
+        text += _left_open(open_ones)
+    return text
+
+
+def _left_open(elements: Sequence[Element]) -> str:
+    """The elements without a verdict: those in which a change could have been missed, and those that say nothing."""
+    tested = [e for e in elements if e.p_adjusted is not None]
+    blind = [e for e in elements if e.p_adjusted is None]
+    text = ""
+    for some, begin, said in (
+        (tested, "In ", f" no change was found, but {_missed(tested)}" if tested else ""),
+        (blind, "", " could not be judged"),
+    ):
+        if some:
+            more = f" and {len(some) - 3} more" if len(some) > 3 else ""
+            text += f" {begin}{counted(len(some), 'element')}{said} ({', '.join(map(_arrow, some[:3]))}{more})."
     return text
 
 
@@ -90,12 +104,10 @@ def _named(elements: Sequence[Element]) -> str:
 
 def _missed(elements: Sequence[Element]) -> str:
     """How large a change could have been missed."""
-    share = max(math.inf if e.detectable_change is None else e.detectable_change for e in elements)
-    return (
-        f"one of {number(100 * share, 2)} % could have been missed"
-        if math.isfinite(share)
-        else "any could have been missed"
-    )
+    shares = {math.inf if e.detectable_change is None else e.detectable_change: e.detectable_of for e in elements}
+    if not math.isfinite(share := max(shares)):
+        return "any could have been missed"
+    return f"one {change_of(shares[share], f'{number(100 * share, 2)} %')} could have been missed"
 
 
 def _would_be_seen(elements: Sequence[Element]) -> str:
@@ -165,6 +177,8 @@ def is_lacking(element: Element) -> bool:
 def seen(element: Element) -> str:
     """How large a change of an unchanged element would have been found; empty where nothing is known of that."""
     share = element.detectable_change
+    if element.verdict == ElementVerdict.NOT_IDENTIFIABLE and element.p_adjusted is not None:
+        return f" (no change was found, but {_missed([element])})"
     if element.verdict != ElementVerdict.UNCHANGED or share is None:
         return ""
     size = f"{number(100 * share, 2)} %"

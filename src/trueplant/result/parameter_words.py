@@ -28,6 +28,13 @@ def number_of(name: str) -> str:
     return found[2] if found else ""
 
 
+def change_of(quantity: str, size: str) -> str:
+    """``of the lag by 37 %``: a change of a detectable size; empty quantity: it is not known which."""
+    if not quantity:
+        return f"of {size}"
+    return f"of the {quantity} by {size}{' of dead time and lag' if quantity == 'dead time' else ''}"
+
+
 def word_of(name: str) -> str:
     """``tau2`` is a time constant."""
     return _WORDS.get(kind_of(name), name.replace("_", " "))

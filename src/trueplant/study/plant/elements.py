@@ -14,6 +14,7 @@ from trueplant.identify import OutputEstimate, WhyUnanswered
 from trueplant.lti import TransferFunction, TransferMatrix, simplified, to_formula
 from trueplant.result import Code, Element, ElementVerdict, Importance, Reason
 from trueplant.result.numbers import number
+from trueplant.result.parameter_words import change_of
 from trueplant.study import levels
 from trueplant.study.data.declared import declared_covariances
 from trueplant.study.plant.causes import causes_of
@@ -43,7 +44,7 @@ class Judged:
         """A note on each element that was tested without being able to find a change worth knowing."""
         tested = (e for e in self.elements if e.verdict == ElementVerdict.NOT_IDENTIFIABLE and e.p_adjusted is not None)
         # what of it is not answered, and why, is said with its parameters
-        missed = ((e, _missed(e.detectable_change)) for e in tested)
+        missed = ((e, _missed(e.detectable_change, e.detectable_of)) for e in tested)
         return tuple(
             Reason(Code.NO_POWER, said if said in e.reason else e.reason, f"{e.input} -> {e.output}")
             for e, said in missed
@@ -182,6 +183,9 @@ def _element(
     peak, basis = importance
     known = (i, j) not in study.wanted
     mismatch = to_formula(simplified(system - study.model[i, j])) if known else None
+    of = ""
+    if known and verdict.detectable is not None and not study.model[i, j].is_zero:
+        of = detect.least_known(found.spec.structure, found.theta, found.joint, found.lag)
     sound = estimate.tests.whiteness_p > levels.GRADED_WHITE and not estimate.undermodelled
     return Element(
         output=study.project.output_names[i],
@@ -192,24 +196,26 @@ def _element(
         tf_mismatch=mismatch if any(answered) else None,
         parameters=parameters,
         verdict=verdict.verdict,
-        reason="; ".join(filter(None, [_power_reason(verdict), _reason(found, answered)])),
+        reason="; ".join(filter(None, [_power_reason(verdict, of), _reason(found, answered)])),
         p_adjusted=verdict.p_adjusted,
         importance=Importance(float(peak[i, j]) if known and any(answered) else None, basis),
         grade=detect.grade(_half_widths(found), answered, sound),
         detectable_change=verdict.detectable,
+        detectable_of=of,
         rejected_structure=None if found.rejected is None else str(found.rejected.structure),
         budget=budgets_of(found),
     )
 
 
-def _power_reason(verdict: detect.Verdict) -> str:
-    return _missed(verdict.detectable) if verdict.lacks_power and verdict.detectable is not None else ""
+def _power_reason(verdict: detect.Verdict, of: str) -> str:
+    return _missed(verdict.detectable, of) if verdict.lacks_power and verdict.detectable is not None else ""
 
 
-def _missed(share: float | None) -> str:
+def _missed(share: float | None, of: str) -> str:
     if share is None or not np.isfinite(share):
         return "no change, however large, would have been seen for certain"
-    return f"a change of less than {number(100 * share, 2)} % would not have been seen for certain"
+    size = f"less than {number(100 * share, 2)} %"
+    return f"a change {change_of(of, size)} would not have been seen for certain"
 
 
 def _reason(found: Found, answered: Sequence[bool]) -> str:
