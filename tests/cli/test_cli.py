@@ -169,7 +169,21 @@ def test_simulated_record_is_the_loops(folder, capsys):
     assert frame.filter(pl.col("t") == 59.5)["sp"].item() == 1
     settled = frame.filter(pl.col("t").is_between(45, 59.5))["pv"].mean()
     assert settled == pytest.approx(1, abs=0.05)
-    assert "481 samples of t, sp, op, pv" in capsys.readouterr().out
+    assert "481 samples of t, sp, op, pv\n" in capsys.readouterr().out
+
+
+def test_simulation_says_what_to_write_where_the_project_reads_another_record(folder, capsys):
+    (folder / "sub").mkdir()
+    (folder / "sub" / "loop.toml").write_text(LOOP)
+    assert main(["simulate", "sub/loop.toml"]) == 0
+    said = capsys.readouterr().out
+    assert "sub/loop.toml does not read it" in said and 'files = ["../loop-simulated.csv"] under [data]' in said
+    text = LOOP.replace('"record.csv"', '"../loop-simulated.csv"')
+    (folder / "sub" / "loop.toml").write_text(text)
+    assert text != LOOP and main(["check", "sub/loop.toml"]) == 0
+    capsys.readouterr()
+    assert main(["simulate", "sub/loop.toml"]) == 0
+    assert "does not read it" not in capsys.readouterr().out
 
 
 def test_simulation_writes_parquet_and_only_what_it_can(folder, capsys):

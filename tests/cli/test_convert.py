@@ -14,6 +14,7 @@ import pytest
 from support.command import PROJECT, refused
 from trueplant.cli import main
 from trueplant.lti import sampled_response, tf
+from trueplant.project import levels
 
 PLANT = [["12.8 exp(-s)/(16.7 s + 1)", "-18.9 exp(-3.4 s)/(21 s + 1)"], ["0", "0.04 exp(-2 s)/(s (3 s + 1))"]]
 NAMES = (("top", "level"), ("reflux", "steam"))
@@ -72,6 +73,45 @@ def test_there_and_back(folder: Path, capsys: pytest.CaptureFixture[str], kind: 
     # and what was written is a model: the project takes it
     (folder / "again.toml").write_text(HEAD + back)
     assert converted("again.toml --to tf --out same.toml", capsys).count("no difference") == 3
+
+
+SHORT = '[[model]]\noutput = "top"\ninput = "reflux"\ntf = "3.8 exp(-0.5 s)/(2.8 s + 1)"\n'
+SLOW = '[[model]]\noutput = "level"\ninput = "steam"\ntf = "3.2 exp(-3 s)/(18 s + 1)"\n'
+
+
+def test_a_short_dead_time_beside_a_slow_element_comes_through(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "both.toml").write_text(HEAD + SHORT + SLOW)
+    out = converted("both.toml --to step", capsys)
+    assert max(said(out).values()) < 100 * levels.CLOSE_CONVERSION and "--sample-time" not in out
+    assert levels.COEFFICIENTS < pl.read_csv("both-step.csv").height <= levels.MOST_COEFFICIENTS
+    converted("both-step.csv --to tf", capsys)
+    assert re.findall('tf = "(.+)"', (folder / "both-step-tf.toml").read_text()) == [
+        "3.8 exp(-0.5 s)/(2.8 s + 1)",
+        "3.2 exp(-3 s)/(18 s + 1)",
+    ]
+
+
+def test_what_the_coefficients_are_too_far_apart_for_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "one.toml").write_text(HEAD + SHORT)
+    out = converted("one.toml --to step --sample-time 2", capsys)
+    assert said(out)[column(0, 0)] > 100 * levels.CLOSE_CONVERSION and re.search(r"at t = [\d.]+ min\n", out)
+    assert out.endswith(
+        "one-step.csv: 1 element; more coefficients come closer to the model: say a shorter --sample-time\n"
+    )
+    back = converted("one-step.csv --to tf", capsys)
+    assert "min" not in back and back.endswith("one-step-tf.toml: 1 element\n")
+    assert "e-" not in (folder / "one-step-tf.toml").read_text()  # no dead time that is rounding
+
+
+def test_an_element_that_jumps_ends_the_search_for_a_sample_time(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "jump.toml").write_text(HEAD + SHORT.replace("exp(-0.5 s)/(", "exp(-0.513 s)(20 s + 1)/("))
+    out = converted("jump.toml --to step", capsys)
+    assert "say a shorter --sample-time" in out
+    assert pl.read_csv("jump-step.csv").height <= levels.MOST_COEFFICIENTS + 1
 
 
 def test_coefficients_and_errors_are_those_of_the_element(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

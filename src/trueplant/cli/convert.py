@@ -12,8 +12,9 @@ from trueplant.errors import OutputError
 from trueplant.lti.measured import Kind
 from trueplant.output import write_files
 from trueplant.project.conversion import Coefficients, Cost, Model, as_coefficients, as_formulas, read_model
-from trueplant.project.levels import WORST_CONVERSION
+from trueplant.project.levels import CLOSE_CONVERSION, WORST_CONVERSION
 from trueplant.project.simulation import as_file, checked_format
+from trueplant.result.numbers import counted
 
 ENDINGS = {"tf": ".toml", "step": ".csv", "fir": ".csv"}
 
@@ -30,7 +31,10 @@ def convert(path: Path, to: str, out: Path | None, force: bool, said: Coefficien
     content, costs = _converted(model, to, place, said.sample_time, structure)
     claim([place], model.files, force, known=[hashlib.sha256(content).hexdigest()])
     write_files(place.parent, {place.name: content})
-    say_lines(*(_line(cost, model.time_unit) for cost in costs), f"{place}: {len(costs)} elements")
+    said = f"{place}: {counted(len(costs), 'element')}"
+    if to != "tf" and max(cost.error for cost in costs) > CLOSE_CONVERSION:
+        said += "; more coefficients come closer to the model: say a shorter --sample-time"
+    say_lines(*(_line(cost, model.time_unit) for cost in costs), said)
     return 0
 
 
@@ -48,7 +52,8 @@ def _converted(
 def _line(cost: Cost, unit: str) -> str:
     said = "no difference"
     if cost.error:
-        said = f"step responses differ by at most {100 * cost.error:.2g} % of the gain, at {cost.at:g} {unit}".rstrip()
+        most = f"{100 * cost.error:.2g} % of the gain"
+        said = f"step responses differ by at most {most}, at t = {cost.at:g} {unit}".rstrip()
     if cost.error > WORST_CONVERSION:
         said += ": too much to stand for the model"
     return f"{cost.input} -> {cost.output}: {said}{'; it integrates (ramp)' if cost.integrating else ''}"

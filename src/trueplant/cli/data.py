@@ -100,5 +100,11 @@ def simulate(path: Path, out: Path | None, force: bool) -> int:
     content = as_file(frame, place)
     claim([place], force=force, known=[hashlib.sha256(content).hexdigest()])
     write_files(place.parent, {place.name: content})
-    say_lines(f"{place}: {frame.height} samples of {', '.join(frame.columns)}")
+    said = f"{place}: {frame.height} samples of {', '.join(frame.columns)}"
+    if place.resolve() not in [file.resolve() for file in project.files]:
+        name = Path(os.path.relpath(place.resolve(), path.resolve().parent)).as_posix()
+        key, where = ("file", "an [[experiment]]") if project.declared_experiments else ("files", "[data]")
+        value = f'"{name}"' if key == "file" else f'["{name}"]'
+        said = f"{said}; {path} does not read it: to analyse it, write {key} = {value} under {where} there"
+    say_lines(said)
     return 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -132,7 +132,7 @@ def as_formulas(model: Model, structure: str | None = None) -> tuple[str, tuple[
     wanted = None if structure is None else Structure.parse(structure)
     entries, costs = [], []
     for one in model.elements:
-        fitted = fit_step(one.given, wanted).system if isinstance(one.given, MeasuredStep) else one.given
+        fitted = _fitted(one.given, wanted) if isinstance(one.given, MeasuredStep) else one.given
         formula = to_formula(fitted)
         entries.append({"output": one.output, "input": one.input, "tf": formula})
         # what was written counts, with its digits
@@ -142,6 +142,13 @@ def as_formulas(model: Model, structure: str | None = None) -> tuple[str, tuple[
     return unit + to_toml({"model": entries}), tuple(costs)
 
 
+def _fitted(given: MeasuredStep, wanted: Structure | None) -> TransferFunction:
+    """The transfer function that comes nearest; a dead time that is nothing beside the sample time is left out."""
+    system = fit_step(given, wanted).system
+    least = levels.EVEN * given.sample_time
+    return TransferFunction(tuple(t if t.dead_time > least else replace(t, dead_time=0.0) for t in system.terms))
+
+
 # -- to coefficients -------------------------------------------------------------------------------------------
 
 
@@ -149,7 +156,10 @@ def as_coefficients(
     model: Model, kind: Kind, sample_time: float | None = None
 ) -> tuple[pl.DataFrame, tuple[Cost, ...]]:
     """A column of times from the step on and one for each element, and what each cost."""
-    h, count = _grid(model, sample_time)
+    h = sample_time or _sample_time(model)
+    count = _count(model, h)
+    if 2 * levels.FINE * count > levels.MOST_SAMPLES:
+        raise UsageError(f"{count:,} coefficients an element are too many: say a longer --sample-time")
     columns, costs = {"t": h * np.arange(count + 1)}, []
     for one in model.elements:
         step = _sampled(one.given, h, count)
@@ -158,15 +168,26 @@ def as_coefficients(
     return pl.DataFrame(columns), tuple(costs)
 
 
-def _grid(model: Model, sample_time: float | None) -> tuple[float, int]:
-    """Sample time and number of coefficients: those given, else so that the slowest element settles."""
-    spans = [step_span(one.given) for one in model.elements]
+def _sample_time(model: Model) -> float:
+    """That of coefficients that were given; else one at which they come close to the model, if not too many have to."""
     own = [one.given.sample_time for one in model.elements if isinstance(one.given, MeasuredStep)]
-    h = sample_time or min(own, default=_round(max(spans) / levels.COEFFICIENTS))
-    count = max(int(np.ceil(max(spans) / h - levels.EVEN)), levels.FEWEST_COEFFICIENTS)
-    if 2 * levels.FINE * count > levels.MOST_SAMPLES:
-        raise UsageError(f"{count:,} coefficients an element are too many: say a longer --sample-time")
-    return h, count
+    if own:
+        return min(own)
+    h = _round(max(step_span(one.given) for one in model.elements) / levels.COEFFICIENTS)
+    while not _close(model, h) and _count(model, _round(h / 2)) <= levels.MOST_COEFFICIENTS:
+        h = _round(h / 2)
+    return h
+
+
+def _count(model: Model, h: float) -> int:
+    """Coefficients in which the slowest element settles."""
+    longest = max(step_span(one.given) for one in model.elements)
+    return max(int(np.ceil(longest / h - levels.EVEN)), levels.FEWEST_COEFFICIENTS)
+
+
+def _close(model: Model, h: float) -> bool:
+    steps = [(one.given, _sampled(one.given, h, _count(model, h))) for one in model.elements]
+    return all(_apart(given, step)[0] <= levels.CLOSE_CONVERSION for given, step in steps)
 
 
 def step_span(given: TransferFunction | MeasuredStep) -> float:

@@ -44,6 +44,13 @@ SETTLED_TIMES = 7
 COEFFICIENTS = 60
 """Of a step response, at least, where nobody says their sample time: what model predictive controllers usually keep."""
 
+MOST_COEFFICIENTS = 1000
+"""Of a step response, where nobody says their sample time: more are for no controller to take. Judgement."""
+
+CLOSE_CONVERSION = 0.02
+"""Difference of the step responses, as a share of the gain, from which coefficients are taken closer together if that
+is possible, and a shorter sample time is named if not. Judgement: what a good step test leaves open."""
+
 FINE = 50
 """Parts of a sample at which a step response is compared with straight lines between its coefficients: it may begin
 with a corner between them."""
