@@ -31,10 +31,10 @@ def convert(path: Path, to: str, out: Path | None, force: bool, said: Coefficien
     content, costs = _converted(model, to, place, said.sample_time, structure)
     claim([place], model.files, force, known=[hashlib.sha256(content).hexdigest()])
     write_files(place.parent, {place.name: content})
-    said = f"{place}: {counted(len(costs), 'element')}"
+    done = f"{place}: {counted(len(costs), 'element')}"
     if to != "tf" and max(cost.error for cost in costs) > CLOSE_CONVERSION:
-        said += "; more coefficients come closer to the model: say a shorter --sample-time"
-    say_lines(*(_line(cost, model.time_unit) for cost in costs), said)
+        done += "; more coefficients come closer to the model: say a shorter --sample-time"
+    say_lines(*(_line(cost, model.time_unit) for cost in costs), done)
     return 0
 
 
