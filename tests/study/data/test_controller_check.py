@@ -19,9 +19,9 @@ from trueplant import Project
 from trueplant.errors import ProjectError
 from trueplant.loop import PID, Controller, Linear, simulate
 from trueplant.lti import TransferMatrix, tf
-from trueplant.result import Code, ControllerCheck
+from trueplant.result import Code, ControllerCheck, LawRatio
 from trueplant.study.data.by_hand import hand_notes
-from trueplant.study.data.controller_check import check_controllers
+from trueplant.study.data.controller_check import _words, check_controllers
 from trueplant.study.data.prepare import prepare
 
 WRONG = [{"gain": 1.1}, {"gain": 0.9}, {"ti": 1.25}, {"ti": 0.75}]
@@ -80,6 +80,27 @@ def test_the_gains_and_times_found_are_those_of_the_law():
         assert found[name] == pytest.approx(true, abs=4 * errors[name]), wrong.message
     assert "is not what was declared" in wrong.message and "throughout" in wrong.message
     assert "has changed" not in wrong.message
+
+
+@pytest.mark.parametrize(
+    ("integral", "said"),
+    [
+        ((1.5, 0.02), "gain 0.40 ± 0.13, integral time 1.50 ± 0.02 times what is declared"),
+        ((2.0, 0.8), "gain 0.40 ± 0.13, integral time 2.00 ± 0.80 times what is declared"),
+        # its inverse is 0 but for its error: the number that it is by chance says nothing
+        ((18596.0, 78848.0), "gain 0.40 ± 0.13 times what is declared, no integral action to be seen"),
+        ((np.inf, np.inf), "gain 0.40 ± 0.13 times what is declared, no integral action to be seen"),
+        # its inverse may be 0 as well as that of the declared one
+        ((1.2, 2.0), "gain 0.40 ± 0.13 times what is declared, its integral time cannot be told"),
+    ],
+)
+def test_an_integral_time_that_may_be_any_is_not_a_number(integral, said):
+    assert _words([LawRatio("y", "gain", 0.4, 0.13), LawRatio("y", "integral time", *integral)]) == said
+
+
+def test_what_is_told_of_several_outputs_names_them():
+    some = [LawRatio("y", "gain", 0.4, 0.13), LawRatio("z", "integral time", np.inf, np.inf)]
+    assert _words(some) == "gain from y 0.40 ± 0.13 times what is declared, no integral action from z to be seen"
 
 
 @pytest.mark.parametrize(("pv_digits", "op_digits"), [(0.01, 0.01), (0.2, 0.1), (0.5, 0.1)])

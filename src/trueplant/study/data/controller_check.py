@@ -16,7 +16,7 @@ from trueplant.result import ControllerCheck, Interval, LawRatio
 from trueplant.study import levels
 from trueplant.study.data.by_hand import without_hand
 from trueplant.study.data.excitation import mostly_filled_in
-from trueplant.study.data.law_judged import Judged, Ratio, judged, parted
+from trueplant.study.data.law_judged import NAMES, Judged, Ratio, judged, parted
 from trueplant.study.data.law_windows import Stretch
 from trueplant.study.data.op_law import written_from_samples
 from trueplant.study.study import Study
@@ -146,17 +146,28 @@ def _ratios(study: Study, ratios: Sequence[Ratio]) -> tuple[LawRatio, ...]:
 
 
 def _words(ratios: Sequence[LawRatio]) -> str:
-    """The gains and times found, in declared ones."""
+    """The gains and times found, in declared ones; what the record does not tell as that."""
     several = len({r.output for r in ratios}) > 1
-    parts = []
+    told, untold = [], []
     for r in ratios:
-        if not np.isfinite(r.value):
-            parts.append(f"no {r.name}")
-            continue
-        digits = 3 if r.std_error < 0.005 else 2
-        spread = "" if r.std_error < 0.0005 else f" ± {r.std_error:.{digits}f}"
-        parts.append(f"{r.name}{f' from {r.output}' if several else ''} {r.value:.{digits}f}{spread}")
-    return f"{', '.join(parts)} times what is declared"
+        of = f" from {r.output}" if several else ""
+        if _no_integral(r):
+            untold.append(f"no integral action{of} to be seen")
+        elif r.std_error > max(abs(r.value), 1.0):
+            untold.append(f"its {r.name}{of} cannot be told")
+        else:
+            digits = 3 if r.std_error < 0.005 else 2
+            spread = "" if r.std_error < 0.0005 else f" ± {r.std_error:.{digits}f}"
+            told.append(f"{r.name}{of} {r.value:.{digits}f}{spread}")
+    return ", ".join([*([f"{', '.join(told)} times what is declared"] if told else []), *untold])
+
+
+def _no_integral(r: LawRatio) -> bool:
+    """Is the inverse of an integral time 0 but for its error, and surely not the declared one?"""
+    if not np.isfinite(r.value):
+        return True
+    inverse, std = 1 / r.value, r.std_error / r.value**2
+    return r.name == NAMES[Kind.INTEGRAL] and abs(inverse) < std and levels.LAW_SURE * std < 1 - inverse
 
 
 def _far_off(ratios: Sequence[LawRatio], controller: Controller, i: int) -> bool:
