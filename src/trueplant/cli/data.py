@@ -53,6 +53,8 @@ def show_check(found: Check) -> None:
     for reason in found.reasons:
         if reason.code != Code.RECORD:
             say_lines(f"{reason.where}: {reason.message}" if reason.where else reason.message)
+    for note in found.notes:
+        say_lines(f"note: {note.message}")
 
 
 def _where(finding: DataFinding, calendar: Calendar) -> str:

@@ -31,6 +31,7 @@ class Code(StrEnum):
     UNSTABLE_MODEL = "unstable-model", "the declared loop is unstable on the model"
     MISSING_ELEMENT = "missing-element", "an element that the model lacks was found"
     LOAD = "load-step", "something that nobody recorded stepped like an input"
+    SWAPPED = "swapped", "two columns look as if each stood in the other's place"
     SETPOINT_COMPUTED = "setpoint-computed", "a set-point follows PV and moves nothing from outside"
     SETPOINT_STILL = "setpoint-still", "a set-point never moves"
     SETPOINT_RANK = "setpoint-rank", "the set-points move in the same proportion"
@@ -87,7 +88,7 @@ _COMMON = frozenset({Code.ONE_EXPERIMENT, Code.HOLD, Code.MODEL_STEP})
 
 
 def ranked(notes: Sequence[Reason]) -> list[Reason]:
-    """Causes that were found first, what holds for most records last, each else in the order given.
+    """Swapped columns and causes that were found first, what holds for most records last, each else in the order given.
 
     A limit that OP stood at does the estimate no harm, and is not why the plant is another.
     """
@@ -95,7 +96,8 @@ def ranked(notes: Sequence[Reason]) -> list[Reason]:
     def rank(note: Reason) -> int:
         if note.code in _COMMON:
             return 2
-        told = note.code.startswith("cause-") and note.code not in (Code.CAUSE_UNKNOWN, Code.CAUSE_VALVE_SATURATED)
+        told = note.code == Code.SWAPPED or note.code.startswith("cause-")
+        told &= note.code not in (Code.CAUSE_UNKNOWN, Code.CAUSE_VALVE_SATURATED)
         return 0 if told else 1
 
     return sorted(notes, key=rank)

@@ -22,6 +22,7 @@ from trueplant.result import Code, Reason
 from trueplant.study.data.declared import conversion_notes
 from trueplant.study.data.scan import hidden_dynamics, written_between
 from trueplant.study.data.setpoints import computed_setpoints
+from trueplant.study.data.swapped import swapped_columns
 from trueplant.study.study import Progress, Records, Study, quiet
 
 
@@ -52,7 +53,7 @@ def prepare(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
         computed_alone=tuple(computed_setpoints([segment]) for segment in records.segments),
         hidden=hidden_dynamics(records),
         between=written_between(records),
-        notes=(*conversion_notes(project), *_check_loop(records, model)),
+        notes=(*swapped_columns(records), *conversion_notes(project), *_check_loop(records, model)),
     )
 
 
