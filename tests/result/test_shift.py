@@ -142,6 +142,8 @@ def test_new_settings_are_not_asked_for_on_the_word_of_a_controller_that_was_not
     assert result.action is Action.GET_DATA
     assert "new settings" not in result.shift and "unstable" not in result.shift
     assert not [note for note in result.notes if note.code in (Code.MARGINS, Code.DRAWN)]
+    (plan,) = result.more_data
+    assert plan.sentence.startswith("no test can be planned before it is known which controller is at work")
     page = render_shift(result)
     assert "Not known: OP was written by another controller" in page and "NOT SAFE" not in page
 

@@ -14,11 +14,12 @@ from trueplant.study.data.controller_check import check_controllers
 from trueplant.study.data.excitation import blocked, doubts
 from trueplant.study.data.nonparametric import coherence_of
 from trueplant.study.data.prepare import prepare
-from trueplant.study.experiment.plans import more_data
+from trueplant.study.experiment.plans import UNKNOWN_CONTROLLER, more_data
 from trueplant.study.loops.derived import with_derived
 from trueplant.study.loops.retuning import Retuning, retuning_of
 from trueplant.study.loops.robustness import LoopToday, robustness_of
 from trueplant.study.loops.settled import against_settled_loop, settled_for
+from trueplant.study.loops.targets import not_as_declared
 from trueplant.study.methods.compare import compare_methods
 from trueplant.study.methods.detectors import published_detections
 from trueplant.study.plant.elements import judge
@@ -63,7 +64,8 @@ def analyse(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
         say("settings for the controllers")
         retuned = retuning_of(study, identified, plant, compared.response, controllers, judged.elements, say)
     say("planning moves that would tell more")
-    plans = more_data(study, identified.estimates, plant.nominal)
+    declared = study.loop_experiment is None or not not_as_declared(study, controllers)
+    plans = more_data(study, identified.estimates, plant.nominal) if declared else (UNKNOWN_CONTROLLER,)
     say("putting the result together")
     return assemble(
         study,

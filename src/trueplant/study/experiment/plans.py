@@ -35,6 +35,11 @@ from trueplant.study.experiment.open_questions import (
 from trueplant.study.experiment.stand import Stand, bench_of, stand_of
 from trueplant.study.study import Study
 
+UNKNOWN_CONTROLLER = MoreData(
+    "no test can be planned before it is known which controller is at work: its moves have to keep the limits with "
+    "that one, and OP was written by another than is declared"
+)
+
 
 @dataclass(frozen=True, eq=False)
 class Question:

@@ -30,6 +30,7 @@ from trueplant.robust import margins, niederlinski, rga
 from trueplant.robust.generalised import channels
 from trueplant.robust.grid import on_axis, rates_of
 from trueplant.study import levels
+from trueplant.study.loops.targets import not_as_declared
 from trueplant.study.loops.weighted import weighted, weights_of
 from trueplant.study.study import Study
 from trueplant.tune.drawn import Peaks, common_grid, peaks
@@ -68,8 +69,7 @@ def robustness_of(
         pairing=pairing_of(names, controller, {"model": model, "plant": today}),
         drawn=_drawn(study, loop, known, settled),
     )
-    at_work = not any(one.experiment == table.controller_of and one.confirmed is False for one in checks)
-    notes = [*(_tuning_notes(table) if at_work else ()), *_pairing_notes(table)]
+    notes = [*(() if not_as_declared(study, checks) else _tuning_notes(table)), *_pairing_notes(table)]
     if beyond := study.project.experiments[k].beyond():
         said = f"margins, mu and settings are those of the controller without {beyond}"
         notes = [*notes, Reason(Code.CONTROLLER, said, study.project.experiments[k].name)]
