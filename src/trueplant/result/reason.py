@@ -32,6 +32,7 @@ class Code(StrEnum):
     MISSING_ELEMENT = "missing-element", "an element that the model lacks was found"
     LOAD = "load-step", "something that nobody recorded stepped like an input"
     SWAPPED = "swapped", "two columns look as if each stood in the other's place"
+    TIME_UNIT = "time-unit", "the model's times look as if they were in another unit"
     SETPOINT_COMPUTED = "setpoint-computed", "a set-point follows PV and moves nothing from outside"
     SETPOINT_STILL = "setpoint-still", "a set-point never moves"
     SETPOINT_RANK = "setpoint-rank", "the set-points move in the same proportion"
@@ -88,7 +89,7 @@ _COMMON = frozenset({Code.ONE_EXPERIMENT, Code.HOLD, Code.MODEL_STEP})
 
 
 def ranked(notes: Sequence[Reason]) -> list[Reason]:
-    """Swapped columns and causes that were found first, what holds for most records last, each else in the order given.
+    """Mistakes in the project and causes first, what holds for most records last, each else in the order given.
 
     A limit that OP stood at does the estimate no harm, and is not why the plant is another.
     """
@@ -96,7 +97,7 @@ def ranked(notes: Sequence[Reason]) -> list[Reason]:
     def rank(note: Reason) -> int:
         if note.code in _COMMON:
             return 2
-        told = note.code == Code.SWAPPED or note.code.startswith("cause-")
+        told = note.code in (Code.SWAPPED, Code.TIME_UNIT) or note.code.startswith("cause-")
         told &= note.code not in (Code.CAUSE_UNKNOWN, Code.CAUSE_VALVE_SATURATED)
         return 0 if told else 1
 

@@ -178,6 +178,10 @@ FEWEST_ERRORS = 200
 WORTH_SAYING_AT_LIMIT = 0.02
 """Share of the samples with OP at a limit that is worth saying."""
 
+# -- plant/notes -----------------------------------------------------------------------------------------------------
+TIME_UNIT = 2.0
+"""All elements answer by a factor faster or slower than the model that is within this one of 60 or 3,600: the unit."""
+
 # -- plant/elements --------------------------------------------------------------------------------------------------
 
 FREQUENCIES = 200

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -12,12 +13,13 @@ import pytest
 from support.one_loop import one_loop, single
 from support.simulated import coloured, random_switching
 from trueplant import Project, run
-from trueplant.identify import FoundLoad
+from trueplant.identify import FoundLoad, Spec
 from trueplant.loop import PID, Controller, simulate
-from trueplant.lti import TransferMatrix
+from trueplant.lti import Structure, TransferMatrix
 from trueplant.record.types import Load
 from trueplant.result import Code
 from trueplant.study.plant import identified
+from trueplant.study.plant.notes import time_unit_note
 
 
 def test_only_what_was_estimated_is_said_to_differ(tmp_path: Path) -> None:
@@ -65,3 +67,30 @@ def test_a_step_that_may_be_none_is_not_said(monkeypatch: pytest.MonkeyPatch) ->
     )
     (note,) = identified._loads(study, {})
     assert "at 20 s like heating by 5 ± 2 %" in note.message and "10 s" not in note.message
+
+
+@pytest.mark.holds("study.TIME_UNIT")
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        ([1 / 60, 1 / 60], "60 times as fast"),
+        ([1 / 60, 1 / 42], "60 times as fast"),
+        ([1 / 60, 1 / 20], ""),
+        ([70.0, 85.0], "60 times as slowly"),
+        ([3600.0, 3000.0], "3600 times as slowly"),
+        ([1.0, 1.0], ""),
+        ([8.0, 8.0], ""),
+        ([60.0, 1.0], ""),
+    ],
+)
+def test_times_of_another_unit_are_told_from_other_times(times: list[float], said: str) -> None:
+    """Two elements, whose lags and dead times are so many times those of the model."""
+    model = TransferMatrix.of([["2 exp(-3 s)/(10 s + 1)", "1/(5 s + 1)"]], "min")
+    specs = [Spec(j, Structure.parse("fopdt")) for j in range(2)]
+    theta = np.array([2.5, 10 * times[0], 3 * times[0], 0.8, 4 * times[1], 1 * times[1]])
+    row = SimpleNamespace(specs=specs, slices=(slice(0, 3), slice(3, 6)))
+    found: Any = SimpleNamespace(estimates={0: SimpleNamespace(row=row, theta=theta)})
+    study: Any = SimpleNamespace(model=model, project=SimpleNamespace(time_unit="min"))
+    notes = time_unit_note(study, found)
+    assert [note.code for note in notes] == [Code.TIME_UNIT] * bool(said)
+    assert all(said in note.message and "time_unit (min)" in note.message for note in notes)

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from trueplant.identify import OutputEstimate, unanswered
 from trueplant.identify.between_experiments import kinds_of
 from trueplant.identify.levels import SHARED_FACTOR, UNDERMODELLED
+from trueplant.lti import Structure
+from trueplant.lti.structure import structure_of
 from trueplant.result import Code, ControllerCheck, Reason
+from trueplant.study import levels
 from trueplant.study.data.by_hand import hand_notes
 from trueplant.study.data.excitation import compression_notes, manual_notes, setpoint_rank_note
 from trueplant.study.data.scan import faster_scan
@@ -28,7 +32,12 @@ def controller_notes(consistency: Sequence[ControllerCheck]) -> list[Reason]:
 def notes_of(study: Study, found: Identified, consistency: Sequence[ControllerCheck]) -> list[Reason]:
     """What the reader should know although an answer was possible."""
     notes = [*setpoint_rank_note(study), *manual_notes(study), *compression_notes(study)]
-    notes += [*hand_notes(study, consistency), *controller_notes(consistency), *_scan_note(study)]
+    notes += [
+        *time_unit_note(study, found),
+        *hand_notes(study, consistency),
+        *controller_notes(consistency),
+        *_scan_note(study),
+    ]
     notes += _hold_notes(study, found)
     answered = {i for i, estimate in found.estimates.items() if len(unanswered(estimate)) < estimate.theta.size}
     for i, estimate in found.estimates.items():
@@ -46,6 +55,36 @@ def notes_of(study: Study, found: Identified, consistency: Sequence[ControllerCh
             )
         )
     return notes
+
+
+def time_unit_note(study: Study, found: Identified) -> list[Reason]:
+    """Said where all elements answer 60 or 3,600 times as fast or slowly as in the model."""
+    ratios = []
+    for i, estimate in found.estimates.items():
+        for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
+            system = study.model[i, spec.column]
+            if not system.is_zero and (there := _answer(*structure_of(system))) > 0:
+                ratios.append(_answer(spec.structure, estimate.theta[part]) / there)
+    if not ratios or min(ratios) <= 0:
+        return []
+    typical = float(np.median(ratios))
+    factor = 60 if abs(np.log(typical)) < np.log(60 * 3600) / 2 else 3600
+    unit = factor if typical > 1 else 1 / factor
+    if max(max(ratio / unit, unit / ratio) for ratio in ratios) > levels.TIME_UNIT:
+        return []
+    return [
+        Reason(
+            Code.TIME_UNIT,
+            f"every element answers about {factor} times as {'slowly' if typical > 1 else 'fast'} as the model says: is "
+            f"time_unit ({study.project.time_unit}) the unit of the model's times?",
+        )
+    ]
+
+
+def _answer(structure: Structure, theta: ArrayLike) -> float:
+    """Lags and mean dead time together."""
+    p = np.asarray(theta, dtype=float)
+    return structure.lag(p) + float(np.mean(structure.dead_times(p)))
 
 
 def refuted_note(estimate: OutputEstimate, name: str) -> list[Reason]:
