@@ -146,6 +146,7 @@ def test_new_settings_are_not_asked_for_on_the_word_of_a_controller_that_was_not
     assert plan.sentence.startswith("no test can be planned before it is known which controller is at work")
     page = render_shift(result)
     assert "Not known: OP was written by another controller" in page and "NOT SAFE" not in page
+    assert "[tuning]" not in page
 
 
 def test_a_gain_whose_sign_has_turned_is_said_before_all_else(tmp_path):

@@ -110,7 +110,8 @@ def _todo(result: Result) -> Iterator[str]:
         where = f" ({spoken(said.where)})" if said.where else ""
         yield f"{said.message}{where}".replace("->", "→")
     yield from (plan.sentence.replace("->", "→") for plan in result.more_data[:1])
-    if result.mismatch and result.robustness is not None and not result.controllers:
+    asked = result.robustness is None or result.controllers or is_another(result)  # or asked in vain
+    if result.mismatch and not asked:
         yield "settings for the plant as it is now: add the table [tuning] to the project and run it again"
     if result.mismatch or refused or result.more_data:
         return
