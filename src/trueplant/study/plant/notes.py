@@ -75,8 +75,8 @@ def time_unit_note(study: Study, found: Identified) -> list[Reason]:
     return [
         Reason(
             Code.TIME_UNIT,
-            f"every element answers about {factor} times as {'slowly' if typical > 1 else 'fast'} as the model says: is "
-            f"time_unit ({study.project.time_unit}) the unit of the model's times?",
+            f"every element answers about {factor} times as {'slowly' if typical > 1 else 'fast'} as the model says: "
+            f"is time_unit ({study.project.time_unit}) the unit of the model's times?",
         )
     ]
 
