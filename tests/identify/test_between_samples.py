@@ -29,7 +29,7 @@ def test_a_record_that_is_fine_enough_moves_gains_and_lags_by_little_more_than_c
     moved = []
     for seed in range(6):
         fit = identify_output([segment_of(wood_berry(60 + seed, 2000))], 0, row).fit
-        moved.append(np.sqrt(np.diag(covariance_between_samples(fit)) / np.diag(fit.covariance)))
+        moved.append(np.sqrt(np.diag(covariance_between_samples(fit, 0.05)) / np.diag(fit.covariance)))
     assert np.all(np.median(moved, axis=0)[[0, 1, 3, 4]] < 3)
     assert np.median(moved, axis=0)[2] > 10
 
@@ -44,6 +44,6 @@ def test_gains_and_lags_are_covered_where_the_controller_scans_eight_times_a_sam
         for i, found in identify_matrix([record], WOOD_BERRY, specs_of(WOOD_BERRY), timing=record.h / 2).items():
             low, high = found.intervals[index].T
             missed += int(np.sum((TRUTH[i][index] < low) | (TRUTH[i][index] > high)))
-            bare = np.sqrt(np.diag(found.covariance - covariance_between_samples(found.fit)))
+            bare = np.sqrt(np.diag(found.covariance - covariance_between_samples(found.fit, record.h / 2)))
             without += int(np.sum(np.abs(found.theta - TRUTH[i])[index] > 1.96 * bare[index]))
     assert missed <= most(96, 0.05) < without

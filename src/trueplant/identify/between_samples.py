@@ -22,8 +22,10 @@ from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
 
 
-def covariance_between_samples(fit: RowFit) -> Array:
-    """(size, size) of what inputs did between their samples."""
+def covariance_between_samples(fit: RowFit, timing: float) -> Array:
+    """(size, size) of what inputs did between their samples; 0 where they act at the instants recorded (`timing` 0)."""
+    if not timing:
+        return np.zeros((fit.theta.size, fit.theta.size))
     row = most_moved(fit.row)
     found = _refitted(fit, row).theta
     sparse = [_refitted(fit, _thinned(row, phase)).theta for phase in range(2)]
