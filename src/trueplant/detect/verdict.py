@@ -49,6 +49,11 @@ class Evidence:
     """Covariance for Wald's test beside `strictest`, without what that test counts by itself; what is known is told by
     `joint`. None: `joint`."""
 
+    @property
+    def whole(self) -> Array:
+        """(n, n) that the test of the whole element goes by."""
+        return self.covariance if self.joint is None else self.joint
+
 
 @dataclass(frozen=True)
 class ParameterVerdict:
@@ -105,15 +110,14 @@ class _Known:
 def _known(evidence: Evidence) -> _Known | None:
     """The directions whose standard error is below what is worth knowing; None where there is none."""
     told = np.array([value is not None for value in evidence.model])
-    whole = evidence.covariance if evidence.joint is None else evidence.joint
     if evidence.worth_knowing is None:
         index, largest = np.flatnonzero(told & evidence.answered), np.inf
-        scale = np.sqrt(np.maximum(np.diag(whole)[index], levels.SMALLEST_VARIANCE))
+        scale = np.sqrt(np.maximum(np.diag(evidence.whole)[index], levels.SMALLEST_VARIANCE))
     else:
         index, largest = np.flatnonzero(told & (evidence.worth_knowing > 0)), 1.0
         scale = evidence.worth_knowing[index]
     shift = evidence.plant[index] - np.array([evidence.model[k] for k in index], dtype=float)
-    values, vectors = np.linalg.eigh(whole[np.ix_(index, index)] / np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(evidence.whole[np.ix_(index, index)] / np.outer(scale, scale))
     use = (values > levels.DEGENERATE * np.max(values, initial=0.0)) & (values <= largest)
     return _Known(index, scale, vectors[:, use].T, shift) if use.any() else None
 
@@ -121,8 +125,7 @@ def _known(evidence: Evidence) -> _Known | None:
 def _joint_p(evidence: Evidence, known: _Known) -> float:
     """That the parameters all still have the model's values, as far as they are known."""
     rotated = known.directions @ (known.shift / known.scale)
-    whole = evidence.covariance if evidence.joint is None else evidence.joint
-    counted = (whole if evidence.beside is None else evidence.beside)[np.ix_(known.index, known.index)]
+    counted = (evidence.whole if evidence.beside is None else evidence.beside)[np.ix_(known.index, known.index)]
     within = known.directions @ (counted / np.outer(known.scale, known.scale)) @ known.directions.T
     wald = float(chi2.sf(rotated @ np.linalg.solve(within, rotated), rotated.size))
     return wald if evidence.strictest is None else max(wald, evidence.strictest)
