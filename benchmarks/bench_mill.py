@@ -2,10 +2,12 @@
 
 Model and loop are those of the demo; the plant is the perturbed one with the factor 1.0137 ("eq37"), or with
 `--unperturbed` the model itself. White noise of 0.02 on both PVs, 240 min at 0.05 min, a set-point move each 30 min.
+The controllers scan as the record does, and are declared so; with `--undeclared` they are the paper's continuous ones,
+whose answer counts that OP may act up to half a sample from where it was recorded, though here it does not.
 Prints how often each element is called changed, how often the two lags of (1, 2), which are the model's in truth,
 are starred, and how often its net gain and its response are covered.
 
-    python benchmarks/bench_mill.py [--records 200] [--unperturbed] [--workers 2]
+    python benchmarks/bench_mill.py [--records 200] [--unperturbed] [--undeclared] [--workers 2]
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import argparse
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -26,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from random_plants import decided
 
 import trueplant as tp
-from trueplant.loop import simulate
+from trueplant.loop import Controller, simulate
 from trueplant.notebook.loops import project_of
 from trueplant.plants import mill
 
@@ -47,22 +49,29 @@ class Said:
     """Of (1, 2): net gain, real and imaginary part of its response."""
 
 
-def record(seed: int, unperturbed: bool):
+def record(seed: int, unperturbed: bool = False, undeclared: bool = False):
     """A record of the loop as columns, and the project."""
     case = mill("eq37")
+    controller = case.controller if undeclared else _scanned(case.controller)
     steps = round(MINUTES / STEP)
     r, each = np.zeros((steps, 2)), steps // len(MOVES)
     for k, move in enumerate(MOVES):
         r[k * each + each // 5 :, k % 2] += move
     v = NOISE * np.random.default_rng(seed).standard_normal((steps, 2))
-    done = simulate(case.model if unperturbed else case.plant, case.controller, r, STEP, v=v)
+    done = simulate(case.model if unperturbed else case.plant, controller, r, STEP, v=v)
     frame = {"time": done.t}
     for k in range(2):
         frame |= {f"sp{k}": done.r[:, k], f"op{k}": done.u[:, k], f"pv{k}": done.y[:, k]}
-    laws = [case.controller.entries[k, k] for k in range(2)]
+    laws = [controller.entries[k, k] for k in range(2)]
     loops = [tp.Loop(f"L{k}", pv=f"pv{k}", sp=f"sp{k}", op=f"op{k}", controller=laws[k]) for k in range(2)]
     names = {(f"L{i}", f"L{j}"): {"tf": tf} for (i, j), tf in FORMULAS.items()}
     return frame, project_of(["record"], loops, names, None, "min", {})
+
+
+def _scanned(controller: Controller) -> Controller:
+    """The same laws in a controller that scans as the record does."""
+    laws = {at: replace(law, sample_time=STEP) for at, law in controller.entries.items()}
+    return replace(controller, entries=laws)
 
 
 FORMULAS = {
@@ -73,9 +82,9 @@ FORMULAS = {
 }
 
 
-def answer(seed: int, unperturbed: bool) -> Said:
+def answer(seed: int, unperturbed: bool, undeclared: bool) -> Said:
     """What an analysis says of one record."""
-    frame, project = record(seed, unperturbed)
+    frame, project = record(seed, unperturbed, undeclared)
     case = mill("eq37")
     truth = (case.model if unperturbed else case.plant)[0, 1]
     found = decided(project, frame)
@@ -116,14 +125,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--records", type=int, default=200)
     parser.add_argument("--unperturbed", action="store_true")
+    parser.add_argument("--undeclared", action="store_true")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ[name] = "1"
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        job = partial(answer, unperturbed=options.unperturbed)
+        job = partial(answer, unperturbed=options.unperturbed, undeclared=options.undeclared)
         said = list(pool.map(job, range(options.records)))
-    print(f"{len(said)} simulated records, {'unperturbed' if options.unperturbed else 'perturbed'}")
+    plant, scan = (
+        "unperturbed" if options.unperturbed else "perturbed",
+        "undeclared" if options.undeclared else "declared",
+    )
+    print(f"{len(said)} simulated records, {plant}, scan {scan}")
     for at in sorted(FORMULAS):
         print(f"({at[0] + 1}, {at[1] + 1}) changed: {sum(one.changed[at] for one in said)}")
     print("any element changed:", sum(any(one.changed.values()) for one in said))

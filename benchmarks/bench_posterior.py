@@ -147,7 +147,7 @@ def net_gain(plants):
 def compare(seed, draws, steps):
     """Factor on the gains and shares of unstable plants by the answer and by the walks; effective size of the walks;
     quantiles of the net gain by both."""
-    frame, project = record(seed, False)
+    frame, project = record(seed)
     found = decided(project, frame)
     controller = mill("eq37").controller
     plant = updated_plant(mill("eq37").model, found.estimates)

@@ -35,7 +35,7 @@ WEIGHTS = '[robustness]\nwI = {gain_percent = 10, dead_time = 0.2}\nwP = "(0.45 
 
 def mill(folder: Path) -> tp.Project:
     """The perturbed mill (factor 1.0137) with the paper's weights."""
-    frame, _ = record(0, False)
+    frame, _ = record(0, undeclared=True)
     pl.DataFrame(frame).write_csv(folder / "mill.csv")
     text = 'time_unit = "min"\ndata = {files = ["mill.csv"], time = "time"}\n'
     for k, (Kc, Ti) in enumerate(((-2.0, 3.3), (0.42, 5.2))):
