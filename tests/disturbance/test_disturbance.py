@@ -24,6 +24,7 @@ from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.lti.structure import structure_of
 from trueplant.mismatch import fit_locally
 from trueplant.record import Segment
+from trueplant.result.budget import Source
 from trueplant.study.plant.disturbance import resting_on
 
 H = 0.7
@@ -300,7 +301,7 @@ def test_the_p_value_of_an_element_is_that_of_the_disturbance_likelihood():
     simulation = stepped(4)
     estimate = direct(simulation, 1)
     found = fit_with_disturbance(estimate.fit, [Part("step", 0.2)])
-    resting = resting_on(estimate, found, 0.0, 0.95)
+    resting = resting_on(estimate, found, 0.95)
     assert np.array_equal(resting.theta, found.theta) and resting.unprofiled is None
     for column in range(2):
         index, model = np.arange(3 * column, 3 * column + 3), STRUCTURES[1, column][1]
@@ -311,6 +312,17 @@ def test_the_p_value_of_an_element_is_that_of_the_disturbance_likelihood():
     doubtless = replace(resting, rise=lambda index, values: 0.0)
     judged = judge_elements(elements_found(WOOD_BERRY, {1: doubtless}), {1: doubtless})
     assert all(verdict.p_adjusted == 1.0 for verdict in judged.values())
+
+
+def test_what_op_did_between_its_samples_counts_beside_a_declared_disturbance_as_well():
+    """The fit with the disturbance sees it no more than the one without."""
+    estimate = direct(stepped(4), 1)
+    found = fit_with_disturbance(estimate.fit, [Part("step", 0.2)])
+    least = np.outer(*2 * [np.arange(1.0, 1 + estimate.theta.size)])
+    resting = resting_on(replace(estimate, least=least), found, 0.95)
+    assert np.allclose(resting.covariance, found.covariance + least)
+    assert np.allclose(resting.budget.parts[Source.ROUNDING], np.diag(least))
+    assert np.all(np.diff(resting.intervals) >= 1.9 * np.arange(1.0, 1 + estimate.theta.size)[:, None])
 
 
 def test_an_absent_element_costs_the_search_for_it():

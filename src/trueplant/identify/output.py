@@ -54,6 +54,8 @@ class OutputEstimate:
     """(size,)"""
     covariance: Array
     """(size, size)"""
+    least: Array
+    """(size, size) of it, which no method is spared: numbers and instants are rounded, OP moves between samples."""
     budget: Budget
     """What the variances in it are made of."""
     intervals: Array
@@ -234,6 +236,7 @@ def identify_output(
         fit=fit,
         theta=theta,
         covariance=covariance,
+        least=least,
         budget=budget.including(Source.PROFILE, covariance - unprofiled),
         intervals=minima.hull(intervals, shift),
         runs=runs,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,10 @@ from trueplant.lti import TransferMatrix, sampled_response, to_formula
 from trueplant.lti.structure import structure_of
 from trueplant.report import render
 from trueplant.result.summary import text_summary
+from trueplant.study.data.prepare import prepare
+from trueplant.study.methods.requested import request
+from trueplant.study.plant.identified import identify
+from trueplant.study.plant.updated import updated_plant
 
 NAMES = (("top", "bottom"), ("reflux", "steam"))
 LAWS = [
@@ -176,6 +181,16 @@ def test_kept_elements_and_measured_disturbances_are_taken_along(tmp_path):
     assert rows and all(row["p_values"]["direct"] > 0.01 for row in rows)
 
 
+ONE_LOOP = """
+    time_unit = "min"
+    data = {{files = ["record.csv"]}}
+    output = [{{name = "y", pv = "pv", sp = "sp"}}]
+    input = [{{name = "u", op = "op"}}]
+    model = [{{output = "y", input = "u", tf = "2 exp(-3.2 s)/(10 s + 1)"}}]
+    analysis = {{method = "{method}"}}
+"""
+
+
 def one_loop(folder: Path, method: str, held: int = 1) -> Result:
     """PV as its instrument holds it for so many samples."""
     plant = TransferMatrix.of([["2 exp(-3.2 s)/(10 s + 1)"]], "min")
@@ -185,15 +200,7 @@ def one_loop(folder: Path, method: str, held: int = 1) -> Result:
     s = simulate(plant, law, random_switching(rng, 3000, 1, 60.0), 0.5, v=v)
     pv = s.y[np.arange(3000) // held * held, 0]
     pl.DataFrame({"t": s.t, "sp": s.r[:, 0], "op": s.u[:, 0], "pv": pv}).write_csv(folder / "record.csv")
-    text = f"""
-        time_unit = "min"
-        data = {{files = ["record.csv"]}}
-        output = [{{name = "y", pv = "pv", sp = "sp"}}]
-        input = [{{name = "u", op = "op"}}]
-        model = [{{output = "y", input = "u", tf = "2 exp(-3.2 s)/(10 s + 1)"}}]
-        analysis = {{method = "{method}"}}
-    """
-    return run(Project.from_toml(text, folder))
+    return run(Project.from_toml(ONE_LOOP.format(method=method), folder))
 
 
 def test_values_that_only_stand_still_are_not_taken_for_measured(tmp_path):
@@ -203,6 +210,20 @@ def test_values_that_only_stand_still_are_not_taken_for_measured(tmp_path):
     why = result.to_dict()["methods"]["not_applied"]
     assert all("export the record at the interval of the updates" in why[name] for name in names)
     assert result.status == "ok"
+
+
+def test_no_method_is_surer_than_what_op_does_between_its_samples_lets_it_be(tmp_path):
+    one_loop(tmp_path, "rivc")
+    study = prepare(Project.from_toml(ONE_LOOP.format(method="rivc"), tmp_path))
+    identified = identify(study)
+    least = np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])
+    found = []
+    for one in (np.zeros((3, 3)), least):
+        estimates = {0: replace(identified.estimates[0], least=one)}
+        plant = updated_plant(study.model, estimates).nominal
+        asked = request(study, replace(identified, estimates=estimates), plant, study.segments, "")
+        found.append(asked.answers["rivc"].found[0, 0][1])
+    assert np.allclose(found[1] - found[0], least)
 
 
 @pytest.mark.parametrize("method", ["equation-error", "black-box"])

@@ -8,14 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from trueplant.identify import OutputEstimate, samples_per_update
 from trueplant.loop import Controller
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.record import Segment
 from trueplant.result import BlackBox, BlackBoxElement
-from trueplant.study.data.timing import timing_error, update_interval
+from trueplant.study.data.timing import update_interval
 from trueplant.study.methods.black_box import Opinion, second_opinion
 from trueplant.study.methods.estimators import ESTIMATORS, Answer, Task, estimate_by, plant_of
 from trueplant.study.plant.identified import Identified
@@ -51,7 +49,7 @@ def request(
 ) -> Requested:
     """Run what `analysis.method` asks for on `segments`; `why` is said instead where the noise cannot be stationary.
 
-    Dead times are as uncertain as the instants of the record, as they are in the fit.
+    No answer is surer than the instants of the record, and what OP does between them, let the fit be.
     """
     names = names_asked(study.project.analysis.method)
     if not names:
@@ -76,7 +74,7 @@ def request(
         if answer.refused:
             refused[name] = answer.refused
         if answer.found:
-            answers[name] = _as_late(study, task, answer)
+            answers[name] = _at_least(estimates, answer)
     remarks = {name: answer.notes for name, answer in answers.items() if answer.notes}
     biases = {name: answer.biases for name, answer in answers.items()}
     if any(found.disputed for found in estimates.values()):
@@ -121,12 +119,14 @@ def _law(study: Study, segments: Sequence[Segment]) -> Controller | None:
     return study.records.linear[closed[0]] if closed else None
 
 
-def _as_late(study: Study, task: Task, answer: Answer) -> Answer:
-    """The answer, its dead times as uncertain as the instants at which OP acts and PV is read."""
-    late = {place: timing_error(study) * task.structures[place].is_dead_time for place in answer.found}
-    found = {
-        place: (p, covariance + np.outer(late[place], late[place])) for place, (p, covariance) in answer.found.items()
+def _at_least(estimates: Mapping[int, OutputEstimate], answer: Answer) -> Answer:
+    """The answer, as uncertain as no method can be spared: instants are rounded, and OP moves between samples."""
+    least = {
+        (i, spec.column): one.least[part, part]
+        for i, one in estimates.items()
+        for spec, part in zip(one.row.specs, one.row.slices, strict=True)
     }
+    found = {place: (p, covariance + least[place]) for place, (p, covariance) in answer.found.items()}
     return replace(answer, found=found)
 
 

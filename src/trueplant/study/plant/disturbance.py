@@ -11,7 +11,6 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.disturbance import DisturbedFit, Part, Recovered, fit_with_disturbance, likelihood_p, recover
 from trueplant.identify import Budget, OutputEstimate
-from trueplant.identify.covariance import least_covariance
 from trueplant.identify.intervals import normal_intervals
 from trueplant.loop import Controller
 from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
@@ -125,26 +124,25 @@ def with_jumps(
     return tuple(replace(s, jumps=found.jumps) for s, found in zip(segments, recovered, strict=True))
 
 
-def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, timing: float, confidence: float) -> OutputEstimate:
+def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, confidence: float) -> OutputEstimate:
     """The estimate with parameters, intervals and likelihood of the fit that takes the declared disturbance along.
 
     It stays as it is where that fit does not describe the record, and where it has been widened for what the fit does
-    not know: experiments that disagree, disturbances that reach several outputs. `timing` as in `identify.Sampling`.
+    not know: experiments that disagree, disturbances that reach several outputs.
     """
     known = estimate.predicted_by or estimate.jointly or estimate.disputed
     if fit is None or fit.whiteness_p < levels.MISDESCRIBED or known:
         return estimate
     if not _same_elements(fit, estimate):
         return estimate
-    least = least_covariance(fit.row, fit.theta, timing)
-    covariance = fit.covariance + least
+    covariance = fit.covariance + estimate.least
     budget = Budget.of(fit.by_background).including(Source.DISTURBANCE, fit.covariance - fit.by_background)
     intervals = normal_intervals(fit.row, fit.theta, covariance, confidence)
     return replace(
         estimate,
         theta=fit.theta,
         covariance=covariance,
-        budget=budget.including(Source.ROUNDING, least),
+        budget=budget.including(Source.ROUNDING, estimate.least),
         intervals=intervals,
         order_dependence={},
         unprofiled=None,

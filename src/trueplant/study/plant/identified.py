@@ -156,8 +156,8 @@ def _counted(names: Sequence[str], i: int) -> str:
 def _resting_on_disturbances(
     study: Study, estimates: Mapping[int, OutputEstimate], fits: Mapping[int, DisturbedFit]
 ) -> dict[int, OutputEstimate]:
-    timing, confidence = timing_error(study), study.project.analysis.confidence
-    return {i: resting_on(found, fits.get(i), timing, confidence) for i, found in estimates.items()}
+    confidence = study.project.analysis.confidence
+    return {i: resting_on(found, fits.get(i), confidence) for i, found in estimates.items()}
 
 
 def _missing(study: Study, taken: Mapping[Place, Spec]) -> tuple[Reason, ...]:
