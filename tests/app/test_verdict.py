@@ -17,7 +17,9 @@ from support.pages import Page
 from trueplant.app.screens.verdict import to_do
 from trueplant.output import read_results
 from trueplant.report import tables
+from trueplant.result import Code, Reason
 from trueplant.result.parameter_words import word_of
+from trueplant.result.shift_words import Action
 
 PAGE = "/verdict?project=project.toml"
 
@@ -100,6 +102,15 @@ def test_a_changed_plant_under_unknown_controllers_is_not_nothing_to_do(tmp_path
     assert "no action now" in known.shift and to_do(known).title == "Nothing to do now"
     assert "whether today's tuning suits that is not known" in unknown.shift
     assert to_do(unknown).title == "See whether the tuning still suits it"
+
+
+def test_a_plant_that_changed_during_the_record_is_not_nothing_to_do(tmp_path: Path) -> None:
+    with_result(tmp_path)
+    known = read_results(tmp_path / "project-result")
+    moved = Reason(Code.CAUSE_MOVED_MEANWHILE, "the plant was not the same throughout the record", "y, a.csv")
+    result = replace(known, notes=(moved,))
+    assert result.action is Action.GET_DATA and to_do(result).title == "Find out what it does now"
+    assert to_do(result).links[0][0] == "track"
 
 
 @pytest.mark.slow

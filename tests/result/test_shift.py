@@ -25,6 +25,11 @@ def said(folder, plant: str = MODEL, law: dict[str, float] | None = LAW, **of_re
     return run(declared(folder, simulation, MODEL, law)).result
 
 
+def _missed() -> dict[str, SystemPeaks]:
+    """The weights are held on the model and not on the plant."""
+    return {name: SystemPeaks(True, holds, None, None, None) for name, holds in (("model", True), ("plant", False))}
+
+
 @pytest.mark.parametrize(
     ("plant", "words", "does"),
     [
@@ -74,8 +79,7 @@ def test_without_a_controller_nobody_is_told_that_nothing_is_to_be_done(tmp_path
 def test_an_instrument_that_may_be_wrong_comes_before_new_settings(tmp_path):
     result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)")
     assert isinstance(result.robustness, LoopRobustness)
-    peaks = {name: SystemPeaks(True, holds, None, None, None) for name, holds in (("model", True), ("plant", False))}
-    result = replace(result, notes=(), robustness=replace(result.robustness, peaks=peaks))
+    result = replace(result, notes=(), robustness=replace(result.robustness, peaks=_missed()))
     assert result.shift.endswith("; the controllers need new settings.")
     then = "first: if that is in order, the controllers need new settings."
     for code, where, first in (
@@ -124,6 +128,21 @@ def test_a_valve_comes_before_tuning(tmp_path):
     stuck = replace(result, notes=(*result.notes, Reason(Code.CAUSE_VALVE_STICKING, "the valve sticks", "u")))
     assert stuck.action is Action.CHECK_VALVE
     assert stuck.shift.endswith("check the valve of u first.")
+
+
+def test_a_plant_that_moved_meanwhile_is_to_be_tracked_before_anything_is_done(tmp_path):
+    result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)")
+    moved = Reason(Code.CAUSE_MOVED_MEANWHILE, "the plant was not the same throughout the record", "Y, record.csv")
+    then = replace(result, notes=(moved,))
+    assert result.action is Action.NONE and then.action is Action.GET_DATA
+    look = "find out what it does now, since it did not do the same throughout (trueplant track)"
+    assert then.shift.endswith(f"; {look}.") and "no action" not in then.shift
+    assert (
+        then.headline == f"{result.headline} No one plant suits the whole record, so that these values lie between "
+        "several: see the notes."
+    )
+    asked = replace(then, robustness=replace(then.robustness, peaks=_missed()))
+    assert asked.action is Action.RETUNE and f"; {look} first, then the controllers need new settings." in asked.shift
 
 
 def test_another_controller_is_said_and_its_margins_are_not(tmp_path):

@@ -12,10 +12,10 @@ from rich.text import Text
 from trueplant.cli.layout import Group, blocks, console, text
 from trueplant.result import Element, Parameter, Result
 from trueplant.result.detectors_words import detector_lines
-from trueplant.result.headline import seen
+from trueplant.result.headline import has_moved, seen
 from trueplant.result.methods_words import comparison_lines
 from trueplant.result.numbers import counted, number, percentage, value_with_interval
-from trueplant.result.reason import Code, is_common
+from trueplant.result.reason import is_common
 from trueplant.result.status import ElementVerdict
 from trueplant.result.summary import loop_line, settings_lines, told_elements, told_reasons, worth_knowing
 
@@ -70,7 +70,7 @@ def elements_table(result: Result, width: int) -> Iterator[RenderableType]:
 def legend(result: Result) -> str:
     """What the marks of the table mean, as far as there are any."""
     marked = any(parameter.changed for element in result.elements for parameter in element.parameters)
-    moved = any(note.code is Code.CAUSE_MOVED_MEANWHILE for note in result.notes)
+    moved = has_moved(result)
     good = f"A and B are good enough to retune on{', but not what changed during the record' if moved else ''}"
     grades = {
         "A": good,

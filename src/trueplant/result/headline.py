@@ -51,6 +51,8 @@ def headline(result: Outcome) -> str:
         text += f" {_first_model(first)}"
     if open_ones and (changed or kept or first):
         text += _left_open(open_ones)
+    if has_moved(result):
+        text += " No one plant suits the whole record, so that these values lie between several: see the notes."
     return text
 
 
@@ -223,6 +225,11 @@ def is_another(result: Outcome) -> bool:
     """Was OP of today's loop written by another controller than was declared?"""
     today = result.robustness.controller_of if result.robustness else None
     return any(one.experiment == today and one.confirmed is False for one in result.methods.controller_consistency)
+
+
+def has_moved(result: Outcome) -> bool:
+    """Was the plant not the same throughout the record?"""
+    return any(note.code is Code.CAUSE_MOVED_MEANWHILE for note in result.notes)
 
 
 def is_answered(result: Outcome) -> bool:

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 from trueplant.result import levels
 from trueplant.result.element import Element, Parameter
-from trueplant.result.headline import is_another, is_answered, is_lacking, is_reversed, is_useful, weight
+from trueplant.result.headline import has_moved, is_another, is_answered, is_lacking, is_reversed, is_useful, weight
 from trueplant.result.numbers import counted, number, spoken
 from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of
@@ -37,7 +37,7 @@ def action(result: Outcome) -> Action:
         return Action.RETUNE
     told = any(e.verdict in (ElementVerdict.CHANGED, ElementVerdict.FOUND) for e in result.elements)
     open_ones = any(e.verdict == ElementVerdict.NOT_IDENTIFIABLE for e in result.elements)
-    return Action.GET_DATA if open_ones and not told else Action.NONE
+    return Action.GET_DATA if (open_ones and not told) or has_moved(result) else Action.NONE
 
 
 def shift(result: Outcome) -> str:
@@ -145,9 +145,13 @@ def _to_do(result: Outcome) -> str:
         tune = f"enter the new settings of {_and(chosen)}" if chosen else "the controllers need new settings"
         # a loop that is not safe cannot wait for an instrument
         instruments = [] if _unsafe(result) else _suspects(result)
+        if has_moved(result) and not _unsafe(result):
+            return f"{_TRACK} first, then {tune}"
         return f"check {_and(instruments)} first: if that is in order, {tune}" if instruments else tune
     if does is Action.GET_DATA and is_another(result):
         return ""  # that its settings are what is missing is said of the tuning
+    if does is Action.GET_DATA and has_moved(result):
+        return _TRACK
     if does is Action.GET_DATA:
         simple = any(note.code is Code.UNDERMODELLED for note in result.notes)
         also = ", or try a richer structure of the model," if simple and result.status == Status.REFUSED else ""
@@ -155,6 +159,9 @@ def _to_do(result: Outcome) -> str:
     if result.robustness is None and _has_changed(result):
         return f"check {_and(_suspects(result))}" if _suspects(result) else ""
     return "no action now"
+
+
+_TRACK = "find out what it does now, since it did not do the same throughout (trueplant track)"
 
 
 def _valve(name: str) -> str:

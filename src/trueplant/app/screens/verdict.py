@@ -15,7 +15,7 @@ from starlette.routing import Route
 from trueplant.app.pages import ok, page, url
 from trueplant.app.saved import Saved, saved_of
 from trueplant.result import Code, Curves, Element, ElementVerdict, Reason, Result, Status
-from trueplant.result.headline import is_another
+from trueplant.result.headline import has_moved, is_another
 from trueplant.result.shift_words import Action
 
 MARKS = {"changed": "changed", "unchanged": "unchanged", "found": "found", "none found": "absent"}
@@ -59,6 +59,13 @@ ANOTHER_CONTROLLER = ToDo(
     (("model", "Model and controllers"),),
 )
 """In place of more data, where the settings are the data that is missing."""
+MOVED = ToDo(
+    "Find out what it does now",
+    "The plant did not do the same throughout the record. What is given for it lies between before and after.",
+    (("track", "When it changed, and to what"), ("trends", "Look at the record")),
+)
+
+
 TUNING_UNKNOWN = ToDo(
     "See whether the tuning still suits it",
     "The plant has changed, and what today's controllers do with it is not known.",
@@ -72,7 +79,7 @@ async def verdict(request: Request) -> Response:
     found = await run_in_threadpool(saved_of, request)
     if found is None:
         return page(request, "verdict.html.j2", screen="verdict", body=None, saved=None, said={})
-    links = {screen: url(request, screen) for screen in ("run", "trends", "model", "whatif", "plan")}
+    links = {screen: url(request, screen) for screen in ("run", "trends", "model", "whatif", "plan", "track")}
     links["out"] = url(request, "out", **_named(request))
     report = url(request, "out/report", **_named(request))
     ready = request.app.state.screens
@@ -141,6 +148,8 @@ def to_do(result: Result) -> ToDo:
     changed = any(element.verdict == ElementVerdict.CHANGED for element in result.elements)
     if result.action is Action.GET_DATA and is_another(result):
         return ANOTHER_CONTROLLER
+    if result.action is Action.GET_DATA and has_moved(result):
+        return MOVED
     return (
         TUNING_UNKNOWN if result.action is Action.NONE and changed and not result.robustness else TO_DO[result.action]
     )
