@@ -86,6 +86,8 @@ def test_an_instrument_that_may_be_wrong_comes_before_new_settings(tmp_path):
         (Code.CAUSE_SENSOR_SPAN, "Y", "the transmitter of Y"),
         (Code.CAUSE_ACTUATOR_GAIN, "u", "the valve of u"),
         (Code.CAUSE_UNKNOWN, "u -> Y", "the transmitter of Y and the valve of u"),
+        (Code.CAUSE_UNKNOWN, "transmitter of Y; valve of u", "the transmitter of Y and the valve of u"),
+        (Code.CAUSE_UNKNOWN, "valve of u", "the valve of u"),
         (Code.CAUSE_ACTUATOR_GAIN, "steam_valve", "the steam valve"),
     ):
         doubtful = replace(result, notes=(Reason(code, "why", where),))

@@ -1,6 +1,6 @@
 """Which elements changed, and whether it matters."""
 
-from trueplant.detect.causes import CommonFactor, common_factors
+from trueplant.detect.causes import CommonFactor, Explanation, explanations
 from trueplant.detect.correlation import cross_correlation, partial_correlation
 from trueplant.detect.detectable import detectable_change, least_known
 from trueplant.detect.elements import Found, elements_found, judge_elements, verdicts
@@ -27,16 +27,17 @@ __all__ = [
     "CommonFactor",
     "Detection",
     "Evidence",
+    "Explanation",
     "Found",
     "Moved",
     "ParameterVerdict",
     "Signals",
     "TwoFits",
     "Verdict",
-    "common_factors",
     "cross_correlation",
     "detectable_change",
     "elements_found",
+    "explanations",
     "grade",
     "holm",
     "importance_in_loop",

@@ -174,10 +174,15 @@ def _suspects(result: Outcome) -> list[str]:
     named = []
     for note in result.notes:
         for where in map(spoken, note.where.split("; ")):
+            column, arrow, output = where.rpartition(" -> ")
+            if note.code is Code.CAUSE_UNKNOWN and not arrow:  # of several, each as what it is
+                is_valve = where.startswith("valve of ")
+                named.append(_valve(where.removeprefix("valve of ")) if is_valve else f"the {where}")
+                continue
             if note.code in (Code.CAUSE_SENSOR_SPAN, Code.CAUSE_UNKNOWN):
-                named.append(f"the transmitter of {where.split(' -> ')[-1]}")
+                named.append(f"the transmitter of {output}")
             if note.code in (Code.CAUSE_ACTUATOR_GAIN, Code.CAUSE_UNKNOWN):
-                named.append(_valve(where.split(" -> ")[0]))
+                named.append(_valve(column or where))
     return list(dict.fromkeys(named))
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from scipy.stats import norm
 
 from trueplant.arrays import Array
-from trueplant.detect import CommonFactor, Found, common_factors
+from trueplant.detect import CommonFactor, Explanation, Found, explanations
+from trueplant.detect.causes import Cause
 from trueplant.identify import FoundValve, OperatingPoints, OutputEstimate, operating_points
 from trueplant.identify.pieces import Piece
 from trueplant.record import Segment
@@ -18,14 +19,14 @@ from trueplant.result.headline import only_simpler
 from trueplant.study import levels
 from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.meanwhile import changed_meanwhile
-from trueplant.study.study import Study
+from trueplant.study.study import Place, Study
 
 TESTED = (Code.CAUSE_DISTURBANCE, Code.CAUSE_MOVED_MEANWHILE, Code.CAUSE_OPERATING_POINT)
 """The causes with a test of their own; the others follow from verdicts, or from the test of valves."""
 
 
 def causes_of(
-    study: Study, identified: Identified, found: Mapping[tuple[int, int], Found], elements: Sequence[Element]
+    study: Study, identified: Identified, found: Mapping[Place, Found], elements: Sequence[Element]
 ) -> list[Reason]:
     """A sentence with its evidence for each cause that the data show; codes "cause-..." as in docs/verdicts.md.
 
@@ -50,14 +51,13 @@ def _saturated(study: Study) -> list[Reason]:
     if not places:
         return []
     message = (
-        f"the actuator was saturated: OP stood at a limit in {_respectively(shares)} % of the samples. The estimate "
+        f"the actuator was saturated: OP stood at a limit in {_and(shares)} % of the samples. The estimate "
         "takes OP as it was recorded, but meanwhile there was no control: the loop was not what its tuning makes of it"
     )
     return [Reason(Code.CAUSE_VALVE_SATURATED, message, "; ".join(places))]
 
 
-def _respectively(values: Sequence[str]) -> str:
-    """Values in the order of the places that a sentence holds for."""
+def _and(values: Sequence[str]) -> str:
     return values[0] if len(values) == 1 else f"{', '.join(values[:-1])} and {values[-1]}"
 
 
@@ -99,7 +99,7 @@ def _levels(
     if not places:
         return []
     message = (
-        f"PV sits {_respectively(sizes)} from where the same OP held it in the first experiment: a sensor bias, or a "
+        f"PV sits {_and(sizes)} from where the same OP held it in the first experiment: a sensor bias, or a "
         "load that has come to stay. It moves no gain and no time constant"
     )
     return [Reason(Code.CAUSE_OPERATING_POINT, message, "; ".join(places))]
@@ -143,99 +143,191 @@ def _parts(estimate: OutputEstimate) -> list[tuple[Any, slice]]:
 def _plant(
     study: Study,
     estimates: Mapping[int, OutputEstimate],
-    found: Mapping[tuple[int, int], Found],
+    found: Mapping[Place, Found],
     judged: Sequence[Element],
 ) -> list[Reason]:
-    """Sensor span and actuator gain where whole rows or columns scale alike, else the plant itself."""
-    changed = [e for e in judged if e.verdict == ElementVerdict.CHANGED and not only_simpler(e)]
-    if not changed:
-        return []
-    dynamics = {(e.output, e.input) for e in changed if _dynamics_changed(study, found, e)}
-    outputs, inputs = study.project.output_names, study.project.input_names
-    common = [
-        factor
-        for factor in _common(study, estimates, found)
-        if not any((outputs, inputs)[factor.kind == "column"][factor.index] in place for place in dynamics)
-    ]
-    explained: set[tuple[str, str]] = set()
-    causes = []
-    for factor in common:
-        name = (outputs, inputs)[factor.kind == "column"][factor.index]
-        explained |= {(e.output, e.input) for e in changed if name == (e.output, e.input)[factor.kind == "column"]}
-        causes.append(_factor_cause(factor, name, study))
-    rest = [e for e in changed if (e.output, e.input) not in explained]
+    """Instruments and the plant itself: what all explanations with the fewest faults have in common is named.
+
+    Where they differ it is said that they cannot be told apart.
+    """
+    asked = {_names(study, place): place for place in study.specs}
+    changed = {
+        asked[e.output, e.input]: e
+        for e in judged
+        # of what the record showed unasked the note says all
+        if e.verdict == ElementVerdict.CHANGED and not only_simpler(e) and (e.output, e.input) in asked
+    }
+    lacking = {place for place, e in changed.items() if e.tf_model == "0"}
+    dynamics = {place for place, e in changed.items() if place not in lacking and _dynamics_changed(found[place], e)}
+    alternatives = _explanations(study, estimates, found, set(changed) - lacking - dynamics, dynamics)
+    likeliest = max(alternatives, key=lambda one: one.p_value)
+    common = frozenset.intersection(*(one.causes for one in alternatives))
+    causes = [_factor_cause(factor, likeliest, study) for factor in likeliest.factors if factor.cause in common]
+    plant = lacking | dynamics | {place for place in changed if ("element", *place) in common}
     beside = {(e.output, e.input) for e in judged if e.verdict == ElementVerdict.UNCHANGED}
-    asked = {(outputs[i], study.columns[j]) for i, j in study.specs}
-    for e in rest:
-        message = "the plant itself has changed"
-        other_dynamics = bool(dynamics) or e.rejected_structure is not None
-        if (e.output, e.input) not in asked:
-            continue  # of what the record showed unasked the note says all
-        if e.tf_model == "0":
-            message = "the plant has an element here that the model lacks"
-        elif len(outputs) == len(inputs) == 1 and not other_dynamics:
-            causes.append(_one_loop(e))
+    unchanged = {place for place in study.specs if _names(study, place) in beside}
+    for place in changed:
+        if place in lacking:
+            said = "the plant has an element here that the model lacks"
+        elif place in plant:
+            said = f"the plant itself has changed{_why_plant(place, plant - lacking - dynamics, dynamics, unchanged)}"
+        else:
             continue
-        elif any(other is not e and (other.output == e.output or other.input == e.input) for other in rest):
-            message += ": several elements of a row or column have, and not by one factor as with a sensor or a valve"
-        elif any(i == e.output or j == e.input for i, j in beside):
-            message += ": no other element of its row and column that these data can judge moves with it"
-        elif other_dynamics:
-            message += ": a sensor's span or a valve's gain would move the gain alone"
-        causes.append(Reason(Code.CAUSE_PLANT, message, f"{e.input} -> {e.output}"))
-    return causes
+        causes.append(Reason(Code.CAUSE_PLANT, said, _arrow(study, place)))
+    return causes + [_open_cause(study, part, changed) for part in _parts_open(alternatives, common, changed)]
 
 
-def _one_loop(element: Element) -> Reason:
-    """One input, one output, and no change of the dynamics: what that may be."""
-    if not any(p.changed for p in element.parameters):
-        message = (
-            "the element has changed as a whole, and these data cannot say what of it: the plant, or an instrument"
-        )
-    else:
-        known = all(p.plant is not None for p in element.parameters)
-        message = (
-            ("only the gain has changed" if known else "the gain has changed, and these data do not tell the dynamics")
-            + ": with one output and one input that can be the sensor's span, the valve or the plant, and these data "
-            "cannot say which. Check the instrument first"
-        )
-    return Reason(Code.CAUSE_UNKNOWN, message, f"{element.input} -> {element.output}")
+def _names(study: Study, place: Place) -> tuple[str, str]:
+    return study.project.output_names[place[0]], study.columns[place[1]]
 
 
-def _dynamics_changed(study: Study, found: Mapping[tuple[int, int], Found], element: Element) -> bool:
+def _arrow(study: Study, place: Place) -> str:
+    output, column = _names(study, place)
+    return f"{column} -> {output}"
+
+
+def _why_plant(
+    place: Place, gains: Collection[Place], dynamics: Collection[Place], unchanged: Collection[Place]
+) -> str:
+    """What speaks against the sensor and the valve of an element."""
+
+    def crossing(others: Collection[Place]) -> bool:
+        return any(one != place and (one[0] == place[0] or one[1] == place[1]) for one in others)
+
+    if place in dynamics:
+        return ": a sensor's span or a valve's gain would move the gain alone"
+    if crossing(gains):
+        return ": several elements of a row or column have, and not by one factor as with a sensor or a valve"
+    if crossing(unchanged):
+        return ": no other element of its row and column that these data can judge moves with it"
+    return ": a sensor's span or a valve's gain would move gains alone" if crossing(dynamics) else ""
+
+
+def _dynamics_changed(found: Found, element: Element) -> bool:
     """Has anything but a gain of this element changed?"""
-    place = study.project.output_names.index(element.output), study.columns.index(element.input)
-    is_gain = found[place].spec.structure.is_gain
+    is_gain = found.spec.structure.is_gain
     return any(p.changed and not gain for p, gain in zip(element.parameters, is_gain, strict=True))
 
 
-def _factor_cause(factor: CommonFactor, name: str, study: Study) -> Reason:
+def _factor_cause(factor: CommonFactor, of: Explanation, study: Study) -> Reason:
     size = f"{factor.factor:.3g} ± {norm.isf((1 - study.project.analysis.confidence) / 2) * factor.std_error:.2g}"
+    crossed = any(other.kind != factor.kind for other in of.factors)
+    beside = ", beside what other instruments do to some of them" if crossed else ""
+    told = f"have changed by the same factor {size}{beside} (p = {of.p_value:.2g} that they are equal)"
     if factor.kind == "row":
-        message = (
-            f"all gains to this output have changed by the same factor {size} (p = {factor.p_equal:.2g} that they are "
-            "equal): its sensor's span is the likely cause, not the plant"
+        message = f"all gains to this output {told}: its sensor's span is the likely cause, not the plant"
+        return Reason(Code.CAUSE_SENSOR_SPAN, message, study.project.output_names[factor.index])
+    if _is_measured(study, factor.index):
+        message = f"all gains from this disturbance {told}: its sensor's span is the likely cause, not the plant"
+        return Reason(Code.CAUSE_SENSOR_SPAN, message, study.columns[factor.index])
+    message = f"all gains from this input {told}: its valve or actuator is the likely cause, not the plant"
+    return Reason(Code.CAUSE_ACTUATOR_GAIN, message, study.columns[factor.index])
+
+
+def _is_measured(study: Study, column: int) -> bool:
+    """Is it a measured disturbance?"""
+    return column >= len(study.project.inputs)
+
+
+def _parts_open(
+    alternatives: Sequence[Explanation], common: frozenset[Cause], changed: Collection[Place]
+) -> list[list[frozenset[Cause]]]:
+    """The alternatives of what the explanations do not have in common, by parts that share no changed element."""
+    left = frozenset[Cause]().union(*(one.causes for one in alternatives)) - common
+    parts: list[frozenset[Cause]] = []
+    for place in sorted(changed):
+        touching = frozenset(cause for cause in left if _touches(cause, place))
+        met = [part for part in parts if part & touching]
+        parts = [part for part in parts if not part & touching]
+        if touching:
+            parts.append(touching.union(*met))
+    return [list(dict.fromkeys(one.causes & part for one in alternatives)) for part in parts]
+
+
+def _touches(cause: Cause, place: Place) -> bool:
+    """Would this fault change that element?"""
+    return cause[1:] == place if cause[0] == "element" else cause[1] == place[cause[0] == "column"]
+
+
+def _open_cause(study: Study, alternatives: Sequence[frozenset[Cause]], changed: Mapping[Place, Element]) -> Reason:
+    """What explains some changed elements as well as each other."""
+    causes = sorted(frozenset[Cause]().union(*alternatives), key=_in_order)
+    places = [place for place in sorted(changed) if any(_touches(cause, place) for cause in causes)]
+    one = changed[places[0]] if len(places) == 1 else None
+    # of many combinations the faults that they are made of say as much
+    listed = alternatives if len(alternatives) <= len(causes) else [frozenset([cause]) for cause in causes]
+    listed = sorted(listed, key=lambda faults: sorted(map(_in_order, faults)))
+    told = [_faults(study, faults, one is not None) for faults in listed]
+    instruments = [cause for cause in causes if cause[0] != "element"]
+    if instruments == causes:
+        told.append("a plant whose gains have all moved alike")
+    which = f"that can be {', '.join(told[:-1])} or {told[-1]}, and these data cannot say which"
+    if one is None:
+        message = f"{len(places)} elements have changed: {which}. Check the instruments first"
+    else:
+        message = f"{_what_changed(one)}: {which}. Check the instrument first"
+    both = one is not None and len(instruments) == 2 and not _is_measured(study, places[0][1])
+    where = _arrow(study, places[0]) if both else "; ".join(_instrument(study, cause) for cause in instruments)
+    return Reason(Code.CAUSE_UNKNOWN, message, where)
+
+
+def _in_order(cause: Cause) -> tuple[int, Cause]:
+    """To sort by: sensors, valves, the plant."""
+    return ("row", "column", "element").index(cause[0]), cause
+
+
+def _what_changed(element: Element) -> str:
+    if not any(p.changed for p in element.parameters):
+        return "the element has changed as a whole, and these data do not tell what of it"
+    if all(p.plant is not None for p in element.parameters):
+        return "only the gain has changed"
+    return "the gain has changed, and these data do not tell the dynamics"
+
+
+def _faults(study: Study, causes: Collection[Cause], of_one: bool) -> str:
+    """Faults that go together in words; those of one element need no names."""
+    rows = [study.project.output_names[cause[1]] for cause in sorted(causes) if cause[0] == "row"]
+    columns = [cause[1] for cause in sorted(causes) if cause[0] == "column"]
+    sensors = rows + [study.columns[j] for j in columns if _is_measured(study, j)]
+    valves = [study.columns[j] for j in columns if not _is_measured(study, j)]
+    elements = [_arrow(study, (one[1], one[2])) for one in sorted(causes) if len(one) == 3]
+    if of_one:
+        sensor = "the sensor's span" if rows else "the span of the disturbance's sensor"
+        return sensor if sensors else "the valve" if valves else "the plant"
+    parts = [
+        f"{word if len(names) == 1 else several} {_and(names)}"
+        for names, word, several in (
+            (sensors, "the sensor's span of", "the sensors' spans of"),
+            (valves, "the valve of", "the valves of"),
+            (elements, "the plant itself in", "the plant itself in"),
         )
-        return Reason(Code.CAUSE_SENSOR_SPAN, message, name)
-    message = (
-        f"all gains from this input have changed by the same factor {size} (p = {factor.p_equal:.2g} that they are "
-        "equal): its valve or actuator is the likely cause, not the plant"
-    )
-    return Reason(Code.CAUSE_ACTUATOR_GAIN, message, name)
+        if names
+    ]
+    return _and(parts)
 
 
-def _common(
-    study: Study, estimates: Mapping[int, OutputEstimate], found: Mapping[tuple[int, int], Found]
-) -> list[CommonFactor]:
-    """Rows and columns of inputs that scale alike; elements with several delayed gains take no part."""
-    n_y, n_u = study.model.shape[0], len(study.project.inputs)
+def _instrument(study: Study, cause: Cause) -> str:
+    if cause[0] == "row":
+        return f"transmitter of {study.project.output_names[cause[1]]}"
+    return f"{'transmitter' if _is_measured(study, cause[1]) else 'valve'} of {study.columns[cause[1]]}"
+
+
+def _explanations(
+    study: Study,
+    estimates: Mapping[int, OutputEstimate],
+    found: Mapping[Place, Found],
+    changed: Collection[Place],
+    dynamics: Collection[Place],
+) -> list[Explanation]:
+    """What may explain the gains; those of elements with several delayed ones count as not known."""
+    n_y, n_u = study.model.shape
     ratio, covariance = np.full((n_y, n_u), np.nan), np.zeros((n_y * n_u, n_y * n_u))
     present = np.array([[not study.model[i, j].is_zero for j in range(n_u)] for i in range(n_y)])
     for i, estimate in estimates.items():
         places, index, scale, of_model = [], [], [], []
         for spec, part in _parts(estimate):
             known = found.get((i, spec.column))
-            if spec.column >= n_u or known is None or spec.structure.delayed > 1 or 0 in known.reasons:
+            if known is None or spec.structure.delayed > 1 or 0 in known.reasons:
                 continue
             if known.model[0]:
                 places.append(i * n_u + spec.column)
@@ -246,4 +338,7 @@ def _common(
             ratio.ravel()[places] = estimate.theta[index] / scale
             own = estimate.covariance[np.ix_(index, index)] + np.diag(of_model)
             covariance[np.ix_(places, places)] = own / np.outer(scale, scale)
-    return common_factors(ratio, covariance, present, 1 - study.project.analysis.confidence)
+    level = 1 - study.project.analysis.confidence
+    every = [[(i, j) for j in range(n_u)] for i in range(n_y)]
+    there, moved = (np.array([[one in those for one in row] for row in every]) for those in (changed, dynamics))
+    return explanations(ratio, covariance, present, there, moved, level)
