@@ -9,6 +9,7 @@ import pytest
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import identify_matrix, specs_of
+from trueplant.identify.likelihood import held_at, rise
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.record.types import Segment
@@ -42,3 +43,11 @@ def test_a_level_of_pv_changes_nothing(seed):
         assert np.all(np.abs(estimate.theta - estimates[0].theta) < 0.01 * errors)
         assert np.allclose(np.sqrt(np.diag(estimate.covariance)), errors, rtol=0.01)
     assert np.all(np.abs(estimates[0].theta - TRUTH) < 3.5 * errors)
+
+
+def test_a_ratio_of_likelihoods_counts_the_errors_that_are_free():
+    """The starts and levels of the pieces leave fewer of them: `rise` and the deviances say the same."""
+    fit = identify_matrix(pieces(1, 0.0), PLANT, specs_of(PLANT))[0].fit
+    held = held_at(fit, np.array([0]), np.array([1.3]))
+    assert fit.count - fit.left > 30
+    assert held.deviance - fit.deviance == pytest.approx(rise(fit, held), rel=1e-9)

@@ -50,8 +50,8 @@ class RowFit:
 
     @property
     def deviance(self) -> float:
-        """-2 log likelihood up to a constant."""
-        return float(self.count * np.log(max(self.cost, 1e-300) / self.count))
+        """-2 log likelihood up to a constant, of errors as many as are free: with many pieces fewer than there are."""
+        return float(self.left * np.log(max(self.cost, 1e-300) / self.count))
 
     @property
     def covariance(self) -> Array:
