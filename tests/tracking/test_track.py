@@ -7,25 +7,44 @@ import re
 from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
+from scipy.stats import norm
 
 from support import ROOT
 from support.changing import PARAMETERS, PROJECT, changing_wood_berry, write_project
 from support.simulated import segment_of
 from trueplant import Project
 from trueplant.cli import main
+from trueplant.cli.track import show
+from trueplant.detect.since import Shift
 from trueplant.errors import DataError, UsageError
 from trueplant.identify import Row, Spec, fit_row, pieces_of
 from trueplant.identify.noise import whiten
 from trueplant.lti import Structure
 from trueplant.report.track import render
-from trueplant.result import Change, Moved, Track, TrackedElement, TrackedExperiment, Window, WindowElement
+from trueplant.result import (
+    Change,
+    ChangeKind,
+    ElementHistory,
+    ElementVerdict,
+    Moved,
+    Parameter,
+    Provenance,
+    Settings,
+    Track,
+    TrackedElement,
+    TrackedExperiment,
+    Window,
+    WindowElement,
+)
 from trueplant.result.track_words import refused_stretches
 from trueplant.tracking import levels
+from trueplant.tracking.changes import _change
 from trueplant.tracking.track import track
 from trueplant.tracking.windows import blocks_of, moves_of
 
@@ -79,7 +98,23 @@ def test_windows_keep_clear_of_the_step_and_of_each_other(step: tuple[int, Path,
         for w in body["windows"]
         if w["output"] == "top" and w["elements"]
     ]
-    assert {v for before, v in verdicts if before} == {"unchanged"} and (False, "changed") in verdicts
+    assert "changed" not in {v for before, v in verdicts if before} and (False, "changed") in verdicts
+
+
+def test_a_window_is_unchanged_only_where_a_change_worth_knowing_would_have_shown_in_it(
+    step: tuple[int, Path, dict[str, Any]],
+) -> None:
+    """Two elements an output, 4 % over both, four records of five: so many standard errors of the gain are seen."""
+    _, _, body = step
+    elements = [e for w in body["windows"] for e in w["elements"]]
+    seen = norm.isf(0.04 / 4) + norm.ppf(0.8)
+    assert sum(e["verdict"] == "unchanged" for e in elements) >= 5
+    for element in elements:
+        gain = element["parameters"][0]
+        if element["verdict"] == "unchanged":
+            assert seen * gain["std_error"] < 1.05 * 0.3 * abs(gain["plant"])  # 5 % for profiles
+        assert element["p_adjusted"] is not None and gain["plant"] is not None
+    assert any(e["verdict"] == "not identifiable" for e in elements)
 
 
 def test_windows_know_the_plant_as_well_as_was_asked(step: tuple[int, Path, dict[str, Any]]) -> None:
@@ -247,3 +282,50 @@ def test_stretches_refused_alike_are_said_together() -> None:
         ("top, bottom", "march.csv", "0 to 60 min, 500 to 560 min", still),
         ("top, bottom", "march.csv", "top 300 to 340 min; bottom 700 to 800 min", short),
     ]
+
+
+AS_A_WHOLE = "as a whole, though no single parameter did for certain"
+
+
+def jointly(rise: float) -> Change:
+    """A step of two delayed gains that move by so much against each other; their errors are correlated by 0.99."""
+    structure = Structure.parse("fopdt+delayed")
+    study = SimpleNamespace(project=SimpleNamespace(output_names=("y",)), columns=("u",))
+    spec = SimpleNamespace(column=0, structure=structure)
+    row = SimpleNamespace(study=study, specs=(spec,), output=0, units=lambda _: ("",) * len(structure.names))
+    one: Any = SimpleNamespace(row=row, kept=lambda _: [0, 1])
+    before = np.array([2.0, -2.0])
+    shift = Shift(before, before + np.array([rise, -rise]), np.array([[1.0, 0.99], [0.99, 1.0]]))
+    assert shift.p_value < 1e-6
+    return _change(one, 0, ChangeKind.STEP, (5.0, (4.0, 6.0)), 1e-6, shift, 0.05)
+
+
+def test_a_parameter_is_starred_by_its_own_test_alone() -> None:
+    """The difference of both gains is known ten times as well as each: it has moved, and neither gain for certain."""
+    change = jointly(0.85)
+    assert all(p.ci[0] < 0 < p.ci[1] and p.p_adjusted > 0.5 for p in change.parameters)
+    assert not any(p.changed for p in change.parameters)
+    assert all(p.changed for p in jointly(8.5).parameters)
+
+
+def test_what_changed_or_is_off_as_a_whole_is_said_as_that(capsys: pytest.CaptureFixture[str]) -> None:
+    """In the headline, on the terminal and in the report: nowhere is a place for parameters left empty."""
+    off = Parameter("gain", "", 2.0, 2.2, 0.3, (1.6, 2.8), 10.0, 0.5, 0.5, False)
+    standing = WindowElement("v", ElementVerdict.CHANGED, 1e-4, (off,))
+    elements = (
+        TrackedElement("y", "u", ElementHistory.STEP, 1e-6, 3, 1.0),
+        TrackedElement("y", "v", ElementHistory.CONSTANT, 0.5, 3, 1.0, standing=standing),
+    )
+    experiment = TrackedExperiment("march.csv", 0.0, None, (0.0, 10.0))
+    windows = (Window("y", "march.csv", 0.0, 4.0, "ok"), Window("y", "march.csv", 6.0, 10.0, "ok"))
+    settings = Settings("auto", 0.95, 0.0, precision_percent=10.0)
+    provenance = Provenance("0.1.0", "project", "0" * 64, {}, {}, "min", 0, settings)
+    found = Track("ok", (), (), provenance, "min", (experiment,), elements, (jointly(0.85),), windows)
+    assert f"u -> y changed in a step at 5 min (4 to 6 min): {AS_A_WHOLE}." in found.headline
+    always = f"off the model {AS_A_WHOLE.replace('did', 'is')}"
+    assert f"v -> y is constant, but {always}." in found.headline
+    show(found)
+    printed = " ".join(capsys.readouterr().out.split())
+    table = printed.removeprefix(found.headline)
+    assert AS_A_WHOLE in table and f"all the time {always}" in table
+    assert f'<td class="said">{AS_A_WHOLE}</td>' in render(found)

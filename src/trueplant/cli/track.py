@@ -12,9 +12,16 @@ from trueplant.cli.layout import Group, blocks, console, say_lines, text
 from trueplant.notebook.errands import TRACK, claim_track, track_into
 from trueplant.output import prepare_output
 from trueplant.project.project import Project
-from trueplant.result import Calendar, Change, ElementHistory, Status, Track, TrackedElement
+from trueplant.result import Calendar, Change, ElementHistory, ElementVerdict, Status, Track, TrackedElement
 from trueplant.result.numbers import counted
-from trueplant.result.track_words import moved_words, off_words, refused_stretches, told_reasons, word_of
+from trueplant.result.track_words import (
+    AS_A_WHOLE,
+    off_words,
+    refused_stretches,
+    told_reasons,
+    what_moved,
+    word_of,
+)
 
 
 def track(path: Path, out: Path | None, json: bool, precision: float, force: bool) -> int:
@@ -62,12 +69,14 @@ def _group(element: TrackedElement, track: Track) -> Group:
 
 
 def _standing(element: TrackedElement) -> str:
-    """The parameters that are off the model all the time."""
-    off = [p for p in element.standing.parameters if p.changed] if element.standing else []
-    return "all the time " + ", ".join(off_words(p) for p in off) if off else ""
+    """What is off the model all the time."""
+    if element.standing is None or element.standing.verdict != ElementVerdict.CHANGED:
+        return ""
+    off = ", ".join(off_words(p) for p in element.standing.parameters if p.changed)
+    return f"all the time {off or 'off the model ' + AS_A_WHOLE.format('is')}"
 
 
 def _cells(change: Change, calendar: Calendar) -> tuple[Text, Text]:
     span = calendar.span(*change.interval)
     when = span if change.time is None else f"{calendar.text(change.time)} ({span})"
-    return text(when), text(", ".join(moved_words(p) for p in change.parameters if p.changed))
+    return text(when), text(what_moved(change))

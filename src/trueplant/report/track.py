@@ -25,7 +25,7 @@ from trueplant.result import (
     Window,
 )
 from trueplant.result.numbers import counted
-from trueplant.result.track_words import change_sentence, holds, moved_words, refused_stretches, told_reasons, word_of
+from trueplant.result.track_words import change_sentence, holds, refused_stretches, told_reasons, what_moved, word_of
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -49,7 +49,7 @@ def render(track: Track) -> str:
             reasons_told=told_reasons(track),
             holds=holds(track),
             word_of=word_of,
-            moved=lambda p: moved_words(p).replace("->", "→"),
+            moved=lambda change: what_moved(change).replace("->", "→"),
             calendar=track.calendar,
             provenance=track.provenance,
             origin=origin(track.provenance, _calendars(track)),

@@ -11,6 +11,9 @@ from trueplant.result.numbers import counted, number, percentage, spoken
 from trueplant.result.reason import Reason
 from trueplant.result.status import ElementVerdict, Status
 
+AS_A_WHOLE = "as a whole, though no single parameter {} for certain"
+"""Of an element whose parameters were tested together and then one by one."""
+
 
 class Tracked(Protocol):
     """The parts of a `Track` that its words speak of."""
@@ -86,7 +89,7 @@ def standing_sentence(element: TrackedElement) -> str:
     where = f"{spoken(element.input)} -> {spoken(element.output)}"
     off = [p for p in standing.parameters if p.changed and p.plant is not None and p.model is not None and p.ci]
     if not off:
-        return f"{where} is constant, but not as in the model; which of its parameters is off cannot be told."
+        return f"{where} is constant, but off the model {AS_A_WHOLE.format('is')}."
     worst = max(abs(p.change_percent or 0.0) for p in off)
     size = f"{worst:.0f} % off the model" if worst else "off the model"
     return f"{where} is constant, but {size}: {', '.join(map(off_words, off))}."
@@ -102,13 +105,18 @@ def off_words(p: Parameter) -> str:
 def change_sentence(change: Change, calendar: Calendar) -> str:
     """Such as: reflux -> top temperature changed in a step at 412 min (401 to 420 min): gain 3.2 -> 4.1 (+28 %)."""
     where = f"{spoken(change.input)} -> {spoken(change.output)}"
-    moved = ", ".join(moved_words(p) for p in change.parameters if p.changed)
+    moved = what_moved(change)
     span = calendar.span(*change.interval)
     if change.kind == ChangeKind.STEP:
         return f"{where} changed in a step at {calendar.text(change.time)} ({span}): {moved}."
     if change.kind == ChangeKind.DRIFT:
         return f"{where} drifted from {span}: {moved}."
     return f"{where} changed within {span}, in a step or little by little (not told apart): {moved}."
+
+
+def what_moved(change: Change) -> str:
+    """The parameters that changed; of an element that did, there may be none that did so for certain."""
+    return ", ".join(moved_words(p) for p in change.parameters if p.changed) or AS_A_WHOLE.format("did")
 
 
 def moved_words(p: Moved) -> str:

@@ -179,8 +179,11 @@ class FollowedRow:
         estimates = {self.output: estimate}
         found = detect.elements_found(self.study.model, estimates, declared_covariances(self.study))
         settings = self.study.project.analysis
-        # A window alone need not tell a change worth knowing: all of them together do.
-        verdicts = detect.judge_elements(found, estimates, settings.confidence, settings.tolerance_percent, np.inf)
+        # A history rests on all windows together, but what is said of one alone has to show in it.
+        worth_knowing = settings.worth_knowing_percent / 100
+        verdicts = detect.judge_elements(
+            found, estimates, settings.confidence, settings.tolerance_percent, worth_knowing
+        )
         return Fitted(
             window,
             window.start,
