@@ -43,7 +43,7 @@ def test_noise_starts_and_rounding_are_what_their_steps_say(plain):
         np.testing.assert_allclose(parts[Source.NOISE], own)
         np.testing.assert_allclose(parts[Source.SLOW_NOISE], own * (inflation(fit, 0.95) - 1), rtol=1e-9)
         np.testing.assert_allclose(parts[Source.START], own * initial_state_share(fit))
-        least = least_covariance(estimate.row, estimate.theta, 0.05) + covariance_between_samples(fit, 0.05)
+        least = least_covariance(estimate.row, estimate.theta, np.full(2, 0.05)) + covariance_between_samples(fit, 0.05)
         np.testing.assert_allclose(parts[Source.ROUNDING], np.diag(least))
         assert np.all(np.diag(least)[estimate.row.is_dead_time] >= 0.05**2)
         np.testing.assert_allclose(parts[Source.PROFILE], np.diag(estimate.covariance - estimate.unprofiled))

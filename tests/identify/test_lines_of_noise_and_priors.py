@@ -129,8 +129,8 @@ def test_a_hundred_initial_states_in_ten_thousand_samples_bias_by_a_fifth_to_a_h
 
 @pytest.mark.holds("identify.RECORDED_DIGITS")
 def test_no_gain_is_known_to_more_than_six_digits() -> None:
-    row: Any = Stub(size=1, slices=[slice(0, 1)], is_dead_time=np.array([False]))
-    assert 0.7e-6 < np.sqrt(least_covariance(row, np.array([2.0]), 0.0)[0, 0]) / 2 < 1.4e-6
+    row: Any = Stub(size=1, specs=[Stub(column=0)], slices=[slice(0, 1)], is_dead_time=np.array([False]))
+    assert 0.7e-6 < np.sqrt(least_covariance(row, np.array([2.0]), np.zeros(1))[0, 0]) / 2 < 1.4e-6
 
 
 # -- priors ----------------------------------------------------------------------------------------------------------

@@ -7,10 +7,11 @@ from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.first import INTEGRATING, SELF_REGULATING
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.gate import Worse, worse_than_model
-from trueplant.identify.holds import FoundHold, find_holds, over_open_holds, with_holds
+from trueplant.identify.holds import FoundHold, find_holds, held_or_straight, over_open_holds, with_holds
 from trueplant.identify.loads import FoundLoad, found_loads, with_loads
 from trueplant.identify.longest_noise import estimate_beside_longest_noise
 from trueplant.identify.matrix import Identification, identify_matrix, identify_plant, specs_of
+from trueplant.identify.off_grid import as_if_sampled_on_the_grid
 from trueplant.identify.open_valves import with_open_valves
 from trueplant.identify.operating_points import OperatingPoints, operating_points
 from trueplant.identify.output import OutputEstimate, Rejected, identify_output, unanswered
@@ -54,6 +55,7 @@ __all__ = [
     "Validation",
     "WhyUnanswered",
     "Worse",
+    "as_if_sampled_on_the_grid",
     "behind_valves",
     "choose_stride",
     "equation_error",
@@ -63,6 +65,7 @@ __all__ = [
     "fit_percent",
     "fit_row",
     "found_loads",
+    "held_or_straight",
     "identify_matrix",
     "identify_output",
     "identify_plant",

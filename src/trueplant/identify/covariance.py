@@ -120,14 +120,16 @@ def initial_state_share(fit: RowFit) -> float:
     return float((levels.INITIAL_STATE_BIAS * fit.row.nuisance_count) ** 2 / max(fit.count, 1))
 
 
-def least_covariance(row: Row, theta: Array, timing: float) -> Array:
-    """(size, size) covariance that the parameters have at least: recorded numbers and instants (`timing`) are rounded.
+def least_covariance(row: Row, theta: Array, timing: Array) -> Array:
+    """(size, size) covariance that the parameters have at least: recorded numbers are rounded, and instants.
+
+    `timing` (n_columns,) is the standard error of the instants of each input.
 
     An instant that is read wrongly moves all the dead times of an element alike.
     """
     least = np.diag((levels.RECORDED_DIGITS * np.abs(theta)) ** 2)
-    for part in row.slices:
+    for spec, part in zip(row.specs, row.slices, strict=True):
         late = np.zeros(row.size)
-        late[part] = timing * row.is_dead_time[part]
+        late[part] = timing[spec.column] * row.is_dead_time[part]
         least += np.outer(late, late)
     return least

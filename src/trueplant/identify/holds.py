@@ -173,6 +173,16 @@ def _with_input(
     return replace(piece, inputs=inputs, hold=hold, y=y)
 
 
+def held_or_straight(held: Mapping[int, OutputEstimate], straight: Mapping[int, OutputEstimate]) -> bool | None:
+    """Which of two estimates, with held disturbances and with straight lines, is likelier; None within chance."""
+    deviances = np.zeros(3)
+    for i in straight.keys() & held.keys():
+        rise = held[i].fit.deviance - straight[i].fit.deviance
+        deviances[Way.HELD] += rise / straight[i].ratio_factor.mean()
+    found = FoundHold(deviances, {}, {})
+    return found.gain > 0 if found.decided else None
+
+
 def held_fits(holds: Mapping[int, FoundHold]) -> dict[int, RowFit]:
     """By output: a fit with a disturbance that was found to be held."""
     return {i: fit for found in holds.values() if found.hold == "zoh" for i, fit in found.held.items()}

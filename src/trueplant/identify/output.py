@@ -204,7 +204,9 @@ def identify_output(
     theta, covariance = np.clip(fit.theta + shift, *row.bounds()), scaled(fit.covariance, factor) + more
     alone, follows = ([fit], tests.cross_p) if runs is None else (runs.fits, runs.cross_p)
     moved, shifts = order_dependence(fit, covariance, follows, alone)
-    least = least_covariance(row, theta, sampling.timing) + covariance_between_samples(fit, sampling.timing)
+    least = least_covariance(row, theta, sampling.timing_of(segments)) + covariance_between_samples(
+        fit, sampling.timing
+    )
     # How far another noise model moves a parameter counts as its error. A dead time that was left out may be there, too
     # small to be seen: then the other parameters are as the fit with it has them.
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import block_length
 from trueplant.identify.row import Spec
@@ -26,6 +27,13 @@ class Sampling:
     timing: float = 0.0
     """Standard error, in time units, of the instants at which OP acts or PV is read. No fit can see it: it is added to
     that of every dead time."""
+
+    def timing_of(self, segments: Sequence[Segment]) -> Array:
+        """(n_columns,) the same of each input, of the measured disturbances their own added."""
+        first = segments[0]
+        own = np.max([segment.d_timing or (0.0,) * first.d.shape[1] for segment in segments], axis=0)
+        timing: Array = np.hypot(self.timing, np.concatenate([np.zeros(first.u.shape[1]), own]))
+        return timing
 
 
 def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_interval: float) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.record import levels
 from trueplant.record.runs import hold_same, hold_short, spread, true_runs
-from trueplant.record.types import Record, Segment
+from trueplant.record.types import Record, Segment, Stamps
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,31 @@ def _on_grid(own: _Signals, clock: Clock, record: Record, experiment: int) -> Se
         for k, x in enumerate(own.d.T):
             held = record.d_hold[k : k + 1] == ("zoh",)
             d[:, k] = _mean_held(grid, h, t, x[:, None], latest)[:, 0] if held else np.interp(grid, t, x)
-    return _segment(_Signals(t, r, u, placed, d, own.free[latest]), grid, clock, record, experiment)
+    segment = _segment(_Signals(t, r, u, placed, d, own.free[latest]), grid, clock, record, experiment)
+    if clock.uniform:
+        return segment
+    # a held disturbance is half a sample later than straight lines through its samples
+    d_timing = tuple(0.0 if hold else h / 2 for hold in record.d_hold)
+    return replace(segment, stamps=Stamps(t, own.u, own.d, np.isfinite(own.y)), d_timing=d_timing)
+
+
+def with_held_disturbances(segment: Segment) -> Segment:
+    """With the measured disturbances of which nobody said how they run between odd instants as held signals."""
+    if segment.stamps is None:
+        return segment
+    t, d, d_hold = segment.stamps.t, segment.d.copy(), list(segment.d_hold)
+    latest = np.searchsorted(t, segment.t + 1e-9 * segment.h, side="right") - 1
+    for k in np.flatnonzero(segment.d_timing):
+        d[:, k] = _mean_held(segment.t, segment.h, t, segment.stamps.d[:, [k]], latest)[:, 0]
+        d_hold[k] = "zoh"
+    return replace(segment, d=d, d_hold=tuple(d_hold), d_timing=())
+
+
+def read_between(segment: Segment, i: int, y: Array) -> Array:
+    """(N,) of the grid what its stamps' samples y (M,) become there, as PV i did; NaN where that is not used."""
+    assert segment.stamps is not None
+    known = np.where(segment.stamps.known[:, i], y, np.nan)
+    return _between(segment.t, segment.stamps.t, known, levels.NEAR * segment.h)
 
 
 def _segment(own: _Signals, grid: Array, clock: Clock, record: Record, experiment: int) -> Segment:

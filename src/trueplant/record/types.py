@@ -159,6 +159,20 @@ class Load(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class Stamps:
+    """Samples at odd instants, from which a segment was put on its grid."""
+
+    t: Array
+    """(M,)"""
+    u: Array
+    """(M, n_u)"""
+    d: Array
+    """(M, n_d)"""
+    known: BoolArray
+    """(M, n_y) where PV can be used."""
+
+
+@dataclass(frozen=True, eq=False)
 class Segment:
     """A stretch of one record on a uniform grid, ready for estimation.
 
@@ -184,6 +198,11 @@ class Segment:
     """Steps that nobody recorded, as far as they were found."""
     sent: Array | None = None
     """(N, n_u) OP as it was sent, where `u` is where valves went that did not follow it."""
+    stamps: Stamps | None = None
+    """What was recorded at other instants than those of the grid, as long as it counts that it was not on the grid."""
+    d_timing: tuple[float, ...] = ()
+    """Standard error of the instants of each measured disturbance, where it is not known how it runs between odd
+    instants; empty: none."""
 
     @property
     def holds(self) -> tuple[str, ...]:

@@ -163,6 +163,11 @@ OFF_GRID = 0.05
 MOST_SPANS = 20
 """Stretches that a finding lists."""
 
+# -- plant/on_grid ---------------------------------------------------------------------------------------------------
+
+CORRECTIONS = 3
+"""Times that PV is corrected for what its grid does. Each leaves a third of what the one before left, at most."""
+
 # -- plant/disturbance -----------------------------------------------------------------------------------------------
 
 MISDESCRIBED = 1e-3

@@ -100,7 +100,12 @@ class Study:
 
     @property
     def holds_to_find(self) -> tuple[int, ...]:
-        """Columns of measured disturbances of which the project does not say how they run between samples."""
+        """Columns of measured disturbances of which the project does not say how they run between samples.
+
+        None between samples at odd instants: they were put on the grid along straight lines.
+        """
+        if any(any(segment.d_timing) for segment in self.segments):
+            return ()
         return tuple(j for j, entry in enumerate(self.project.disturbances, start=self.n_u) if entry.hold is None)
 
     @property
@@ -115,6 +120,11 @@ class Study:
         for place in self.wanted:
             said[place] = False
         return said
+
+    def with_segments(self, changed: Callable[[tuple[Segment, ...]], tuple[Segment, ...]]) -> Study:
+        """With the segments of each experiment as `changed` makes them."""
+        screened = tuple(replace(one, segments=changed(one.segments)) for one in self.screened)
+        return replace(self, records=replace(self.records, screened=screened))
 
     def with_first_model(self, plant: TransferMatrix) -> Study:
         """For what follows an estimate: the plant (n_y, n_u + n_d) found is the model where the project has none."""

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from trueplant import detect
 from trueplant.arrays import Array
 from trueplant.identify import (
-    FoundHold,
     Held,
     OutputEstimate,
     Row,
     Sampling,
     Spec,
+    as_if_sampled_on_the_grid,
     choose_stride,
     find_holds,
     identify_matrix,
@@ -33,6 +34,7 @@ from trueplant.study.data.excitation import excited
 from trueplant.study.data.scan import without_hidden_dynamics
 from trueplant.study.data.setpoints import computed_setpoints
 from trueplant.study.data.timing import timing_error, update_interval
+from trueplant.study.plant.updated import updated_plant
 from trueplant.study.study import Progress, Study
 from trueplant.tracking import levels
 from trueplant.tracking.windows import (
@@ -228,7 +230,10 @@ def follow_rows(study: Study, offsets: Mapping[int, float], precision: float, sa
     moves = {k: moves_of(study.screened[k].segments) for k in usable}
     say("a first estimate")
     pilots, (where, segments) = _pilots(study, moves, interval, timing)
-    study = _with_holds(study, find_holds(pilots, study.model, study.holds_to_find))
+    holds = find_holds(pilots, study.model, study.holds_to_find)
+    study = study.with_segments(partial(with_holds, holds=holds))
+    plant = updated_plant(study.model, pilots).nominal
+    study = study.with_segments(partial(as_if_sampled_on_the_grid, plant=plant))
     stretch = (float(segments[0].t[0]) + offsets[where], float(segments[-1].t[-1]) + offsets[where])
     rows = []
     for i, pilot in pilots.items():
@@ -239,12 +244,6 @@ def follow_rows(study: Study, offsets: Mapping[int, float], precision: float, sa
         pieces = {k: found for k, found in pieces.items() if found}
         rows.append(FollowedRow(study, i, pilot, held, update, timing, precision, offsets, moves, pieces, stretch))
     return rows
-
-
-def _with_holds(study: Study, holds: Mapping[int, FoundHold]) -> Study:
-    """The study with the measured disturbances running between samples as the pilot estimates found."""
-    screened = tuple(replace(one, segments=with_holds(one.segments, holds)) for one in study.screened)
-    return replace(study, records=replace(study.records, screened=screened))
 
 
 def _pilots(

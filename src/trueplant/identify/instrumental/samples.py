@@ -11,6 +11,7 @@ from trueplant.arrays import Array, BoolArray
 from trueplant.compiled import compiled
 from trueplant.errors import Refused, UsageError
 from trueplant.identify.pieces import Held, Piece, pieces_of
+from trueplant.lti.irregular import rows_response_at
 from trueplant.lti.sampled import expm, realise, rows_response
 from trueplant.record.types import Segment
 
@@ -42,9 +43,7 @@ class Samples:
         """Responses (m, N) of m numerators over one monic denominator to u (N,), from rest, exact for its hold."""
         if self.h is not None:
             return rows_response(num, den, dead_time, u, self.h, hold)
-        a, b, c, d = realise(np.ascontiguousarray(num), np.ascontiguousarray(den))
-        response: Array = _irregular(a, b, c, d, dead_time, hold == "linear", self.t, np.ascontiguousarray(u))
-        return response
+        return rows_response_at(num, den, dead_time, u, self.t, hold)
 
     def released(self, num: Array, den: Array, start: int) -> Array:
         """Impulse responses (m, N) of m strictly proper numerators over one monic denominator, 0 before `start`."""
@@ -155,64 +154,3 @@ def _released(a: Array, b: Array, c: Array, t: Array) -> Array:
                 value += c[i, j] * x[j]
             y[i, k] = value
     return y
-
-
-@compiled
-def _irregular(a: Array, b: Array, c: Array, d: Array, dead_time: float, linear: bool, t: Array, u: Array) -> Array:
-    """Response (m, N) at instants t that need not be uniform, advanced from one break of the delayed input to the next.
-
-    States are x, the delayed input w and, where it runs linearly, its slope.
-    """
-    n, m, length = a.shape[0], c.shape[0], t.size
-    y = np.zeros((m, length))
-    x = np.zeros(n)
-    big = np.zeros((n + 2, n + 2))
-    step = np.zeros((n + 2, n + 2))
-    last = -1.0
-    # dead times of whole samples arrive in the sample, whatever the rounding of t
-    tolerance = 1e-9 * (t[-1] - t[0]) / t.size
-    now, p = t[0], -1  # p: the last input sample that has arrived
-    for k in range(length):
-        while True:
-            arrival = t[p + 1] + dead_time if p + 1 < length else np.inf
-            until = min(arrival, t[k])
-            dt = until - now
-            if dt > 0.0:
-                if dt != last:
-                    big[:] = 0.0
-                    big[:n, :n] = a * dt
-                    big[:n, n] = b * dt
-                    big[n, n + 1] = dt
-                    step = expm(big)
-                    last = dt
-                w, slope = _input(p, now - dead_time, t, u, linear)
-                new = np.zeros(n)
-                for i in range(n):
-                    value = step[i, n] * w + step[i, n + 1] * slope
-                    for j in range(n):
-                        value += step[i, j] * x[j]
-                    new[i] = value
-                x = new
-                now = until
-            if arrival <= t[k] + tolerance:
-                p += 1
-            else:
-                break
-        w, _ = _input(p, t[k] - dead_time, t, u, linear)
-        for i in range(m):
-            value = d[i] * w
-            for j in range(n):
-                value += c[i, j] * x[j]
-            y[i, k] = value
-    return y
-
-
-@compiled
-def _input(p: int, at: float, t: Array, u: Array, linear: bool) -> tuple[float, float]:
-    """Input and its slope at the (delayed) time `at` while sample p is the last that has arrived."""
-    if p < 0:
-        return 0.0, 0.0
-    if not linear or p + 1 >= t.size:
-        return u[p], 0.0
-    slope = (u[p + 1] - u[p]) / (t[p + 1] - t[p])
-    return u[p] + slope * (at - t[p]), slope

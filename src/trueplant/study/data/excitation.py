@@ -108,7 +108,9 @@ def excited(segments: Sequence[Segment], computed: Sequence[BoolArray]) -> bool:
         moving = np.any([np.ptp(sources[m], axis=0) > 0 for m in own], axis=0)
         if moving.any():
             x = [sources[m][:, moving] for m in own]
-            p += [_answer_p([segments[m].y[:, i] for m in own], x) for i in range(segments[own[0]].y.shape[1])]
+            d = [segments[m].d for m in own]
+            d = [one[:, np.any([np.ptp(each, axis=0) > 0 for each in d], axis=0)] for one in d]
+            p += [_answer_p([segments[m].y[:, i] for m in own], x, d) for i in range(segments[own[0]].y.shape[1])]
     return bool(p) and min(p) * len(p) < levels.EXCITED
 
 
@@ -121,15 +123,17 @@ def sources_of(segment: Segment, computed: BoolArray) -> Array:
     return moved
 
 
-def _answer_p(outputs: Sequence[Array], sources: Sequence[Array]) -> float:
-    """p-value that an output, given its own past, does not answer to the sources through any of a bank of lags.
+def _answer_p(outputs: Sequence[Array], sources: Sequence[Array], beside: Sequence[Array]) -> float:
+    """p-value that an output, given its own past and that of others, does not answer to the sources through any of a
+    bank of lags.
 
-    outputs (N,) and sources (N, n), one an element for each stretch; only samples whose past was measured are asked.
+    outputs (N,), sources (N, n) and the others beside (N, m), one an element for each stretch; only samples whose past
+    was measured are asked.
     """
-    asked = Asked.of(outputs, sources)
+    asked = Asked.of(outputs, sources, beside)
     if asked is None:
         return 1.0
-    joined, order = asked.columns, asked.order
+    joined, order = asked.columns, asked.order + asked.beside
     joined = joined - joined.mean(axis=0)  # a mean of each stretch would bias what the output owes to its past
     now, past, both = joined[:, 0], joined[:, 1 : order + 1], joined[:, 1:]
     count = both.shape[1] - order
@@ -147,36 +151,48 @@ class Asked:
     """An output beside its own past and what may have moved it, through a bank of lags."""
 
     columns: Array
-    """(n, 1 + order + lags times sources) of all stretches: the output, its past, the sources."""
+    """(n, 1 + order + beside + lags times sources) of all stretches: the output, its past, that of others, the
+    sources."""
     order: int
+    beside: int = 0
+    """Columns of others, now and before."""
 
     @classmethod
-    def of(cls, outputs: Sequence[Array], sources: Sequence[Array]) -> Asked | None:
-        """None where the output never moves. outputs (N,) and sources (N, n), one an element for each stretch."""
+    def of(
+        cls, outputs: Sequence[Array], sources: Sequence[Array], beside: Sequence[Array] | None = None
+    ) -> Asked | None:
+        """None where the output never moves. All (N,) or (N, n), one an element for each stretch."""
+        others: Sequence[Array] = [x[:, :0] for x in sources] if beside is None else beside
         samples = sum(y.size for y in outputs)
         step = max(1, samples // levels.ANSWER_SAMPLES)
         outputs = [y[::step] for y in outputs]
-        order = _past([np.isfinite(y) for y in outputs], levels.ANSWER_LAGS * sources[0].shape[1])
+        asked, number = levels.ANSWER_LAGS * sources[0].shape[1], others[0].shape[1]
+        order = _past([np.isfinite(y) for y in outputs], asked, number)
         poles = np.exp(-1 / np.geomspace(2.0, max(samples / step / 10, 4.0), levels.ANSWER_LAGS))
         rows = []
-        for y, x in zip(outputs, sources, strict=True):
+        for y, d, x in zip(outputs, (one[::step] for one in others), sources, strict=True):
             if y.size > order:
+                past = [y[order - k : y.size - k] for k in range(1, order + 1)]
+                past += [d[order - k : y.size - k] for k in range(order + 1)]
                 bank = [x[0] + lfilter([0.0, 1 - a], [1.0, -a], x[::step] - x[0], axis=0)[order:] for a in poles]
-                one = np.column_stack([y[order:], *(y[order - k : y.size - k] for k in range(1, order + 1)), *bank])
+                one = np.column_stack([y[order:], *past, *bank])
                 one = one[np.isfinite(one).all(axis=1)]
                 rows += [one] if len(one) else []
         if all(np.ptp(one[:, 0]) == 0 for one in rows):
             return None
-        return cls(np.vstack(rows), order)
+        return cls(np.vstack(rows), order, number * (order + 1))
 
 
-def _past(measured: Sequence[BoolArray], asked: int) -> int:
-    """Samples of an output's own past that are asked for: fewer where too few samples have so many before them."""
+def _past(measured: Sequence[BoolArray], asked: int, beside: int) -> int:
+    """Samples of an output's own past that are asked for: fewer where too few samples have so many before them.
+
+    `asked` are the columns beside it, `beside` the signals of which as much is asked for.
+    """
     size = sum(one.size for one in measured)
     for order in range(min(levels.ANSWER_PAST, size // 10), 0, -1):
         there = sum(int(whitened_valid(order, one).sum()) for one in measured if one.size > order)
         whole = sum(one.size - order for one in measured if one.size > order)
-        if there >= min(levels.FEWEST_PER_COEFFICIENT * (order + 1 + asked), whole):
+        if there >= min(levels.FEWEST_PER_COEFFICIENT * ((order + 1) * (beside + 1) + asked), whole):
             return order
     return 0
 

@@ -38,6 +38,7 @@ from trueplant.study.data.scan import without_hidden_dynamics
 from trueplant.study.data.timing import timing_error, update_interval
 from trueplant.study.plant.disturbance import disturbed_fits, resting_on, with_jumps
 from trueplant.study.plant.drawn import drawn_outputs, held_between, widened_for_drawn
+from trueplant.study.plant.on_grid import on_the_grid
 from trueplant.study.plant.updated import updated_plant
 from trueplant.study.study import Place, Progress, Study, quiet
 
@@ -71,7 +72,9 @@ class Identified:
 
 def identify(study: Study, say: Progress = quiet) -> Identified:
     """Estimate all elements of all outputs, with the unmeasured disturbances that the project declares."""
-    found = _identified(study, study.segments, study.holds_to_find, say)
+    undeclared = study.holds_to_find
+    study = on_the_grid(study, lambda one: _identified(one, one.segments, (), say, plain=True).estimates)
+    found = _identified(study, study.segments, undeclared, say)
     estimates, holds = found.estimates, found.holds
     segments = with_loads(with_holds(study.segments, holds), _fits(estimates))
     say("looking for valves that do not follow OP")
@@ -113,17 +116,24 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
 
 
 def _identified(
-    study: Study, segments: tuple[Segment, ...], undeclared: Sequence[int], say: Progress = quiet
+    study: Study,
+    segments: tuple[Segment, ...],
+    undeclared: Sequence[int],
+    say: Progress = quiet,
+    plain: bool = False,
 ) -> Identification:
-    """All that identification finds; the measured disturbances in the `undeclared` columns may run either way."""
+    """All that identification finds; the measured disturbances in the `undeclared` columns may run either way.
+
+    `plain`: by the structures asked for, and without loads that nobody recorded.
+    """
     found = identify_plant(
         segments,
         study.model,
         study.specs,
         Open(
             undeclared,
-            [place for place in study.specs if study.project.structure(*place) is not None],
-            loads=not study.project.unmeasured,
+            [place for place in study.specs if plain or study.project.structure(*place) is not None],
+            loads=not plain and not study.project.unmeasured,
             wanted=study.wanted,
             drawn=drawn_outputs(study),
         ),
