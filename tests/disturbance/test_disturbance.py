@@ -318,10 +318,11 @@ def test_what_op_did_between_its_samples_counts_beside_a_declared_disturbance_as
     """The fit with the disturbance sees it no more than the one without."""
     estimate = direct(stepped(4), 1)
     found = fit_with_disturbance(estimate.fit, [Part("step", 0.2)])
-    least = np.outer(*2 * [np.arange(1.0, 1 + estimate.theta.size)])
-    resting = resting_on(replace(estimate, least=least), found, 0.95)
-    assert np.allclose(resting.covariance, found.covariance + least)
+    least, runs = np.outer(*2 * [np.arange(1.0, 1 + estimate.theta.size)]), np.eye(estimate.theta.size)
+    resting = resting_on(replace(estimate, apart={Source.ROUNDING: least, Source.EXPERIMENTS: runs}), found, 0.95)
+    assert np.allclose(resting.covariance, found.covariance + least + runs)
     assert np.allclose(resting.budget.parts[Source.ROUNDING], np.diag(least))
+    assert np.allclose(resting.budget.parts[Source.EXPERIMENTS], 1.0)
     assert np.all(np.diff(resting.intervals) >= 1.9 * np.arange(1.0, 1 + estimate.theta.size)[:, None])
 
 

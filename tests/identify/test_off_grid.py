@@ -15,6 +15,7 @@ from trueplant.loop import simulate
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.lti.irregular import response_at
 from trueplant.lti.structure import structure_of
+from trueplant.result.budget import Source
 from trueplant.study.data.prepare import prepare
 
 PLANT = TransferMatrix.of([["2 exp(-3.4 s)/(12 s + 1)", "3 exp(-1.2 s)/(4 s + 1)"]], "min")
@@ -118,5 +119,5 @@ def test_an_instant_that_stays_open_is_half_a_sample_wide(tmp_path):
     row = [Spec(column, structure_of(PLANT[0, column])[0], structure_of(PLANT[0, column])[1]) for column in range(2)]
     estimate = identify_output(study.segments, 0, row)
     assert estimate.row.is_dead_time.tolist() == [False, False, True] * 2
-    late = np.sqrt(np.diag(estimate.least))
+    late = np.sqrt(np.diag(estimate.apart[Source.ROUNDING]))
     assert late[5] == pytest.approx(study.segments[0].h / 2, rel=1e-6) and late[2] < 1e-3

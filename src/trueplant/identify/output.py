@@ -54,8 +54,8 @@ class OutputEstimate:
     """(size,)"""
     covariance: Array
     """(size, size)"""
-    least: Array
-    """(size, size) of it, which no method is spared: numbers and instants are rounded, OP moves between samples."""
+    apart: Mapping[Source, Array]
+    """(size, size) each: parts of it that no likelihood counts, whatever noise it takes, and none is spared."""
     budget: Budget
     """What the variances in it are made of."""
     intervals: Array
@@ -199,7 +199,11 @@ def identify_output(
         return None
     tests, factor = residual_tests(fit, confidence), minima.factor
     runs = compare_runs(fit, factor)
-    more, budget = _beyond_likelihood(fit, factor, any(segment.closed for segment in segments), runs)
+    closed = any(segment.closed for segment in segments)
+    apart = {Source.START: fit.covariance * (initial_state_share(fit) if closed else 0.0)}
+    if runs is not None:
+        apart[Source.EXPERIMENTS] = runs.added
+    more, budget = _beyond_likelihood(fit, factor, apart)
     shift = np.zeros(row.size) if runs is None else runs.shift
     theta, covariance = np.clip(fit.theta + shift, *row.bounds()), scaled(fit.covariance, factor) + more
     alone, follows = ([fit], tests.cross_p) if runs is None else (runs.fits, runs.cross_p)
@@ -211,9 +215,10 @@ def identify_output(
     # small to be seen: then the other parameters are as the fit with it has them.
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
     added = np.zeros_like(covariance)
+    apart |= {Source.LEFT_OUT: np.outer(left_out, left_out), Source.ROUNDING: least}
     for source, variances in (
         (Source.NOISE_MODEL, np.outer(shifts, shifts)),
-        (Source.LEFT_OUT, np.outer(left_out, left_out)),
+        (Source.LEFT_OUT, apart[Source.LEFT_OUT]),
         (Source.ROUNDING, least),
     ):
         added, budget = added + variances, budget.including(source, variances)
@@ -238,7 +243,7 @@ def identify_output(
         fit=fit,
         theta=theta,
         covariance=covariance,
-        least=least,
+        apart=apart,
         budget=budget.including(Source.PROFILE, covariance - unprofiled),
         intervals=minima.hull(intervals, shift),
         runs=runs,
@@ -264,18 +269,15 @@ def _row(
     return Row(tuple(specs), pieces, sampling.stride)
 
 
-def _beyond_likelihood(fit: RowFit, factor: Array, closed: bool, runs: Runs | None) -> tuple[Array, Budget]:
+def _beyond_likelihood(fit: RowFit, factor: Array, apart: Mapping[Source, Array]) -> tuple[Array, Budget]:
     """What neither the curvature of the likelihood nor its profiles count (size, size), and the budget with it."""
     plain = fit.covariance
-    more = plain * (initial_state_share(fit) if closed else 0.0)
     budget = Budget.of(plain).including(Source.SLOW_NOISE, scaled(plain, factor) - plain)
-    budget = budget.including(Source.START, more)
     colour = sandwich_covariance(fit) - plain
-    more, budget = more + colour, budget.including(Source.COLOUR, colour)
-    if runs is not None:
-        more = more + runs.added
-        budget = budget.including(Source.EXPERIMENTS, runs.added)
-    return more, budget
+    every = {Source.START: plain, Source.COLOUR: colour, **apart}
+    for source, more in every.items():
+        budget = budget.including(source, more)
+    return sum(apart.values(), colour), budget
 
 
 def _fitted(found: RowFit, confidence: float) -> tuple[RowFit, OpenMinima]:

@@ -16,6 +16,7 @@ from trueplant.loop import PID, Controller, Simulation, simulate
 from trueplant.lti import TransferMatrix, sampled_response, to_formula
 from trueplant.lti.structure import structure_of
 from trueplant.report import render
+from trueplant.result.budget import Source
 from trueplant.result.summary import text_summary
 from trueplant.study.data.prepare import prepare
 from trueplant.study.methods.requested import request
@@ -219,7 +220,7 @@ def test_no_method_is_surer_than_what_op_does_between_its_samples_lets_it_be(tmp
     least = np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])
     found = []
     for one in (np.zeros((3, 3)), least):
-        estimates = {0: replace(identified.estimates[0], least=one)}
+        estimates = {0: replace(identified.estimates[0], apart={Source.ROUNDING: one})}
         plant = updated_plant(study.model, estimates).nominal
         asked = request(study, replace(identified, estimates=estimates), plant, study.segments, "")
         found.append(asked.answers["rivc"].found[0, 0][1])

@@ -13,6 +13,7 @@ from trueplant.loop import Controller
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.record import Segment
 from trueplant.result import BlackBox, BlackBoxElement
+from trueplant.result.budget import Source
 from trueplant.study.data.timing import update_interval
 from trueplant.study.methods.black_box import Opinion, second_opinion
 from trueplant.study.methods.estimators import ESTIMATORS, Answer, Task, estimate_by, plant_of
@@ -122,7 +123,7 @@ def _law(study: Study, segments: Sequence[Segment]) -> Controller | None:
 def _at_least(estimates: Mapping[int, OutputEstimate], answer: Answer) -> Answer:
     """The answer, as uncertain as no method can be spared: instants are rounded, and OP moves between samples."""
     least = {
-        (i, spec.column): one.least[part, part]
+        (i, spec.column): one.apart[Source.ROUNDING][part, part]
         for i, one in estimates.items()
         for spec, part in zip(one.row.specs, one.row.slices, strict=True)
     }

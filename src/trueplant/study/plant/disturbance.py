@@ -135,14 +135,18 @@ def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, confidence: f
         return estimate
     if not _same_elements(fit, estimate):
         return estimate
-    covariance = fit.covariance + estimate.least
+    covariance = fit.covariance
     budget = Budget.of(fit.by_background).including(Source.DISTURBANCE, fit.covariance - fit.by_background)
-    intervals = normal_intervals(fit.row, fit.theta, covariance, confidence)
+    for source, more in estimate.apart.items():
+        covariance, budget = covariance + more, budget.including(source, more)
+    shift = 0.0 if estimate.runs is None else estimate.runs.shift
+    theta = np.clip(fit.theta + shift, *fit.row.bounds())
+    intervals = normal_intervals(fit.row, theta, covariance, confidence)
     return replace(
         estimate,
-        theta=fit.theta,
+        theta=theta,
         covariance=covariance,
-        budget=budget.including(Source.ROUNDING, estimate.least),
+        budget=budget,
         intervals=intervals,
         order_dependence={},
         unprofiled=None,
