@@ -58,6 +58,17 @@ def test_an_autoregression_that_is_too_short_leaves_errors_that_are_not_white(cr
     assert whiteness_p(fit_jointly([estimate.fit for estimate in crossed], 1)) < 1e-6
 
 
+def test_the_likelihood_of_all_rises_as_the_joint_covariance_says(crossed):
+    """By 1 a standard error off, of each gain of each output."""
+    joint = fit_until_white([estimate.fit for estimate in crossed])
+    for i in range(2):
+        for k in (0, 3):
+            sigma = np.sqrt((joint.covariance[i] - np.diag(joint.moved[i] ** 2))[k, k])
+            for way in (-1, 1):
+                risen = joint.rise(i, np.array([k]), joint.theta[i][[k]] + way * sigma)
+                assert risen == pytest.approx(1.0, rel=0.15)
+
+
 def test_with_unrelated_disturbances_it_is_the_fit_of_each_output():
     alone = separate(segment_of(wood_berry(9, 2000)))
     joint = fit_jointly([estimate.fit for estimate in alone], 1)

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from trueplant.arrays import Array, BoolArray
+from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify import levels
 from trueplant.identify.descent import Descent, Problem, descend
 from trueplant.identify.fit import RowFit, residuals
@@ -41,7 +41,15 @@ class JointFit:
     """(n_y, n_y) covariance of the prediction errors."""
     errors: tuple[Array, ...]
     """Prediction errors (n, n_y) of each piece, NaN where an output was not measured."""
-    converged: bool
+    end: _Descended
+
+    @property
+    def converged(self) -> bool:
+        return self.end.found.converged
+
+    def rise(self, row: int, index: IntArray, values: Array) -> float:
+        """By how much -2 log likelihood rises when theta[row][index] is held at values and all else is free."""
+        return self.end.rise(sum(theta.size for theta in self.theta[:row]) + index, values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +125,24 @@ class _Point:
         return np.asarray(self._linearised.slope + self._prior[1])
 
 
+@dataclass(frozen=True, eq=False)
+class _Descended:
+    """Where all rows together ended, and the problem of which that is the end."""
+
+    problem: Problem[_Point]
+    found: Descent[_Point]
+    left: float
+    """Degrees of freedom of the prediction errors of an output."""
+
+    def rise(self, place: IntArray, values: Array) -> float:
+        """By how much -2 log likelihood rises when parameters are held (all rows on end), as far as bounds allow."""
+        end, problem = self.found.point, self.problem
+        x, free = self.found.x.copy(), problem.free.copy()
+        x[place], free[place] = np.clip(values, problem.low[place], problem.high[place]), False
+        held = descend(replace(problem, free=free), x, problem.at(x, end), levels.JOINT_ITERATIONS)
+        return max(held.point.cost - end.cost, 0.0) * self.left / end.count
+
+
 def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | None:
     """The rows of `fits` together, started from them, what they hold held; None where they do not share their samples,
     too few have their whole past measured, or they are too many.
@@ -152,7 +178,9 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
         np.concatenate([*(row.is_dead_time for row in rows), np.zeros(ar.size, dtype=bool)]),
     )
     found = descend(problem, initial, at(initial, point.root), levels.JOINT_ITERATIONS)
-    return _finished(rows, found, moving)
+    nuisance = sum(row.nuisance_count for row in rows)
+    left = max(found.point.count - (int(moving.sum()) + nuisance) / n, 1.0)
+    return _finished(rows, _Descended(problem, found, left))
 
 
 def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivatives: bool = True) -> _Errors:
@@ -207,15 +235,13 @@ def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivat
     return _Errors(tuple(errors), tuple(exist), information, slope)
 
 
-def _finished(rows: Sequence[Row], found: Descent[_Point], moving: BoolArray) -> JointFit:
-    point = found.point
+def _finished(rows: Sequence[Row], end: _Descended) -> JointFit:
+    point = end.found.point
     theta, ar = point.theta, point.ar
     ends = np.cumsum([row.size for row in rows])
-    nuisance = sum(row.nuisance_count for row in rows)
-    used = point.count - (int(moving.sum()) + nuisance) / len(rows)
-    sigma = point.sigma * point.count / max(used, 1.0)
     # the weight was the inverse of sigma without the degrees of freedom
-    covariance = inverse(with_held(point.information, moving)) * point.count / max(used, 1.0)
+    sigma = point.sigma * point.count / end.left
+    covariance = inverse(with_held(point.information, end.problem.free)) * point.count / end.left
     places = [slice(int(end) - row.size, int(end)) for row, end in zip(rows, ends, strict=True)]
     order = ar.shape[0]
     errors = []
@@ -230,7 +256,7 @@ def _finished(rows: Sequence[Row], found: Descent[_Point], moving: BoolArray) ->
         ar=ar,
         sigma=sigma,
         errors=tuple(errors),
-        converged=found.converged,
+        end=end,
     )
 
 

@@ -199,32 +199,24 @@ def identify_output(
         return None
     tests, factor = residual_tests(fit, confidence), minima.factor
     runs = compare_runs(fit, factor)
-    closed = any(segment.closed for segment in segments)
-    apart = {Source.START: fit.covariance * (initial_state_share(fit) if closed else 0.0)}
-    if runs is not None:
-        apart[Source.EXPERIMENTS] = runs.added
+    # A dead time that was left out may be there, too small to be seen: then the others are as the fit with it has them.
+    left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
+    apart = _apart(fit, runs, left_out, sampling, segments)
     more, budget = _beyond_likelihood(fit, factor, apart)
     shift = np.zeros(row.size) if runs is None else runs.shift
     theta, covariance = np.clip(fit.theta + shift, *row.bounds()), scaled(fit.covariance, factor) + more
     alone, follows = ([fit], tests.cross_p) if runs is None else (runs.fits, runs.cross_p)
     moved, shifts = order_dependence(fit, covariance, follows, alone)
-    least = least_covariance(row, theta, sampling.timing_of(segments)) + covariance_between_samples(
-        fit, sampling.timing
-    )
-    # How far another noise model moves a parameter counts as its error. A dead time that was left out may be there, too
-    # small to be seen: then the other parameters are as the fit with it has them.
-    left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
     added = np.zeros_like(covariance)
-    apart |= {Source.LEFT_OUT: np.outer(left_out, left_out), Source.ROUNDING: least}
     for source, variances in (
-        (Source.NOISE_MODEL, np.outer(shifts, shifts)),
+        (Source.NOISE_MODEL, np.outer(shifts, shifts)),  # how far another one moves a parameter counts as its error
         (Source.LEFT_OUT, apart[Source.LEFT_OUT]),
-        (Source.ROUNDING, least),
+        (Source.ROUNDING, apart[Source.ROUNDING]),
     ):
         added, budget = added + variances, budget.including(source, variances)
     covariance = covariance + added
     unprofiled = minima.widened(covariance)
-    beside_ratio = fit.covariance + more + np.outer(left_out, left_out) + least
+    beside_ratio = fit.covariance + more + apart[Source.LEFT_OUT] + apart[Source.ROUNDING]
     covariance, budget = unprofiled, budget.including(Source.MINIMA, unprofiled - covariance)
     profiles = {}
     for index in _profiled(fit):
@@ -269,15 +261,29 @@ def _row(
     return Row(tuple(specs), pieces, sampling.stride)
 
 
+def _apart(
+    fit: RowFit, runs: Runs | None, left_out: Array, sampling: Sampling, segments: Sequence[Segment]
+) -> dict[Source, Array]:
+    """`OutputEstimate.apart`."""
+    closed = any(segment.closed for segment in segments)
+    least = least_covariance(fit.row, fit.theta, sampling.timing_of(segments))
+    found = {
+        Source.START: fit.covariance * (initial_state_share(fit) if closed else 0.0),
+        Source.LEFT_OUT: np.outer(left_out, left_out),
+        Source.ROUNDING: least + covariance_between_samples(fit, sampling.timing),
+    }
+    return found if runs is None else found | {Source.EXPERIMENTS: runs.added}
+
+
 def _beyond_likelihood(fit: RowFit, factor: Array, apart: Mapping[Source, Array]) -> tuple[Array, Budget]:
     """What neither the curvature of the likelihood nor its profiles count (size, size), and the budget with it."""
     plain = fit.covariance
     budget = Budget.of(plain).including(Source.SLOW_NOISE, scaled(plain, factor) - plain)
     colour = sandwich_covariance(fit) - plain
-    every = {Source.START: plain, Source.COLOUR: colour, **apart}
-    for source, more in every.items():
-        budget = budget.including(source, more)
-    return sum(apart.values(), colour), budget
+    counted = {source: apart[source] for source in (Source.START, Source.EXPERIMENTS) if source in apart}
+    for source, one in {Source.START: plain, Source.COLOUR: colour, **counted}.items():
+        budget = budget.including(source, one)
+    return sum(counted.values(), colour), budget
 
 
 def _fitted(found: RowFit, confidence: float) -> tuple[RowFit, OpenMinima]:

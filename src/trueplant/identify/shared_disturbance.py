@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import chi2
@@ -108,7 +109,7 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
         return None
     better = {}
     every = zip(estimates.items(), joint.theta, joint.covariance, joint.moved, strict=True)
-    for (i, found), theta, covariance, moved in every:
+    for row, ((i, found), theta, covariance, moved) in enumerate(every):
         own = np.diag(moved**2)
         budget = Budget.of(covariance - own).including(Source.NOISE_MODEL, own)
         before = found.covariance if found.unprofiled is None else found.unprofiled
@@ -126,6 +127,7 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
             unprofiled=unprofiled,
             beside_ratio=None,
             jointly=True,
+            rise=partial(joint.rise, row),
         )
     return better
 
