@@ -319,7 +319,7 @@ def test_what_op_did_between_its_samples_counts_beside_a_declared_disturbance_as
     estimate = direct(stepped(4), 1)
     found = fit_with_disturbance(estimate.fit, [Part("step", 0.2)])
     least, runs = np.outer(*2 * [np.arange(1.0, 1 + estimate.theta.size)]), np.eye(estimate.theta.size)
-    resting = resting_on(replace(estimate, apart={Source.ROUNDING: least, Source.EXPERIMENTS: runs}), found, 0.95)
+    resting = resting_on(replace(estimate, uncounted={Source.ROUNDING: least, Source.EXPERIMENTS: runs}), found, 0.95)
     assert np.allclose(resting.covariance, found.covariance + least + runs)
     assert np.allclose(resting.budget.parts[Source.ROUNDING], np.diag(least))
     assert np.allclose(resting.budget.parts[Source.EXPERIMENTS], 1.0)

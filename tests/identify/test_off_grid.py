@@ -119,5 +119,5 @@ def test_an_instant_that_stays_open_is_half_a_sample_wide(tmp_path):
     row = [Spec(column, structure_of(PLANT[0, column])[0], structure_of(PLANT[0, column])[1]) for column in range(2)]
     estimate = identify_output(study.segments, 0, row)
     assert estimate.row.is_dead_time.tolist() == [False, False, True] * 2
-    late = np.sqrt(np.diag(estimate.apart[Source.ROUNDING]))
+    late = np.sqrt(np.diag(estimate.uncounted[Source.ROUNDING]))
     assert late[5] == pytest.approx(study.segments[0].h / 2, rel=1e-6) and late[2] < 1e-3

@@ -12,10 +12,9 @@ from scipy.stats import chi2
 from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
 from trueplant.identify.between_experiments import Runs, compare_runs
-from trueplant.identify.between_samples import covariance_between_samples
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.budget import Budget
-from trueplant.identify.covariance import initial_state_share, least_covariance, scaled, small_samples
+from trueplant.identify.covariance import scaled, small_samples
 from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row, free_of_noise
 from trueplant.identify.fit import RowFit
@@ -29,6 +28,7 @@ from trueplant.identify.row import Row, Spec
 from trueplant.identify.sandwich import sandwich_covariance, uneven
 from trueplant.identify.strides import Sampling
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
+from trueplant.identify.uncounted import parts_uncounted
 from trueplant.identify.validate import ResidualTests, Validation, residual_tests, validate
 from trueplant.lti.structure import Structure
 from trueplant.record.types import Segment
@@ -54,7 +54,7 @@ class OutputEstimate:
     """(size,)"""
     covariance: Array
     """(size, size)"""
-    apart: Mapping[Source, Array]
+    uncounted: Mapping[Source, Array]
     """(size, size) each: parts of it that no likelihood counts, whatever noise it takes, and none is spared."""
     budget: Budget
     """What the variances in it are made of."""
@@ -201,8 +201,8 @@ def identify_output(
     runs = compare_runs(fit, factor)
     # A dead time that was left out may be there, too small to be seen: then the others are as the fit with it has them.
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
-    apart = _apart(fit, runs, left_out, sampling, segments)
-    more, budget = _beyond_likelihood(fit, factor, apart)
+    uncounted = parts_uncounted(fit, runs, left_out, sampling, segments)
+    more, budget = _beyond_likelihood(fit, factor, uncounted)
     shift = np.zeros(row.size) if runs is None else runs.shift
     theta, covariance = np.clip(fit.theta + shift, *row.bounds()), scaled(fit.covariance, factor) + more
     alone, follows = ([fit], tests.cross_p) if runs is None else (runs.fits, runs.cross_p)
@@ -210,13 +210,13 @@ def identify_output(
     added = np.zeros_like(covariance)
     for source, variances in (
         (Source.NOISE_MODEL, np.outer(shifts, shifts)),  # how far another one moves a parameter counts as its error
-        (Source.LEFT_OUT, apart[Source.LEFT_OUT]),
-        (Source.ROUNDING, apart[Source.ROUNDING]),
+        (Source.LEFT_OUT, uncounted[Source.LEFT_OUT]),
+        (Source.ROUNDING, uncounted[Source.ROUNDING]),
     ):
         added, budget = added + variances, budget.including(source, variances)
     covariance = covariance + added
     unprofiled = minima.widened(covariance)
-    beside_ratio = fit.covariance + more + apart[Source.LEFT_OUT] + apart[Source.ROUNDING]
+    beside_ratio = fit.covariance + more + uncounted[Source.LEFT_OUT] + uncounted[Source.ROUNDING]
     covariance, budget = unprofiled, budget.including(Source.MINIMA, unprofiled - covariance)
     profiles = {}
     for index in _profiled(fit):
@@ -235,7 +235,7 @@ def identify_output(
         fit=fit,
         theta=theta,
         covariance=covariance,
-        apart=apart,
+        uncounted=uncounted,
         budget=budget.including(Source.PROFILE, covariance - unprofiled),
         intervals=minima.hull(intervals, shift),
         runs=runs,
@@ -261,26 +261,12 @@ def _row(
     return Row(tuple(specs), pieces, sampling.stride)
 
 
-def _apart(
-    fit: RowFit, runs: Runs | None, left_out: Array, sampling: Sampling, segments: Sequence[Segment]
-) -> dict[Source, Array]:
-    """`OutputEstimate.apart`."""
-    closed = any(segment.closed for segment in segments)
-    least = least_covariance(fit.row, fit.theta, sampling.timing_of(segments))
-    found = {
-        Source.START: fit.covariance * (initial_state_share(fit) if closed else 0.0),
-        Source.LEFT_OUT: np.outer(left_out, left_out),
-        Source.ROUNDING: least + covariance_between_samples(fit, sampling.timing),
-    }
-    return found if runs is None else found | {Source.EXPERIMENTS: runs.added}
-
-
-def _beyond_likelihood(fit: RowFit, factor: Array, apart: Mapping[Source, Array]) -> tuple[Array, Budget]:
+def _beyond_likelihood(fit: RowFit, factor: Array, uncounted: Mapping[Source, Array]) -> tuple[Array, Budget]:
     """What neither the curvature of the likelihood nor its profiles count (size, size), and the budget with it."""
     plain = fit.covariance
     budget = Budget.of(plain).including(Source.SLOW_NOISE, scaled(plain, factor) - plain)
     colour = sandwich_covariance(fit) - plain
-    counted = {source: apart[source] for source in (Source.START, Source.EXPERIMENTS) if source in apart}
+    counted = {source: uncounted[source] for source in (Source.START, Source.EXPERIMENTS) if source in uncounted}
     for source, one in {Source.START: plain, Source.COLOUR: colour, **counted}.items():
         budget = budget.including(source, one)
     return sum(counted.values(), colour), budget

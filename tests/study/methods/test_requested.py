@@ -220,7 +220,7 @@ def test_no_method_is_surer_than_what_op_does_between_its_samples_lets_it_be(tmp
     least = np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])
     found = []
     for one in (np.zeros((3, 3)), least):
-        estimates = {0: replace(identified.estimates[0], apart={Source.ROUNDING: one})}
+        estimates = {0: replace(identified.estimates[0], uncounted={Source.ROUNDING: one})}
         plant = updated_plant(study.model, estimates).nominal
         asked = request(study, replace(identified, estimates=estimates), plant, study.segments, "")
         found.append(asked.answers["rivc"].found[0, 0][1])

@@ -123,7 +123,7 @@ def _law(study: Study, segments: Sequence[Segment]) -> Controller | None:
 def _at_least(estimates: Mapping[int, OutputEstimate], answer: Answer) -> Answer:
     """The answer, as uncertain as no method can be spared: instants are rounded, and OP moves between samples."""
     least = {
-        (i, spec.column): one.apart[Source.ROUNDING][part, part]
+        (i, spec.column): one.uncounted[Source.ROUNDING][part, part]
         for i, one in estimates.items()
         for spec, part in zip(one.row.specs, one.row.slices, strict=True)
     }

@@ -137,7 +137,7 @@ def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, confidence: f
         return estimate
     covariance = fit.covariance
     budget = Budget.of(fit.by_background).including(Source.DISTURBANCE, fit.covariance - fit.by_background)
-    for source, more in estimate.apart.items():
+    for source, more in estimate.uncounted.items():
         covariance, budget = covariance + more, budget.including(source, more)
     shift = 0.0 if estimate.runs is None else estimate.runs.shift
     theta = np.clip(fit.theta + shift, *fit.row.bounds())
