@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import norm
 
 from support.simulated import coloured, random_switching, segment_of
+from trueplant import Loop, run
 from trueplant.identify import (
     behind_valves,
     identify_matrix,
@@ -85,6 +86,41 @@ def test_nothing_is_known_of_the_stem_before_op_has_moved_through_its_band():
     assert np.ptp(early) > band >= np.ptp(early[:-1])
     assert np.array_equal(moved.u[:, 0], Valve(backlash=band).positions(segment.u[:, 0])[first:])
     assert np.array_equal(moved.t, segment.t[first:]) and np.array_equal(moved.y, segment.y[first:])
+
+
+def test_a_stretch_in_which_op_never_moves_through_the_band_is_left_out():
+    """Engaged from the start its stem goes 0.9 along with OP, in the middle of its play 0.4: nobody knows which.
+
+    Where OP does not move at all the stem does not either, wherever it stands.
+    """
+    segment, _ = record(5)
+    found = {0: FoundValve(Valve(backlash=1.0), 1e-9)}
+
+    def travelling(size, op=None):
+        u = 40.0 + size * np.sin(np.arange(200) / 20)[:, None] / 2 if op is None else op
+        return replace(segment.part(0, 200), u=u)
+
+    assert np.ptp(found[0].valve.positions(travelling(0.9).u[:, 0])) < 0.5
+    assert behind_valves([travelling(0.9)], found) == ()
+    still, wide = behind_valves([travelling(0.9), travelling(0.0), travelling(3.0)], found)
+    assert len(still) == 200 and np.ptp(still.u) == 0
+    assert 0 < len(wide) < 200
+    two = replace(travelling(3.0), u=np.hstack([travelling(3.0).u, travelling(0.9).u]), free=np.ones((200, 2), bool))
+    assert behind_valves([two], {1: found[0]}) == ()
+
+
+@pytest.mark.slow
+def test_a_valve_whose_stem_is_nowhere_known_leaves_the_estimate_with_its_bands_open(monkeypatch):
+    """Of the stretches of the record none goes through the band: no valve is named, and the answer stands."""
+    segment, _ = record(1, 0.02)
+    columns = {"t": segment.t, "sp": segment.r[:, 0], "op": segment.u[:, 0], "pv": segment.y[:, 0]}
+    loops, model = [Loop("T", pv="pv", sp="sp", op="op")], {("T", "T"): "2 exp(-3.3 s)/(10 s + 1)"}
+    known = run(columns, loops=loops, model=model, time_unit="min")
+    monkeypatch.setattr("trueplant.study.plant.identified.behind_valves", lambda segments, valves: ())
+    unknown = run(columns, loops=loops, model=model, time_unit="min")
+    assert "cause-valve-sticking" in [note.code for note in known.notes]
+    assert "cause-valve-sticking" not in [note.code for note in unknown.notes]
+    assert unknown.status == "ok" and unknown.elements[0].parameters[0].plant is not None
 
 
 def test_what_a_valve_may_move_reaches_an_estimate_of_another_structure():

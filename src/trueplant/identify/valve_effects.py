@@ -20,7 +20,11 @@ BATCH = 8
 
 
 def behind(fit: RowFit, column: int, valve: Valve) -> RowFit:
-    """The fit with the positions of the valve's stem for its input."""
+    """The fit with the positions of the valve's stem for its input.
+
+    Where the stem stands is not known at first, nor behind a gap. No row is struck for that here, as `behind_valves`
+    does: likelihoods of one band and another are of the same rows.
+    """
     pieces = []
     for piece in fit.row.pieces:
         inputs = piece.inputs.copy()

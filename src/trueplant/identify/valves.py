@@ -191,6 +191,7 @@ def behind_valves(segments: Sequence[Segment], valves: Mapping[int, FoundValve])
     """The segments with the positions of their stems for OP, from where on these are known.
 
     Where a stem stood at the beginning of a record, or after a gap, is not known until OP has moved through its band.
+    Segments in which it never does are left out, but for those in which it does not move at all, nor its stem.
     """
     if not valves:
         return tuple(segments)
@@ -201,7 +202,10 @@ def behind_valves(segments: Sequence[Segment], valves: Mapping[int, FoundValve])
             op = segment.u[:, column]
             u[:, column] = found.valve.positions(op)
             travel = np.maximum.accumulate(op) - np.minimum.accumulate(op)
-            first = max(first, int(np.argmax(travel > found.band)) if travel[-1] > found.band else 0)
+            known = travel > found.band
+            first = max(first, int(np.argmax(known)) if known[-1] else len(segment) if travel[-1] > 0 else 0)
+        if first == len(segment):
+            continue
         sent = segment.u if segment.sent is None else segment.sent
         moved.append(replace(segment, u=u, sent=sent).part(first))
     return tuple(moved)

@@ -84,8 +84,11 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     found_in: dict[int, tuple[Tried, ...]] = {}
     # one after the other: a valve that does not follow OP may hide another, or be taken for it
     while more := sticking(tried):
+        behind = behind_valves(segments, more)
+        if not behind:  # in no stretch is it known where the stem stands: its bands stay open
+            break
         valves, found_in = {**valves, **more}, {**found_in, **{j: tried[j] for j in more}}
-        segments = behind_valves(segments, more)
+        segments = behind
         found = _identified(study, segments, (), say)
         estimates = found.estimates
         tried = try_valves(estimates, [j for j in columns if j not in valves])
