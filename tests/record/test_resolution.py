@@ -11,6 +11,7 @@ from hypothesis import Phase, assume, example, given, settings
 from hypothesis import strategies as st
 
 from trueplant.record import Channel, Layout, Screened, excitation, read_record, screen
+from trueplant.record.moves import setpoint_moves
 from trueplant.record.resolution import resolution, settled
 
 LAYOUT = Layout((Channel("T", "pv", sp="sp"),), (Channel("Q", "op"),), project_time_unit="s")
@@ -44,7 +45,7 @@ def moves(result: Screened) -> int:
     """How often the set-point moves, by the excitation table; the one definition says the same of every segment."""
     assert result.refusal is None
     count = int(excitation(result.segments).changes[0])
-    assert count == sum(int(np.sum(np.diff(s.r[:, 0]) != 0)) for s in result.segments)
+    assert count == sum(int(np.sum(np.diff(s.setpoints[:, 0]) != 0)) for s in result.segments)
     return count
 
 
@@ -139,6 +140,66 @@ def test_a_setpoint_is_no_finer_than_the_quantum_of_its_pv() -> None:
     assert moves(screened(stamps(rng, False), flicker, converted, rng, 0.5)) == 0
     assert moves(screened(stamps(rng, False), flicker, lambda x: x, rng, 0.5)) > 100
     assert moves(screened(stamps(rng, False), 3 * flicker, converted, rng, 0.5)) > 100
+
+
+@pytest.mark.parametrize("irregular", [False, True])
+@pytest.mark.parametrize("written", ["digits", "quantum", "printed quantum"])
+def test_flicker_beside_a_real_move_counts_no_more_than_flicker_alone(written: str, irregular: bool) -> None:
+    """One move of 5 among toggling digits, or steps of a converter: one move everywhere; the record stays as it is."""
+    rng = np.random.default_rng(8)
+    step = {"digits": 0.1, "quantum": 0.25, "printed quantum": 0.3226}[written]
+
+    def write(x: Array) -> Array:
+        return np.round(step * np.round(x / step), 1 if written == "digits" else 2)
+
+    sp = 50.0 + step * rng.integers(0, 2, N) + 5.0 * (np.arange(N) >= 200)
+    record = read_record({"t": stamps(rng, irregular), "sp": write(sp)} | noisy(rng, write), LAYOUT)
+    result = screen(record, LAYOUT)
+    (of_record,) = setpoint_moves(record)
+    assert of_record is not None
+    assert of_record.sizes.size == 1
+    assert of_record.sizes[0] == pytest.approx(5.0, abs=2 * step)
+    assert 1 <= moves(result) <= 2  # an irregular one falls between two instants of the grid
+    assert sum(int(np.sum(np.diff(s.r[:, 0]) != 0)) for s in result.segments) > 100
+    assert not any(f.kind == "constant" for f in result.findings)
+    if not irregular:
+        (segment,) = result.segments
+        np.testing.assert_array_equal(segment.r[:, 0], record.r[:, 0])
+        part = segment.part(100, 300)
+        np.testing.assert_array_equal(part.setpoints, segment.setpoints[100:300])
+
+
+def noisy(rng: np.random.Generator, write: Callable[[Array], Array]) -> dict[str, Array]:
+    """PV and OP about a level."""
+    return {name: write(level + rng.standard_normal(N)) for name, level in (("pv", 50.0), ("op", 40.0))}
+
+
+def test_a_ramp_that_is_printed_digit_by_digit_moves_as_a_whole() -> None:
+    rng = np.random.default_rng(9)
+    ramp = 50.0 + np.clip(np.arange(N) - 100.0, 0.0, 200.0) / 40
+    printed = screened(stamps(rng, False), ramp, lambda x: np.round(x, 1), rng)
+    (segment,) = printed.segments
+    assert 20 <= moves(printed) <= 30  # of 50 digits, two at a time
+    assert float(np.ptp(segment.setpoints)) == pytest.approx(5.0, abs=0.11)
+    assert np.max(np.abs(segment.setpoints - segment.r)) <= 0.1 + 1e-9
+
+
+def test_steps_of_a_digit_count_one_by_one_where_pv_is_written_more_finely() -> None:
+    rng = np.random.default_rng(10)
+    sp = 21.0 + np.arange(N) // 100
+    assert moves(screened(stamps(rng, False), sp, lambda x: np.round(x, 2), rng)) == 3
+    assert moves(screened(stamps(rng, False), sp, lambda x: np.round(x, 0), rng)) == 1
+    assert moves(screened(stamps(rng, False), sp, lambda x: x, rng)) == 3
+
+
+def test_a_setpoint_that_flickers_over_a_gap_is_known_throughout() -> None:
+    """Missing for long between two values that are the same but for a digit: it rested, as between equal ones."""
+    rng = np.random.default_rng(11)
+    sp = 50.0 + 0.1 * (np.arange(N) % 2) + 5.0 * (np.arange(N) >= 300)
+    data = {"t": np.arange(N) * 1.0, "sp": np.where((np.arange(N) >= 100) & (np.arange(N) < 201), np.nan, sp)}
+    result = screen(read_record(data | noisy(rng, lambda x: np.round(x, 1)), LAYOUT), LAYOUT)
+    (segment,) = result.segments
+    assert np.isfinite(segment.r).all() and moves(result) == 1
 
 
 def test_an_op_that_is_on_or_off_moves() -> None:

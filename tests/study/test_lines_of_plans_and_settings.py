@@ -152,7 +152,7 @@ def test_limits_that_leave_a_fiftieth_of_the_moves_leave_no_room(share, room, mo
 @pytest.mark.holds("study.SPAN_PART")
 def test_a_setpoint_that_never_moved_is_moved_by_a_twentieth_of_its_span_in_a_plan():
     """As large as the moves of a plan are wished for where a record shows how far they go: twice what it saw."""
-    segment = Stub(r=np.zeros((10, 1)), y=np.zeros((10, 1)))
+    segment = Stub(setpoints=np.zeros((10, 1)), y=np.zeros((10, 1)))
     study: Any = Stub(project=Stub(outputs=[Stub(limits=(0.0, 100.0))], inputs=[]), segments=[segment])
     (seen,) = plans._seen(study, True)
     assert plans.levels.LARGER_MOVES * seen == pytest.approx(5.0)

@@ -121,6 +121,43 @@ def test_a_constant_setpoint_is_refused_with_the_right_reason(structure, stamps)
     assert reason.code == "no-excitation" and reason.message.startswith("no set-point changes in these data")
 
 
+FLICKER = {"none": (0.0, 3), "of a digit": (0.1, 1), "of a quantum": (0.25, 3)}
+"""By how much a set-point flickers, and with how many digits all is printed."""
+
+
+@pytest.mark.parametrize("stamps", ["even", "irregular"])
+@pytest.mark.parametrize("flicker", FLICKER)
+@pytest.mark.parametrize("structure", ["fopdt", "integrator", None, "no model"])
+def test_flicker_beside_a_move_that_is_left_out_is_no_setpoint_change(tmp_path, structure, flicker, stamps):
+    """The only real move of a set-point is excluded; what is left of it is one step of what the record resolves."""
+    record, rng = columns_of(one_loop(13, size=0.0, std=1.0)), np.random.default_rng(13)
+    step, digits = FLICKER[flicker]
+    moved = 5.0 * (record["t"] >= 1500)
+    record["sp"] = record["sp"] + 60.0 + step * rng.integers(0, 2, SAMPLES) + moved
+    record["pv"] = record["pv"] + 60.0
+    if flicker == "of a quantum":
+        record["pv"] = 0.25 * np.round(record["pv"] / 0.25)
+    record = {name: np.round(x, digits) for name, x in record.items()}
+    if stamps == "irregular":
+        record["t"] = record["t"] + rng.uniform(-0.3, 0.3, SAMPLES)
+    pl.DataFrame(record).write_csv(tmp_path / "record.csv")
+    tf = "0.03 exp(-13 s)/s" if structure == "integrator" else "2 exp(-13.4 s)/(60 s + 1)"
+    element = {"output": "T", "input": "Q", "tf": tf} | ({} if structure is None else {"structure": structure})
+    made = Project(
+        time_unit="s",
+        data={"files": ["record.csv"], "time": "t", "exclude": [{"from": 1490, "to": SAMPLES}]},
+        output=[{"name": "T", "pv": "pv", "sp": "sp"}],
+        input=[{"name": "Q", "op": "op"}],
+        model=[] if structure == "no model" else [element],
+    )
+    result = run(Project.from_toml(made.to_toml(), tmp_path))
+    assert result.status == "refused"
+    (reason,) = result.reasons
+    assert reason.code == "no-excitation" and reason.message.startswith("no set-point changes in these data")
+    (moves,) = result.result.data[0].setpoints
+    assert moves.moves == 1  # of the whole record
+
+
 def test_a_setpoint_that_was_not_recorded_is_asked_for(tmp_path):
     record = columns_of(one_loop(5))
     del record["sp"]

@@ -85,8 +85,8 @@ def signals_of(segments: Sequence[Segment], model: TransferMatrix) -> Signals:
     """
     segment = max(segments, key=len)
     outer = segment.r if segment.closed else segment.u
-    outer = outer[:, np.isfinite(outer).all(axis=0)]
-    outer = outer[:, np.ptp(outer, axis=0) > 0]
+    moving = segment.setpoints if segment.closed else segment.u
+    outer = outer[:, np.isfinite(outer).all(axis=0) & (np.ptp(moving, axis=0) > 0)]
     if outer.shape[1] == 0:
         moved = "set-point" if segment.closed else "OP"
         raise NotApplicable(f"no {moved} moves in the longest stretch of data")

@@ -178,6 +178,7 @@ def _joined(group: Sequence[Segment]) -> tuple[Segment, tuple[int, ...]]:
         first,
         t=first.t[0] + first.h * np.arange(size),
         r=laid("r"),
+        settled=None,
         u=laid("u"),
         y=laid("y", missing=True),
         d=laid("d"),

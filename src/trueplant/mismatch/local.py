@@ -112,6 +112,9 @@ def local_response(
     segments must have one sample time and the same holds. Missing PV samples, up to a tenth, are bridged by straight
     lines, which is said in `notes`.
 
+    (17) has OP from the law of the controller, so that the closed form takes the stretches in which no OP is at a limit
+    or in manual; the model is driven by OP throughout, so that it starts where the plant does.
+
     near: the model is all but the plant, so that I - X = I up to noise; the closed form is then linear in the noise,
     and so are its errors, however large.
 
@@ -127,6 +130,8 @@ def local_response(
     references = moved(segments, method)
     joined = method == "joint"
     signals = [np.hstack(z) for z in zip(errors, inputs, strict=True)] if joined else errors
+    if method == "closed-form":
+        references, signals = (_where_free(segments, signal) for signal in (references, signals))
     colours = levels.COLOURS if near and not joined else levels.COLOURS[:1]
     windows = fit_windows(references, signals, h, poles, colours)
     form = Form(method, model, controller, near)
@@ -149,9 +154,13 @@ def moved(segments: Sequence[Segment], method: str) -> list[Array]:
     if method not in METHODS:
         raise UsageError(f'method must be "joint", "closed-form" or "direct", not {method!r}')
     direct = method == "direct"
-    references = [s.u - s.u[0] if direct else s.r - s.r[0] for s in segments]
-    _check_moved(references, "input" if direct else "set-point")
-    return references
+    moving = [s.u if direct else s.setpoints for s in segments]
+    if method == "closed-form":
+        moving = _where_free(segments, moving)
+        if not moving:
+            raise Refused("no sample is left at which no OP is at a limit or in manual: (17) holds for free OPs only")
+    _check_moved(moving, "input" if direct else "set-point")
+    return [s.u - s.u[0] if direct else s.r - s.r[0] for s in segments]
 
 
 def plant_response(
@@ -236,10 +245,19 @@ def _longest_run(w: Array, speaks: NDArray[np.bool_]) -> tuple[float, float] | N
     return float(w[starts[best]]), float(w[ends[best]])
 
 
+def _where_free(segments: Sequence[Segment], signals: Sequence[Array]) -> list[Array]:
+    """The signals (N, n) of segments, cut to the stretches in which no OP is at a limit or in manual."""
+    return [
+        signal[begin:end]
+        for segment, signal in zip(segments, signals, strict=True)
+        for begin, end in segment.free_spans()
+    ]
+
+
 def _check_moved(references: Sequence[Array], what: str) -> None:
     if not all(np.all(np.isfinite(r)) for r in references):
         raise Refused("set-points are missing in these records: without them only open-loop records can be used")
-    still = np.flatnonzero(~np.any([np.any(r != 0, axis=0) for r in references], axis=0))
+    still = np.flatnonzero(~np.any([np.ptp(r, axis=0) > 0 for r in references], axis=0))
     if still.size:
         raise Refused(
             f"{what} {still[0] + 1} does not move in any record: its effect cannot be told from disturbances; "

@@ -63,6 +63,8 @@ def periodic_response(
     Raises Refused where nothing repeats or the experiments cannot tell, LoopError where the closed form does not
     apply, UsageError for segments or a period that do not fit together.
     """
+    if method == "closed-form":  # as of a linear loop alone
+        segments = [part for segment in segments for part in segment.free_parts()] or segments
     h, hold, inputs, outputs, notes = gathered(segments)
     n_y, n_u = outputs[0].shape[1], inputs[0].shape[1]
     references = moved(segments, method)
@@ -70,11 +72,12 @@ def periodic_response(
         raise LoopError("the closed form needs a model and a declared controller: use the joint form without")
     signals = outputs if method == "direct" else [np.hstack(z) for z in zip(outputs, inputs, strict=True)]
     what = "inputs" if method == "direct" else "set-points"
-    length = _samples(period, h) if period is not None else _period(references, what)
+    repeat = [s.u if method == "direct" else s.setpoints for s in segments]
+    length = _samples(period, h) if period is not None else _period(repeat, what)
     averaged = [
         _average(r[a : a + count * length], z[a : a + count * length], length)
-        for r, z in zip(references, signals, strict=True)
-        for a, count in _stretches(r, length)
+        for r, z, x in zip(references, signals, repeat, strict=True)
+        for a, count in _stretches(x, length)
     ]
     if not averaged:
         raise Refused(

@@ -63,7 +63,7 @@ def excitation(segments: Sequence[Segment], which: Literal["r", "u"] = "r", name
     if not segments:
         raise DataError("excitation needs at least one segment; none was left by screening")
     h = segments[0].h
-    signals = [np.asarray(getattr(g, which)) for g in segments]
+    signals = [np.asarray(getattr(g, "setpoints" if which == "r" else "u")) for g in segments]
     n = signals[0].shape[1]
     shown = tuple(names) if names else tuple(f"{'set-point' if which == 'r' else 'OP'} {k + 1}" for k in range(n))
     moves = [np.nan_to_num(np.diff(x, axis=0)) for x in signals]

@@ -54,8 +54,8 @@ def _one_way(direction: Array) -> tuple[IntArray, IntArray]:
 
 def setpoint_moves(record: Record) -> tuple[Moves | None, ...]:
     """Of each output; None where no set-point was recorded."""
-    r = without_rounding(record)[0].r
-    return tuple(moves_of(record.t, x) if np.isfinite(x).any() else None for x in r.T)
+    setpoints = without_rounding(record).setpoints
+    return tuple(moves_of(record.t, x) if np.isfinite(x).any() else None for x in setpoints.T)
 
 
 def pv_noise(y: Array) -> float:

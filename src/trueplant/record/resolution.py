@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,69 +50,89 @@ def _place(y: Array) -> float:
 
 
 def settled(x: Array, step: float = 0.0) -> Array:
-    """x (N,) with NaN where it is not known, constant where all its values lie within one step of its resolution.
+    """x (N,), NaN where it is not known, held at each value until it is more than one step of its resolution away.
 
     This is the one definition of a move: whatever differs in a settled signal has moved. What arithmetic on a level
-    leaves of it is no move either.
+    leaves of it is no move either. A ramp that is written digit by digit moves as a whole, by at least two at a time.
     """
     known = np.flatnonzero(np.isfinite(x))
-    if known.size == 0:
+    if known.size < 2:
         return x
     v = x[known]
-    rounding = _rounding(v)
-    if np.ptp(v) <= step + rounding:
-        v = np.full(v.size, v[0])
-    else:
-        change = np.abs(np.diff(v))
-        if not np.any((change > 0) & (change <= rounding)):
-            return x
-        begin = np.concatenate([[True], change > rounding])
-        v = v[np.maximum.accumulate(np.where(begin, np.arange(v.size), 0))]
+    least = step + _rounding(v)
+    change = np.abs(np.diff(v))
+    if not np.any((change > 0) & (change <= least)):
+        return x
+    # only where it changes is there anything to decide
+    changes = np.flatnonzero(change > 0) + 1
+    at, begins = float(v[0]), np.zeros(v.size, dtype=np.intp)
+    for k, value in zip(changes.tolist(), v[changes].tolist(), strict=True):
+        if abs(value - at) > least:
+            at, begins[k] = value, k
     out = x.copy()
-    out[known] = v
+    out[known] = v[np.maximum.accumulate(begins)]
     return out
 
 
-def without_rounding(record: Record) -> tuple[Record, tuple[Finding, ...]]:
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """A record without what arithmetic left in its signals."""
+
+    record: Record
+    setpoints: Array
+    """(N, n_y) as they count for moves, held between them; those of `record` itself where both are the same."""
+    findings: tuple[Finding, ...]
+
+
+def without_rounding(record: Record) -> Settled:
     """The record with set-points, OPs and measured disturbances settled, and what there is to say of it.
 
     A set-point is as fine as it and its PV are written: round numbers show fewer digits than there are. It is no finer
     than the quantum of that PV. Two values of an OP may be its "on" and "off": only its floating-point numbers count.
+    A signal that never moves is constant. One that does stays as recorded, flickering digits and all, for estimates
+    and laws: the controller may have acted on them.
     """
     found: list[Finding] = []
 
-    def columns(x: Array, names: tuple[str, ...], step: Callable[[Array, int], float]) -> Array:
-        out = x
+    def columns(x: Array, names: tuple[str, ...], step: Callable[[Array, int], float]) -> tuple[Array, Array]:
+        recorded, moving = x, x
         for k, name in enumerate(names):
-            v = x[np.isfinite(x[:, k]), k]
+            column = x[:, k]
+            v = column[np.isfinite(column)]
             if v.size == 0 or np.ptp(v) == 0:
                 continue
-            column = x[:, k]
             at_rest = settled(column, step(v, k))
             if at_rest is column:
                 continue
-            out = x.copy() if out is x else out
-            out[:, k] = at_rest
-            if np.nanmin(at_rest) == np.nanmax(at_rest):
+            constant = np.nanmin(at_rest) == np.nanmax(at_rest)
+            recorded, moving = (z.copy() if z is x else z for z in (recorded, moving))
+            recorded[:, k], moving[:, k] = at_rest if constant else settled(column), at_rest
+            if constant:
                 message = f"{name} never moves by more than the record resolves ({np.ptp(v):.2g}); taken as constant."
                 found.append(Finding(Kind.CONSTANT, name, message, samples=int(v.size), value=float(v[0])))
-        return out
+        return recorded, recorded if np.array_equal(recorded, moving, equal_nan=True) else moving
 
     setpoints = tuple(f"set-point of {name}" for name in record.outputs)
-    r = columns(record.r, setpoints, lambda v, k: _setpoint_step(v, record.y[np.isfinite(record.y[:, k]), k]))
-    u = columns(record.u, record.inputs, lambda v, _: _place(v))
-    d = columns(record.d, record.disturbances, lambda v, _: _place(v))
-    return replace(record, r=r, u=u, d=d), tuple(found)
+    r, moving = columns(record.r, setpoints, lambda v, k: _setpoint_step(v, record.y[np.isfinite(record.y[:, k]), k]))
+    u, _ = columns(record.u, record.inputs, lambda v, _: _place(v))
+    d, _ = columns(record.d, record.disturbances, lambda v, _: _place(v))
+    return Settled(replace(record, r=r, u=u, d=d), moving, tuple(found))
 
 
 def _setpoint_step(r: Array, y: Array) -> float:
     """How finely a set-point r is known beside its PV y, both without gaps."""
-    span, step = float(np.ptp(r)), max(resolution(r), _place(y))
+    change = np.abs(np.diff(r))
+    smallest = float(np.min(change[change > 0], initial=np.inf))
+    step = max(resolution(r), _place(y))
     if y.size < 2:
         return step
-    if span <= step:
+    if smallest <= step + _rounding(r):
         # formats of so many digits write small numbers more finely
-        as_large = y[np.abs(y) >= np.max(np.abs(r))]
+        size = float(np.min(np.abs(r)))
+        as_large = y[np.abs(y) >= (10.0 ** np.floor(np.log10(size)) if size > 0 else 0.0)]
         step = max(min(step, resolution(as_large if as_large.size else y)), _place(y))
     # a quantum is no larger than the largest change
-    return max(step, quantum(y)) if span <= np.max(np.abs(np.diff(y))) else step
+    if smallest > np.max(np.abs(np.diff(y))):
+        return step
+    # printed, it is whole digits
+    return max(step, step * float(np.ceil(quantum(y) / step - 1e-6)))

@@ -35,9 +35,9 @@ def screen(
     layout's. PV samples that are missing, out of range, frozen or spikes are left out, but for the kinds that a channel
     keeps; while OP is at a limit or in manual it is still the true input, so that those samples stay, marked not free.
     """
-    recorded = record
-    record, settled = without_rounding(recorded)
-    log = _Log(record.t, [*record.notes, *settled])
+    recorded, settled = record, without_rounding(record)
+    record = settled.record
+    log = _Log(record.t, [*record.notes, *settled.findings])
     clock = clock_of(record.t)
     _report_clock(record, clock, log)
     excluded = _excluded(record, exclude, log)
@@ -55,7 +55,7 @@ def screen(
     for k, channel in enumerate(layout.disturbances):
         log.missing(record.d[:, k], channel.name)
     free = ~saturated & record.automatic
-    segments = segments_of(record, usable, free, clock, experiment, left_out=between_parts(excluded))
+    segments = segments_of(settled, usable, free, clock, experiment, left_out=between_parts(excluded))
     refusal = why_refused(record, layout, usable, excluded, log.findings)
     if refusal is None and not segments:
         refusal = Refusal(

@@ -9,6 +9,7 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.record import levels
+from trueplant.record.resolution import Settled
 from trueplant.record.runs import hold_same, hold_short, spread, true_runs
 from trueplant.record.types import Record, Segment, Stamps
 
@@ -70,15 +71,20 @@ def between_parts(excluded: BoolArray) -> BoolArray:
 
 
 def segments_of(
-    record: Record, usable: BoolArray, free: BoolArray, clock: Clock, experiment: int, *, left_out: BoolArray
+    given: Settled, usable: BoolArray, free: BoolArray, clock: Clock, experiment: int, *, left_out: BoolArray
 ) -> tuple[Segment, ...]:
     """Cut at gaps, where OP is missing for long and at what is left out; put each piece on a grid, drop short ones.
 
     u and d are held, y is NaN where it is not usable, each segment begins and ends with a usable PV.
     """
-    r, u, d = (hold_short(x, levels.SHORT_GAP)[0] for x in (hold_same(record.r), record.u, record.d))
+    record, settled = given.record, hold_same(given.setpoints)
+    same = given.setpoints is record.r
+    r = settled if same else np.where(np.isnan(record.r), settled, record.r)
+    r, u, d = (hold_short(x, levels.SHORT_GAP)[0] for x in (r, record.u, record.d))
+    settled = r if same else hold_short(settled, levels.SHORT_GAP)[0]
     lost = np.isfinite(record.y) & ~usable
-    whole = _Signals(record.t, r, u, np.where(lost, np.nan, record.y) if lost.any() else record.y, d, free)
+    y = np.where(lost, np.nan, record.y) if lost.any() else record.y
+    whole = _Signals(record.t, r, settled, u, y, d, free)
     known = np.isfinite(u).all(axis=1) & np.isfinite(d).all(axis=1) & ~left_out
     cut = np.concatenate([[False], np.diff(record.t) > clock.gap])
     out: list[Segment] = []
@@ -102,6 +108,7 @@ class _Signals:
 
     t: Array
     r: Array
+    settled: Array
     u: Array
     y: Array
     d: Array
@@ -128,14 +135,14 @@ def _on_grid(own: _Signals, clock: Clock, record: Record, experiment: int) -> Se
         grid = t[0] + h * np.arange(int(np.floor((t[-1] - t[0]) / h + 1e-9)) + 1)
         latest = np.searchsorted(t, grid + 1e-9 * h, side="right") - 1
         placed = np.column_stack([_between(grid, t, column, levels.NEAR * h) for column in own.y.T])
-    r, u, d = own.r[latest], own.u[latest], own.d[latest]
+    r, settled, u, d = own.r[latest], own.settled[latest], own.u[latest], own.d[latest]
     if not clock.uniform:
         # what acts from one instant of the grid to the next is the mean of what was held meanwhile
-        r, u = (_mean_held(grid, h, t, x, latest) for x in (own.r, own.u))
+        r, settled, u = (_mean_held(grid, h, t, x, latest) for x in (own.r, own.settled, own.u))
         for k, x in enumerate(own.d.T):
             held = record.d_hold[k : k + 1] == ("zoh",)
             d[:, k] = _mean_held(grid, h, t, x[:, None], latest)[:, 0] if held else np.interp(grid, t, x)
-    segment = _segment(_Signals(t, r, u, placed, d, own.free[latest]), grid, clock, record, experiment)
+    segment = _segment(_Signals(t, r, settled, u, placed, d, own.free[latest]), grid, clock, record, experiment)
     if clock.uniform:
         return segment
     # a held disturbance is half a sample later than straight lines through its samples
@@ -176,6 +183,7 @@ def _segment(own: _Signals, grid: Array, clock: Clock, record: Record, experimen
         hold=record.hold,
         closed=record.closed,
         d_hold=tuple(hold or "linear" for hold in record.d_hold),
+        settled=None if np.array_equal(own.r, own.settled, equal_nan=True) else own.settled,
     )
 
 

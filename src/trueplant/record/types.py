@@ -203,6 +203,13 @@ class Segment:
     d_timing: tuple[float, ...] = ()
     """Standard error of the instants of each measured disturbance, where it is not known how it runs between odd
     instants; empty: none."""
+    settled: Array | None = None
+    """(N, n_y) set-points without what the record does not resolve, where `r` has some of that."""
+
+    @property
+    def setpoints(self) -> Array:
+        """(N, n_y) as they count for moves: what differs here has moved."""
+        return self.r if self.settled is None else self.settled
 
     @property
     def holds(self) -> tuple[str, ...]:
@@ -212,17 +219,19 @@ class Segment:
     def part(self, first: int, end: int | None = None) -> Segment:
         """From one sample to before another."""
         signals = {name: getattr(self, name)[first:end] for name in ("t", "r", "u", "y", "d", "free")}
-        if self.sent is not None:
-            signals["sent"] = self.sent[first:end]
+        signals |= {name: x[first:end] for name in ("sent", "settled") if (x := getattr(self, name)) is not None}
         last = len(self) if end is None else end
         jumps = tuple(tuple(k - first for k in own if first < k < last) for own in self.jumps)
         return replace(self, jumps=jumps, **signals)
 
+    def free_spans(self) -> list[tuple[int, int]]:
+        """First sample and end of each stretch in which no OP is at a limit or in manual."""
+        free = np.concatenate([[False], self.free.all(axis=1), [False]])
+        return [(int(a), int(b)) for a, b in np.flatnonzero(np.diff(free)).reshape(-1, 2)]
+
     def free_parts(self) -> tuple[Segment, ...]:
         """The stretches in which no OP is at a limit or in manual: there the loop is linear from set-point to OP."""
-        free = np.concatenate([[False], self.free.all(axis=1), [False]])
-        begins, ends = np.flatnonzero(np.diff(free)).reshape(-1, 2).T
-        return tuple(self.part(int(a), int(b)) for a, b in zip(begins, ends, strict=True))
+        return tuple(self.part(a, b) for a, b in self.free_spans())
 
     def __len__(self) -> int:
         return int(self.t.size)

@@ -44,7 +44,7 @@ def outside_moves(study: Study, k: int, settle: float) -> OutsideMoves:
         source, free = segment.u, np.ones((len(segment), segment.u.shape[1]), dtype=bool)
         if segment.closed:
             computed = study.computed | alone[id(segment)]
-            source = np.where(computed, 0.0, segment.r)
+            source = np.where(computed, 0.0, segment.setpoints)
             free = _free(study, k, segment)
         kept = _followed(free, max(1, round(settle / segment.h)))
         for channel, x in enumerate(source.T):

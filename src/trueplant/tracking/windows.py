@@ -128,7 +128,7 @@ def moves_of(segments: Sequence[Segment]) -> Array:
     """Times at which a set-point moves (OP in open loop)."""
     found = []
     for segment in segments:
-        source = segment.r[:, np.isfinite(segment.r).all(axis=0)] if segment.closed else segment.u
+        source = segment.setpoints[:, np.isfinite(segment.r).all(axis=0)] if segment.closed else segment.u
         moved = np.any(np.diff(source, axis=0) != 0, axis=1)
         found.append(segment.t[1:][moved])
     return np.sort(np.concatenate(found)) if found else np.zeros(0)

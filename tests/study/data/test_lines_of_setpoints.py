@@ -102,7 +102,7 @@ def test_setpoints_move_in_one_proportion_if_a_thousandth_of_their_moves_is_thei
     monkeypatch.setattr(excitation, "computed_somewhere", lambda study: np.zeros(2, dtype=bool))
     common, own = np.tile([1.0, 1.0, -1.0, -1.0], 50), np.tile([1.0, -1.0, -1.0, 1.0], 50)
     r = np.cumsum(np.column_stack([common, common + apart * own]), axis=0)
-    study: Any = Stub(segments=[Stub(closed=True, r=r)], project=Stub(output_names=("y1", "y2")))
+    study: Any = Stub(segments=[Stub(closed=True, r=r, setpoints=r)], project=Stub(output_names=("y1", "y2")))
     assert bool(excitation.setpoint_rank_note(study)) is said
 
 

@@ -140,7 +140,7 @@ def projected_inputs(segments: Sequence[Segment]) -> tuple[list[Array], Array]:
         return [s.u - s.u[0] for s in segments], np.ones(segments[0].u.shape[1])
     if not all(np.all(np.isfinite(segment.r)) for segment in closed):
         raise Refused("an instrument from set-points needs recorded set-points: use srivc or rivc")
-    if not any(np.any(np.ptp(s.r, axis=0) > 0) for s in closed):
+    if not any(np.any(np.ptp(s.setpoints, axis=0) > 0) for s in closed):
         raise Refused("no set-point moves in these records: instruments from set-points have nothing to follow")
     columns = [_blocks(s.r - s.r[0]) for s in closed]
     width = min(c.shape[1] for c in columns)

@@ -65,6 +65,7 @@ def _segments(record: Record, segments: Sequence[Segment], j: int) -> list[Segme
             replace(
                 segment,
                 r=segment.u[:, j : j + 1],
+                settled=None,
                 u=sp[:, None],
                 y=pv[:, None],
                 d=np.zeros((sp.size, 0)),

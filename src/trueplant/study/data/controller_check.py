@@ -223,8 +223,7 @@ def _enough(segments: Sequence[Segment]) -> Iterator[Segment]:
     size = levels.LAW_SAMPLES // levels.LAW_WINDOWS if every > 1 else max(map(len, segments), default=1)
     pieces = [(segment, slice(at, at + size)) for segment in segments for at in range(0, len(segment), size)]
     for segment, part in pieces[:: max(every, 1)]:
-        signals = {name: getattr(segment, name)[part] for name in ("t", "r", "u", "y", "d", "free")}
-        yield replace(segment, **signals)
+        yield segment.part(part.start, part.stop)
 
 
 def _stretch(study: Study, k: int, controller: Controller, i: int, segment: Segment) -> Stretch:
@@ -247,7 +246,7 @@ def _stretch(study: Study, k: int, controller: Controller, i: int, segment: Segm
         edge = levels.NEAR_LIMIT * (limits[1] - limits[0])
         for ahead in (u, u + 2 * step):
             good &= (ahead > limits[0] + edge) & (ahead < limits[1] - edge)
-    return Stretch(segment.t[at], u, r, y, good, h)
+    return Stretch(segment.t[at], u, r, y, good, h, held(segment.setpoints)[at])
 
 
 def held(x: Array) -> Array:

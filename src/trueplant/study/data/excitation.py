@@ -118,7 +118,7 @@ def sources_of(segment: Segment, computed: BoolArray) -> Array:
     """What may move the plant from outside (N, n_y), in open loop (N, n_u); 0 for what is not known or computed."""
     source, outside = segment.u, np.ones(segment.u.shape[1], dtype=bool)
     if segment.closed:
-        source, outside = segment.r, np.isfinite(segment.r).all(axis=0) & ~computed
+        source, outside = segment.setpoints, np.isfinite(segment.r).all(axis=0) & ~computed
     moved: Array = np.where(outside, source, 0.0)
     return moved
 
@@ -219,7 +219,7 @@ def _kept_from_acting(study: Study) -> str:
 
 def _moving(segment: Segment) -> BoolArray:
     """(n_y,) True for a set-point that was recorded throughout and changes."""
-    moving: BoolArray = np.isfinite(segment.r).all(axis=0) & (np.ptp(segment.r, axis=0) > 0)
+    moving: BoolArray = np.isfinite(segment.r).all(axis=0) & (np.ptp(segment.setpoints, axis=0) > 0)
     return moving
 
 
@@ -241,7 +241,7 @@ def _follow(study: Study, computed: BoolArray) -> str:
 
 def setpoint_moves(segment: Segment) -> Array:
     """(m, n_y) changes of the set-points from one sample to the next, where any changes."""
-    r = segment.r[:, np.isfinite(segment.r).all(axis=0)]
+    r = segment.setpoints[:, np.isfinite(segment.r).all(axis=0)]
     if r.size == 0:
         return np.zeros((0, 0))
     steps = np.diff(r, axis=0)

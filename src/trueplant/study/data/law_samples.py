@@ -39,7 +39,8 @@ def wrong_samples(
     best = int(np.argmin(middle))
     usual = max(NORMAL_MAD * float(middle[best]), float(np.std(by_rounding[best])))
     large = [np.asarray(np.nan_to_num(one[best]) > levels.STRUCK * usual) for one in missed]
-    moved = [np.asarray(np.diff(s.r, axis=0, prepend=s.r[:1]).any(axis=1), dtype=bool) for s in cuts.stretches]
+    setpoints = [s.setpoints for s in cuts.stretches]
+    moved = [np.asarray(np.diff(r, axis=0, prepend=r[:1]).any(axis=1), dtype=bool) for r in setpoints]
     after = [m[1:] | m[:-1] for m in large]
     at_moves = np.concatenate([a[m[:-1]] for a, m in zip(after, moved, strict=True)])
     own_fault = at_moves.size > 0 and float(np.mean(at_moves)) > 0.5

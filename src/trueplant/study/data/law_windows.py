@@ -37,6 +37,13 @@ class Stretch:
     good: BoolArray
     """(N,) True where OP was free and the law's set-points and PVs are known."""
     h: float
+    settled: Array | None = None
+    """(N, n_y) as that of a segment."""
+
+    @property
+    def setpoints(self) -> Array:
+        """(N, n_y) as they count for moves."""
+        return self.r if self.settled is None else self.settled
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +182,7 @@ def cut(stretches: Sequence[Stretch], controller: Controller, i: int) -> Cuts:
         first, size = _pieces(*run, longest)
         moves = np.zeros(first.size, dtype=bool)
         for j in outputs:
-            span = [_spans(x[:, j], first, size) for x in (stretch.y, stretch.r)]
+            span = [_spans(x[:, j], first, size) for x in (stretch.y, stretch.setpoints)]
             moves |= (span[0] > levels.MOVED_QUANTA * quanta[j]) | (span[1] > 0)
         begins.append(first[moves])
         lengths.append(size[moves])

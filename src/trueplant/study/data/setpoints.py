@@ -51,7 +51,7 @@ def _follows(segments: Sequence[Segment], i: int, few: bool) -> bool:
 
 def _rows(segment: Segment, i: int, few: bool) -> tuple[Array, Array, Array, Array] | None:
     """At each move of set-point i: its size, its last levels, a longer past of it, and the PVs."""
-    r, y = segment.r[:, i], segment.y
+    r, y = segment.setpoints[:, i], segment.y
     lags, past_levels, before = (1, 1, 0) if few else (levels.SETPOINT_LAGS, levels.SETPOINT_LEVELS, 2)
     at = np.flatnonzero(np.diff(r) != 0) + 1
     width = 2 + past_levels + y.shape[1] * (lags + 2 + 2 * before)

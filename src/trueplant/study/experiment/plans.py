@@ -232,7 +232,7 @@ def _seen(study: Study, closed: bool) -> Array:
     project = study.project
     out = []
     for c in range(len(project.outputs) if closed else len(project.inputs)):
-        signals = [(s.r if closed else s.u)[:, c] for s in study.segments]
+        signals = [(s.setpoints if closed else s.u)[:, c] for s in study.segments]
         ranges = [float(np.ptp(x)) / 2 for x in signals if np.isfinite(x).all()]
         limits = project.outputs[c].limits if closed else project.inputs[c].limits
         size = max(ranges, default=0.0)

@@ -99,7 +99,9 @@ class Rest:
         driven = segment.u if bench.controller is None else segment.r
         known = np.isfinite(driven).all(axis=0)
         moves = np.where(known, driven - driven[-1], 0.0)
-        more, late = int(levels.SETTLING * slowest / segment.h), _still_for(moves, slowest / segment.h)
+        settled = segment.u if bench.controller is None else segment.setpoints
+        still = _still_for(np.where(known, settled - settled[-1], 0.0), slowest / segment.h)
+        more, late = int(levels.SETTLING * slowest / segment.h), still
         course = np.vstack([np.tile(moves[0], (more, 1)), moves, np.zeros((more, bench.channels))])
         moved = np.hstack(bench.run(course))[more:]
         left = np.hstack([segment.y, segment.u]) - moved[: len(segment)]

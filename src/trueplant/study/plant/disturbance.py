@@ -83,7 +83,7 @@ def _without(segment: Segment, v: Array, controller: Controller | None) -> Segme
     seen = (
         v if scan is not None and scan > (1 - levels.WHOLE_SCAN) * segment.h else (v + np.vstack([v[1:], v[-1:]])) / 2
     )
-    return replace(segment, y=y, r=segment.r - seen)
+    return replace(segment, y=y, r=segment.r - seen, settled=None)
 
 
 def assumed(study: Study, specs: Collection[Place], estimates: Mapping[int, OutputEstimate]) -> str:
