@@ -25,6 +25,8 @@ class Estimated:
     parameters: Mapping[tuple[int, int], Array]
     covariance: Mapping[tuple[int, int], Array]
     response: FrequencyResponse | None = None
+    notes: tuple[str, ...] = ()
+    """What to know of it."""
 
     @classmethod
     def by_fits(cls, fits: Mapping[int, OutputEstimate | DisturbedFit]) -> Estimated:

@@ -74,6 +74,7 @@ def compare_methods(study: Study, identified: Identified, plant: TransferMatrix)
     formed = found["closed-form"].response if "closed-form" in found else None
     if formed is not None and not formed.periods:  # it reads frequencies between the lines too, where nothing moves
         elements["paper-route"] = paper_route_rows(study, identified, plant)
+    remarks = {name: answer.notes for name, answer in found.items() if answer.notes}
     said = {**disagreements(study, apart, requested.biases), **requested.disagreements}
     inside, outside = band_test(study, identified.specs, plant, response)
     return Compared(
@@ -85,7 +86,7 @@ def compare_methods(study: Study, identified: Identified, plant: TransferMatrix)
         () if disturbed is None else disturbed.table,
         assumed(study, identified.specs, estimates) if response is not None else "",
         () if disturbed is None else disturbed.notes,
-        requested.remarks,
+        {**remarks, **requested.remarks},
         requested.black_box,
         inside,
         outside,

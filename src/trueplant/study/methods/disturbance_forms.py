@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from trueplant.arrays import Array
-from trueplant.errors import Refused, TrueplantError
-from trueplant.mismatch import fit_locally
+from trueplant.errors import LoopError, Refused, TrueplantError
 from trueplant.record import Segment
 from trueplant.study.methods.agreement import Estimated
+from trueplant.study.methods.closed_form import closed_form
 from trueplant.study.methods.paper_forms import problem, why_not
 from trueplant.study.plant.disturbance import Disturbed, acts_alike, without_measured, without_unmeasured
 from trueplant.study.plant.identified import Identified
@@ -53,8 +54,10 @@ def _closed_form(
         )
     cleaned = [s for s in without_unmeasured(disturbed, segments, controller) if s.closed]
     cleaned = without_measured(study, cleaned, disturbed.plant, controller)
-    local = fit_locally(cleaned, structures, model, "closed-form", controller)
+    if controller is None:
+        raise LoopError("the closed form needs a declared controller")
+    local = closed_form(study, cleaned, model, structures, controller)
     # At the frequencies that the disturbance could have made, the answer is that of the fit which told them apart, and
     # no surer than it.
     wider = {place: c + of_fits.get(place, 0.0) for place, c in local.covariance.items()}
-    return Estimated(local.parameters, wider, local.response)
+    return replace(local, covariance=wider)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from trueplant.arrays import Array
-from trueplant.errors import Refused, TrueplantError
+from trueplant.errors import TrueplantError
 from trueplant.identify import paper_route
 from trueplant.loop import Controller
 from trueplant.lti import Structure, TransferMatrix
-from trueplant.mismatch import fit_locally, period_of
+from trueplant.mismatch import fit_locally
 from trueplant.record import Segment
 from trueplant.result import MethodElement, MethodParameter
 from trueplant.study import levels
 from trueplant.study.methods.agreement import Estimated
+from trueplant.study.methods.closed_form import closed_form, repeat
 from trueplant.study.plant.disturbance import declared_parts, without_measured
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
@@ -31,22 +33,21 @@ def short_segments(segments: Iterable[Segment]) -> list[Segment]:
 def answer_of(study: Study, identified: Identified, name: str, plant: TransferMatrix) -> Estimated:
     """What one of FORMS answers; `plant` (n_y, n_u + n_d) tells what measured disturbances did.
 
-    (17) is read from averages over periods where local polynomials cannot tell. Raises TrueplantError or LinAlgError
-    where the records do not tell.
+    (17) takes what of the records is linear (`closed_form`), and is read from averages over periods where local
+    polynomials cannot tell. Raises TrueplantError or LinAlgError where the records do not tell.
     """
     closed = _in_closed_loop(identified.segments, name)
     segments = _segments(identified.segments, closed)
     model, structures, controller = problem(study, identified, segments)
     segments = without_measured(study, segments, plant, controller if closed else None)
-    law = controller if name == "closed-form" else None
-    form = ("joint" if name == "periodic" else name) if closed else "direct"
-    try:
-        fit = fit_locally(segments, structures, model, form, law, periodic=name == "periodic")
-    except Refused:
-        if name != "closed-form" or not _repeat(segments, closed):
-            raise
-        fit = fit_locally(segments, structures, model, form, law, periodic=True)
-    return Estimated(fit.parameters, _no_surer_than_what_was_taken_off(study, identified, fit.covariance), fit.response)
+    if name == "closed-form":
+        assert controller is not None
+        found = closed_form(study, segments, model, structures, controller, or_periods=True)
+    else:
+        form = ("joint" if name == "periodic" else name) if closed else "direct"
+        fit = fit_locally(segments, structures, model, form, periodic=name == "periodic")
+        found = Estimated(fit.parameters, fit.covariance, fit.response)
+    return replace(found, covariance=_no_surer_than_what_was_taken_off(study, identified, found.covariance))
 
 
 def _no_surer_than_what_was_taken_off(
@@ -70,13 +71,13 @@ def why_not(study: Study, every: Sequence[Segment], name: str, taken_along: bool
     segments = _segments(every, closed)
     if not segments:
         return ""
-    if name == "periodic" and study.project.analysis.method != name and not _repeat(segments, closed):
+    if name == "periodic" and study.project.analysis.method != name and not repeat(segments, closed):
         return ""
     if not taken_along and (reason := not_stationary(study)):
         return reason
     bound = max(float(1 - segment.free.all(axis=1).mean()) for segment in segments) if closed else 0.0
     at_limit = f"OP was at a limit or in manual for {100 * bound:.2g} % of a record"
-    if bound > levels.MOST_AT_LIMIT:
+    if name != "closed-form" and bound > levels.MOST_AT_LIMIT:
         return f"{at_limit}: the loop is not linear from set-point to OP, and set-points cannot be told apart within it"
     if name != "closed-form":
         return None
@@ -89,8 +90,6 @@ def why_not(study: Study, every: Sequence[Segment], name: str, taken_along: bool
         return f"the controller has {beyond}: (17) takes a linear law of set-point and PV"
     if len(study.project.outputs) != len(study.project.inputs):
         return "(17)-(20) need as many inputs as outputs"
-    if bound > 0:
-        return f"{at_limit}, and (17) holds for a free OP only"
     return None
 
 
@@ -116,7 +115,8 @@ def paper_route_rows(study: Study, identified: Identified, plant: TransferMatrix
     segments = _segments(identified.segments, closed=True)
     model, structures, controller = problem(study, identified, segments)
     assert controller is not None
-    segments = without_measured(study, segments, plant, controller)
+    # it starts from rest: as far as the loop is linear from the beginning on
+    segments = [_until_limit(segment) for segment in without_measured(study, segments, plant, controller)]
     try:
         found = paper_route(segments, model, controller, structures).parameters
     except (TrueplantError, np.linalg.LinAlgError):
@@ -143,12 +143,7 @@ def _in_closed_loop(every: Sequence[Segment], name: str) -> bool:
     return bool(_segments(every, closed=True)) if name == "periodic" else name != "open-loop response"
 
 
-def _repeat(segments: Sequence[Segment], closed: bool) -> bool:
-    """Does what moves any of them repeat with a period?"""
-    for segment in segments:
-        try:
-            period_of(segment.r if closed else segment.u, segment.h)
-        except TrueplantError:
-            continue
-        return True
-    return False
+def _until_limit(segment: Segment) -> Segment:
+    """What comes before the first sample at which an OP is at a limit or in manual."""
+    stuck = ~segment.free.all(axis=1)
+    return segment.part(0, int(np.argmax(stuck))) if stuck.any() else segment
