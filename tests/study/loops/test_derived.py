@@ -5,6 +5,7 @@ All records are simulated.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -125,12 +126,17 @@ def test_intervals_cover(tmp_path):
         assert 0.91 <= np.mean(inside) <= 0.98, (place, np.mean(inside))
 
 
+def demo(folder: Path) -> Project:
+    project = Project.from_toml(demo_text("mill"), folder)
+    record = project.data.files[0]
+    (folder / record).write_bytes(as_file(simulate_record(project), record))
+    return project
+
+
 def test_two_delayed_terms_have_a_net_gain_although_neither_gain_is_known(tmp_path):
     """The mill: the gains cancel but for a hundredth of each. The record is that of `trueplant demo mill`."""
-    project = Project.from_toml(demo_text("mill"), tmp_path)
-    record = project.data.files[0]
-    (tmp_path / record).write_bytes(as_file(simulate_record(project), record))
-    _, elements = known(project)
+    project = demo(tmp_path)
+    plant, elements = known(project)
     element = next(e for e in elements if (e.output, e.input) == ("particle_size", "dilution_water"))
     gains = {p.name: p for p in element.parameters}
     net = by_name(element)["net_gain", "rest"]
@@ -138,6 +144,23 @@ def test_two_delayed_terms_have_a_net_gain_although_neither_gain_is_known(tmp_pa
     assert net.std_error < 1e-3 < 0.01 * gains["gain1"].std_error
     assert abs(net.plant - 4 * (1 - 1.0137)) < 3 * net.std_error
     assert net.model == pytest.approx(4 * (1 - 0.9938))
+    _, drawn = plant.draw(4000, 0).parameters[0, 1]
+    assert np.std(drawn[:, :2].sum(axis=1)) == pytest.approx(net.std_error, rel=0.1)
+
+
+def test_what_is_known_of_a_sum_is_in_the_draws_where_neither_gain_is_known(tmp_path):
+    """One gain is held then, and the other beside it as surely known as their sum."""
+    study = prepare(demo(tmp_path))
+    estimate = identify(study).estimates[0]
+    (m,) = (m for m, spec in enumerate(estimate.row.specs) if spec.column == 1)
+    first = estimate.row.slices[m].start
+    away = np.zeros(estimate.theta.size)
+    away[first : first + 2] = 3.0, -3.0
+    unsure = replace(estimate, covariance=estimate.covariance + np.outer(away, away))
+    _, drawn = updated_plant(study.model, {0: unsure}).draw(4000, 0).parameters[0, 1]
+    assert sorted(np.std(drawn[:, :2], axis=0) > 1e-6) == [False, True]
+    known_sum = np.sqrt(estimate.covariance[first : first + 2, first : first + 2].sum())
+    assert np.std(drawn[:, :2].sum(axis=1)) == pytest.approx(known_sum, rel=0.1)
 
 
 def test_what_has_no_gain_has_no_delay(tmp_path):

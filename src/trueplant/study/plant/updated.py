@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trueplant.arrays import Array
-from trueplant.identify import OutputEstimate, unanswered
+from trueplant.identify import OutputEstimate, WhyUnanswered, unanswered
+from trueplant.identify.levels import TOO_UNCERTAIN
 from trueplant.lti import KnownRow, TransferMatrix, UncertainPlant
 
 
@@ -16,8 +17,8 @@ def updated_plant(model: TransferMatrix, estimates: Mapping[int, OutputEstimate]
 
     An element of which anything is answered is the estimate as it stands, the numbers that the results show; one of
     which nothing is answered stays as the model has it. Parameters that the data do not answer are held where
-    they are, and the covariance of the others is the one under this condition: what is known of them in combination,
-    such as the sum of two gains, is not lost with what is not known of each.
+    they are, as few as leave the others known, and the covariance of these is the one under this condition: what is
+    known of several in combination, such as the sum of two gains, is not lost with what is not known of each.
     """
     rows = {}
     for i, estimate in estimates.items():
@@ -25,7 +26,7 @@ def updated_plant(model: TransferMatrix, estimates: Mapping[int, OutputEstimate]
         if not kept:
             continue
         specs, slices = estimate.row.specs, estimate.row.slices
-        unknown = list(unanswered(estimate))
+        unknown = _held(estimate)
         covariance = conditional(estimate.covariance, unknown)
         index = np.concatenate([np.arange(estimate.theta.size)[slices[m]] for m in kept])
         rows[i] = KnownRow(
@@ -36,6 +37,25 @@ def updated_plant(model: TransferMatrix, estimates: Mapping[int, OutputEstimate]
             tuple(int(place) for place, k in enumerate(index) if k in unknown),
         )
     return UncertainPlant(_with_rows(model, rows), rows)
+
+
+def _held(estimate: OutputEstimate) -> list[int]:
+    """Places in theta of what is not known even where others that are not known are held, those known least first."""
+    reasons = unanswered(estimate)
+    held = [k for k, reason in reasons.items() if reason.why is not WhyUnanswered.TOO_UNCERTAIN]
+    rest = np.setdiff1d(list(reasons), held).astype(np.intp)
+    slices = list(zip(estimate.row.specs, estimate.row.slices, strict=True))
+    sizes = np.concatenate(
+        [
+            spec.structure.sizes(estimate.theta[part], estimate.row.lag(m, estimate.theta[part]))
+            for m, (spec, part) in enumerate(slices)
+        ]
+    )
+    errors = np.sqrt(np.diag(estimate.covariance)) / np.maximum(sizes, 1e-300)
+    for k in rest[np.argsort(-errors[rest])]:
+        if np.sqrt(conditional(estimate.covariance, held)[k, k]) > TOO_UNCERTAIN * sizes[k]:
+            held.append(int(k))
+    return sorted(held)
 
 
 def conditional(covariance: Array, held: Sequence[int]) -> Array:
