@@ -110,7 +110,10 @@ class _Search:
         touched = (rows == 1)[:, None] | (columns == 1)
         rest = self.changed & decided & ~touched
         faults = int(self.cost[0][rows == 1].sum() + self.cost[1][columns == 1].sum() + rest.sum())
-        if faults > self.fewest:
+        # what an instrument that is out leaves to lines that are open needs one more fault in each of them at least
+        more = np.any(self.changed[rows == 0], axis=0) & (columns < 0)
+        others = np.any(self.changed[:, columns == 0], axis=1) & (rows < 0)
+        if faults + int(np.sum(more) + np.sum(others)) > self.fewest:
             return
         fit = _fitted(self, rows == 1, columns == 1, self.known & decided & touched)
         # what more gains would add to the distance, and to its degrees of freedom, is not known yet

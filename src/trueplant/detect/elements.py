@@ -134,10 +134,7 @@ def judge_elements(
     tolerance_percent: float = 0.0,
     worth_knowing: float = levels.WORTH_KNOWING,
 ) -> dict[tuple[int, int], Verdict]:
-    """The verdict on each element, familywise over all of them: Wald's test and the likelihood have to agree.
-
-    With `worth_knowing` infinite all that is answered is tested, and no power is asked of what is called unchanged.
-    """
+    """The verdict on each element, familywise over all of them: Wald's test and the likelihood have to agree."""
     places = sorted(found)
     found = {place: one.for_tests for place, one in found.items()}
     evidence = []
@@ -159,7 +156,7 @@ def judge_elements(
                 found[p].joint,
                 detectable,
                 None if (rejected := found[p].rejected) is None else rejected.p_value,
-                _worth_knowing(found[p], worth_knowing) if np.isfinite(worth_knowing) else None,
+                _worth_knowing(found[p], worth_knowing),
                 found[p].beside_ratio,
             )
         )

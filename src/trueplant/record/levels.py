@@ -97,6 +97,11 @@ CLOCK_CHANGE = (1800.0, 3700.0)
 """A step back by so many seconds is offered as the autumn change of the clock: one hour (half an hour on Lord Howe
 Island), and a sample more."""
 
+# -- resolution -------------------------------------------------------------------------------------------------
+
+LISTED = 100_000
+"""Changes of a signal that are looked at in one go."""
+
 # -- grid and segments ---------------------------------------------------------------------------------------
 
 SHORT_GAP = 3

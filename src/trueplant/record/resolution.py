@@ -63,12 +63,13 @@ def settled(x: Array, step: float = 0.0) -> Array:
     change = np.abs(np.diff(v))
     if not np.any((change > 0) & (change <= least)):
         return x
-    # only where it changes is there anything to decide
+    # only where it changes is there anything to decide; in parts, as lists of numbers take ten times their memory
     changes = np.flatnonzero(change > 0) + 1
     at, begins = float(v[0]), np.zeros(v.size, dtype=np.intp)
-    for k, value in zip(changes.tolist(), v[changes].tolist(), strict=True):
-        if abs(value - at) > least:
-            at, begins[k] = value, k
+    for part in np.array_split(changes, changes.size // levels.LISTED + 1):
+        for k, value in zip(part.tolist(), v[part].tolist(), strict=True):
+            if abs(value - at) > least:
+                at, begins[k] = value, k
     out = x.copy()
     out[known] = v[np.maximum.accumulate(begins)]
     return out
