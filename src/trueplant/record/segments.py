@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
@@ -150,16 +151,16 @@ def _on_grid(own: _Signals, clock: Clock, record: Record, experiment: int) -> Se
     return replace(segment, stamps=Stamps(t, own.u, own.d, np.isfinite(own.y)), d_timing=d_timing)
 
 
-def with_held_disturbances(segment: Segment) -> Segment:
-    """With the measured disturbances of which nobody said how they run between odd instants as held signals."""
-    if segment.stamps is None:
-        return segment
-    t, d, d_hold = segment.stamps.t, segment.d.copy(), list(segment.d_hold)
-    latest = np.searchsorted(t, segment.t + 1e-9 * segment.h, side="right") - 1
-    for k in np.flatnonzero(segment.d_timing):
-        d[:, k] = _mean_held(segment.t, segment.h, t, segment.stamps.d[:, [k]], latest)[:, 0]
-        d_hold[k] = "zoh"
-    return replace(segment, d=d, d_hold=tuple(d_hold), d_timing=())
+def with_held_disturbances(segment: Segment, some: Sequence[int]) -> Segment:
+    """With some of its measured disturbances as held signals, their instants known."""
+    d, held = segment.d.copy(), list(segment.holds[segment.u.shape[1] :])
+    for k in some:
+        held[k] = "zoh"
+        if segment.stamps is not None:
+            t = segment.stamps.t
+            latest = np.searchsorted(t, segment.t + 1e-9 * segment.h, side="right") - 1
+            d[:, k] = _mean_held(segment.t, segment.h, t, segment.stamps.d[:, [k]], latest)[:, 0]
+    return replace(segment, d=d, d_hold=tuple(held), d_timing=())
 
 
 def read_between(segment: Segment, i: int, y: Array) -> Array:

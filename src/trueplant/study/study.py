@@ -99,14 +99,16 @@ class Study:
         return len(self.project.inputs)
 
     @property
-    def holds_to_find(self) -> tuple[int, ...]:
-        """Columns of measured disturbances of which the project does not say how they run between samples.
+    def undeclared_holds(self) -> tuple[int, ...]:
+        """The measured disturbances of which the project does not say how they run between samples."""
+        return tuple(k for k, entry in enumerate(self.project.disturbances) if entry.hold is None)
 
-        None between samples at odd instants: they were put on the grid along straight lines.
-        """
+    @property
+    def holds_to_find(self) -> tuple[int, ...]:
+        """Columns of these; none between samples at odd instants, which were put on the grid along straight lines."""
         if any(any(segment.d_timing) for segment in self.segments):
             return ()
-        return tuple(j for j, entry in enumerate(self.project.disturbances, start=self.n_u) if entry.hold is None)
+        return tuple(self.n_u + k for k in self.undeclared_holds)
 
     @property
     def wanted(self) -> frozenset[Place]:

@@ -26,7 +26,9 @@ def on_the_grid(study: Study, estimate: Callable[[Study], Estimates]) -> Study:
     straight, so = _corrected(study, estimate)
     if not any(any(segment.d_timing) for segment in study.segments):
         return straight
-    held, otherwise = _corrected(study.with_segments(lambda own: tuple(map(with_held_disturbances, own))), estimate)
+    some = study.undeclared_holds
+    as_held = study.with_segments(lambda own: tuple(with_held_disturbances(one, some) for one in own))
+    held, otherwise = _corrected(as_held, estimate)
     found = held_or_straight(otherwise, so)
     if found is None:
         return straight
