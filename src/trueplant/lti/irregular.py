@@ -6,8 +6,7 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.compiled import compiled
-from trueplant.errors import FormulaError
-from trueplant.lti.sampled import expm, realise
+from trueplant.lti.sampled import expm, proper_terms, realise
 from trueplant.lti.transfer import TransferFunction
 
 
@@ -17,12 +16,8 @@ def response_at(system: TransferFunction, u: Array, t: Array, hold: str = "zoh")
     Raises FormulaError for improper systems.
     """
     y = np.zeros(t.size)
-    for term in system.terms:
-        if not term.is_proper:
-            raise FormulaError(f"{system} is improper: it has no response to a held input; add a lag")
-        num = np.zeros((1, len(term.den)))
-        num[0, len(term.den) - len(term.num) :] = term.num
-        y += rows_response_at(num, np.array(term.den), term.dead_time, u, t, hold)[0]
+    for num, den, dead_time in proper_terms(system):
+        y += rows_response_at(num, den, dead_time, u, t, hold)[0]
     return y
 
 

@@ -7,6 +7,8 @@ matrix exponentials over the two pieces: three input taps, no approximation of t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -211,6 +213,16 @@ def rows_response(
     return y
 
 
+def proper_terms(system: TransferFunction) -> Iterator[tuple[Array, Array, float]]:
+    """Numerator (1, n + 1), denominator (n + 1,) and dead time of each term. Raises FormulaError for improper ones."""
+    for term in system.terms:
+        if not term.is_proper:
+            raise FormulaError(f"{system} is improper: it has no response to a held input; add a lag")
+        num = np.zeros((1, len(term.den)))
+        num[0, len(term.den) - len(term.num) :] = term.num
+        yield num, np.array(term.den), term.dead_time
+
+
 def sampled_response(
     system: TransferFunction | TransferMatrix, u: ArrayLike, h: float, hold: str | tuple[str, ...] = "zoh"
 ) -> Array:
@@ -229,12 +241,8 @@ def sampled_response(
         if hold not in ("zoh", "linear"):
             raise FormulaError(f'hold must be "zoh" or "linear", not {hold!r}')
         y = np.zeros(values.size)
-        for term in system.terms:
-            if not term.is_proper:
-                raise FormulaError(f"{system} is improper: it has no response to a held input; add a lag")
-            num = np.zeros((1, len(term.den)))
-            num[0, len(term.den) - len(term.num) :] = term.num
-            y += rows_response(num, np.array(term.den), term.dead_time, values, h, hold)[0]
+        for num, den, dead_time in proper_terms(system):
+            y += rows_response(num, den, dead_time, values, h, hold)[0]
         return y
     n_y, n_u = system.shape
     if values.ndim != 2 or values.shape[1] != n_u:
