@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -10,7 +12,7 @@ import pytest
 
 from support.simulated import coloured, random_switching
 from trueplant import Project, run
-from trueplant.identify import Spec, as_if_sampled_on_the_grid, identify_output
+from trueplant.identify import Spec, as_if_sampled_on_the_grid, held_or_straight, identify_output
 from trueplant.loop import simulate
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.lti.irregular import response_at
@@ -112,6 +114,18 @@ def test_how_a_feed_runs_between_odd_instants_is_found(tmp_path, runs):
     (_, feed) = run(recorded(tmp_path, 0, 0.05, None, runs)).elements
     assert str(feed.verdict) == "unchanged"
     assert abs(feed.parameters[2].plant - 1.2) < 0.02
+
+
+def test_ways_are_compared_by_the_size_of_their_errors_and_not_by_their_number():
+    """A shorter noise model leaves more of them where PV is missing now and then."""
+
+    def ended(variance: float, left: int) -> Any:
+        fit = SimpleNamespace(deviance=left * np.log(variance), left=left)
+        return {0: SimpleNamespace(fit=fit, ratio_factor=np.ones(1))}
+
+    assert held_or_straight(ended(0.005, 640), ended(0.0006, 360)) is False
+    assert held_or_straight(ended(0.0006, 460), ended(0.006, 580)) is True
+    assert held_or_straight(ended(0.005, 640), ended(0.00501, 360)) is None
 
 
 def test_an_instant_that_stays_open_is_half_a_sample_wide(tmp_path):

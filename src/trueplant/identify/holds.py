@@ -177,7 +177,9 @@ def held_or_straight(held: Mapping[int, OutputEstimate], straight: Mapping[int, 
     """Which of two estimates, with held disturbances and with straight lines, is likelier; None within chance."""
     deviances = np.zeros(3)
     for i in straight.keys() & held.keys():
-        rise = held[i].fit.deviance - straight[i].fit.deviance
+        one, other = held[i].fit, straight[i].fit
+        # an error has a longer noise model's past before it more seldom: so many of each as there are of both
+        rise = min(one.left, other.left) * (one.deviance / one.left - other.deviance / other.left)
         deviances[Way.HELD] += rise / straight[i].ratio_factor.mean()
     found = FoundHold(deviances, {}, {})
     return found.gain > 0 if found.decided else None
