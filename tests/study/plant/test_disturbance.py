@@ -61,8 +61,7 @@ def test_the_verdict_rests_on_a_fit_that_knows_the_step(stepped):
 
 @pytest.mark.slow
 def test_the_declared_disturbance_has_its_part_in_every_standard_error(stepped):
-    """What the step leaves uncertain beside the noise; the budget is that of this fit, of what no likelihood counts, and of
-    the valves."""
+    """What the step leaves uncertain beside the noise, what no likelihood counts, and what valves may do."""
     uncounted = {Source.START, Source.ROUNDING}
     assert sources_of(stepped) == {Source.NOISE, Source.DISTURBANCE, *uncounted, Source.VALVE}
 
