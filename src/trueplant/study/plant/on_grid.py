@@ -23,27 +23,22 @@ def on_the_grid(study: Study, estimate: Callable[[Study], Estimates]) -> Study:
     """
     if all(segment.stamps is None for segment in study.segments):
         return study
-    straight, so = _corrected(study, estimate)
-    if not any(any(segment.d_timing) for segment in study.segments):
+    straight, some = _corrected(study, estimate), study.undeclared_holds
+    if not some:
         return straight
-    some = study.undeclared_holds
     as_held = study.with_segments(lambda own: tuple(with_held_disturbances(one, some) for one in own))
-    held, otherwise = _corrected(as_held, estimate)
-    found = held_or_straight(otherwise, so)
+    held = _corrected(as_held, estimate)
+    found = held_or_straight(estimate(held), estimate(straight))
     if found is None:
         return straight
     return held if found else straight.with_segments(lambda own: tuple(replace(one, d_timing=()) for one in own))
 
 
-def _corrected(study: Study, estimate: Callable[[Study], Estimates]) -> tuple[Study, Estimates]:
-    """The study, and what is estimated last on the way.
-
-    The first estimate is off by all that the grid does, and what is taken off PV for it by a part of that; so it is
-    done again.
-    """
-    corrected, found = study, estimate(study)
+def _corrected(study: Study, estimate: Callable[[Study], Estimates]) -> Study:
+    """The first estimate is off by all that the grid does, and what is taken off PV for it by a part of that; so it is
+    done again."""
+    corrected = study
     for _ in range(levels.CORRECTIONS):
-        plant = updated_plant(study.model, found).nominal
+        plant = updated_plant(study.model, estimate(corrected)).nominal
         corrected = study.with_segments(partial(as_if_sampled_on_the_grid, plant=plant))
-        found = estimate(corrected)
-    return corrected, found
+    return corrected
