@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, norm, rankdata
 
 from trueplant.arrays import Array, BoolArray
 
@@ -49,6 +49,19 @@ def correlogram(errors: Sequence[Array], lags: int, past: Sequence[Array] | None
     left, right = _whitening(own), _whitening(other)
     value = left @ (products / np.maximum(pairs, 1.0)[:, None, None]) @ right.T
     return Correlogram(value, pairs, int(sum(there.sum() for _, there in own)))
+
+
+def normal_scores(series: Sequence[Array]) -> list[Array]:
+    """Errors of one distribution, (N,) each, NaN kept, as normal ones of the same order (van der Waerden).
+
+    The mean of products is normal where one factor is, however seldom the other one moves. Where both have outliers,
+    and in closed loop those of PV come back in OP, a single product can pass for a relation.
+    """
+    e = np.concatenate(series)
+    there = np.isfinite(e)
+    scores = np.full(e.size, np.nan)
+    scores[there] = norm.ppf((rankdata(e[there]) - 0.5) / max(int(there.sum()), 1))
+    return np.split(scores, np.cumsum([x.size for x in series])[:-1])
 
 
 def _measured(x: Array) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.linear_algebra import eliminated
 from trueplant.identify.noise import fit_ar, whiten
 from trueplant.identify.pieces import Piece
-from trueplant.identify.portmanteau import correlogram
+from trueplant.identify.portmanteau import correlogram, normal_scores
 from trueplant.identify.row import Row
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction
@@ -131,7 +131,7 @@ class ResidualTests:
     size_p: float
     """That they keep their size (`squares_p`)."""
     ccf: Array
-    """(n_columns, n_lags): correlation of e with past inputs (whitened)."""
+    """(n_columns, n_lags): correlation of e, as `normal_scores`, with past inputs (whitened)."""
     cross_p: Array
     """(n_columns,) that e is unrelated to the past of each input."""
 
@@ -178,7 +178,8 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
         [_prewhitened(piece.inputs[c, ::stride][: e.size]) for piece, e in zip(fit.row.pieces, errors, strict=True)]
         for c in columns
     ]
-    crossed = [correlogram(weighted, levels.RESIDUAL_LAGS, past) for past in inputs]
+    scores = normal_scores(weighted)
+    crossed = [correlogram(scores, levels.RESIDUAL_LAGS, past) for past in inputs]
     begins = np.cumsum([0.0, *(piece.h * piece.y.size for piece in fit.row.pieces)])
     times = [
         begin + piece.h * stride * np.arange(e.size)
