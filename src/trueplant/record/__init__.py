@@ -6,7 +6,7 @@ from trueplant.record.layout import Channel, Layout
 from trueplant.record.read import read_record
 from trueplant.record.readers import FORMATS, Format, read_table
 from trueplant.record.screening import screen
-from trueplant.record.segments import with_held_disturbances
+from trueplant.record.segments import with_held_disturbance, with_known_instants
 from trueplant.record.source import Source
 from trueplant.record.table import Table
 from trueplant.record.types import Finding, Kind, Load, Record, Refusal, Screened, Segment, Unusable
@@ -32,5 +32,6 @@ __all__ = [
     "read_table",
     "screen",
     "transform",
-    "with_held_disturbances",
+    "with_held_disturbance",
+    "with_known_instants",
 ]

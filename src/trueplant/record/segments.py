@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
@@ -151,16 +150,20 @@ def _on_grid(own: _Signals, clock: Clock, record: Record, experiment: int) -> Se
     return replace(segment, stamps=Stamps(t, own.u, own.d, np.isfinite(own.y)), d_timing=d_timing)
 
 
-def with_held_disturbances(segment: Segment, some: Sequence[int]) -> Segment:
-    """With some of its measured disturbances as held signals, their instants known."""
+def with_held_disturbance(segment: Segment, k: int) -> Segment:
+    """With a measured disturbance as a held signal, its instants known."""
     d, held = segment.d.copy(), list(segment.holds[segment.u.shape[1] :])
-    for k in some:
-        held[k] = "zoh"
-        if segment.stamps is not None:
-            t = segment.stamps.t
-            latest = np.searchsorted(t, segment.t + 1e-9 * segment.h, side="right") - 1
-            d[:, k] = _mean_held(segment.t, segment.h, t, segment.stamps.d[:, [k]], latest)[:, 0]
-    return replace(segment, d=d, d_hold=tuple(held), d_timing=())
+    held[k] = "zoh"
+    if segment.stamps is not None:
+        t = segment.stamps.t
+        latest = np.searchsorted(t, segment.t + 1e-9 * segment.h, side="right") - 1
+        d[:, k] = _mean_held(segment.t, segment.h, t, segment.stamps.d[:, [k]], latest)[:, 0]
+    return with_known_instants(replace(segment, d=d, d_hold=tuple(held)), k)
+
+
+def with_known_instants(segment: Segment, k: int) -> Segment:
+    """With a measured disturbance of which is known how it runs between odd instants."""
+    return replace(segment, d_timing=tuple(0.0 if j == k else one for j, one in enumerate(segment.d_timing)))
 
 
 def read_between(segment: Segment, i: int, y: Array) -> Array:

@@ -165,8 +165,10 @@ MOST_SPANS = 20
 
 # -- plant/on_grid ---------------------------------------------------------------------------------------------------
 
-CORRECTIONS = 3
-"""Times that PV is corrected for what its grid does. Each leaves a third of what the one before left, at most."""
+CORRECTIONS = 12
+"""Times that PV is corrected for what its grid does, at most. Each leaves up to six tenths of what was left before."""
+CORRECTED = 0.1
+"""Standard errors by which a correction moves a parameter no more where it is the last one."""
 
 # -- plant/disturbance -----------------------------------------------------------------------------------------------
 

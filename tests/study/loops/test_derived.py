@@ -163,6 +163,22 @@ def test_what_is_known_of_a_sum_is_in_the_draws_where_neither_gain_is_known(tmp_
     assert np.std(drawn[:, :2].sum(axis=1)) == pytest.approx(known_sum, rel=0.1)
 
 
+@pytest.mark.filterwarnings("error")
+def test_of_what_is_known_to_rounding_nothing_is_drawn(tmp_path):
+    """Two gains of which next to nothing is known but their sum: given one, all that is left of the other is rounding,
+    on either side of 0."""
+    study = prepare(demo(tmp_path))
+    estimate = identify(study).estimates[0]
+    (m,) = (m for m, spec in enumerate(estimate.row.specs) if spec.column == 1)
+    first = estimate.row.slices[m].start
+    for size in np.geomspace(1e7, 1e9, 20):
+        away = np.zeros(estimate.theta.size)
+        away[first : first + 2] = size, -size
+        unsure = replace(estimate, covariance=estimate.covariance + np.outer(away, away))
+        (row,) = updated_plant(study.model, {0: unsure}).rows.values()
+        assert np.all(np.diag(row.covariance) >= 0)
+
+
 def test_what_has_no_gain_has_no_delay(tmp_path):
     """Of an element that the plant no longer has, the gain is known to be about zero, and its dynamics are not."""
     plant = two_loops.scaled(0, 1, 1e-4)

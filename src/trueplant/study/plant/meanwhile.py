@@ -55,7 +55,14 @@ def _part(fit: RowFit, experiments: list[int]) -> RowFit:
 def _pairs(
     study: Study, i: int, estimate: OutputEstimate, experiments: Sequence[tuple[int, RowFit]]
 ) -> Iterator[_Pair]:
-    """Each later experiment beside the first; of one experiment its halves."""
+    """Each later experiment beside the first that can be compared; of one experiment its halves.
+
+    What interpolation between odd instants makes of the noise is no change of it.
+    """
+    odd = {segment.experiment for segment in study.segments if segment.stamps is not None}
+    experiments = [(k, fit) for k, fit in experiments if k not in odd]
+    if not experiments:
+        return
     (first, own), *later = experiments
     if not later:
         yield _Pair(i, "second half", own, middle(own.row))

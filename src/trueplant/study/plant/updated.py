@@ -53,7 +53,8 @@ def _held(estimate: OutputEstimate) -> list[int]:
     )
     errors = np.sqrt(np.diag(estimate.covariance)) / np.maximum(sizes, 1e-300)
     for k in rest[np.argsort(-errors[rest])]:
-        if np.sqrt(conditional(estimate.covariance, held)[k, k]) > TOO_UNCERTAIN * sizes[k]:
+        variance = conditional(estimate.covariance, held)[k, k]
+        if not 0 <= variance <= (TOO_UNCERTAIN * sizes[k]) ** 2:  # below 0 it is nothing but rounding
             held.append(int(k))
     return sorted(held)
 
