@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +14,7 @@ from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, wood_
 from support.two_loops import CONTROLLERS, scaled
 from support.two_loops import project as full_project
 from trueplant import Project, run
-from trueplant.detect import explanations
+from trueplant.detect import blocks, explanations
 from trueplant.loop import PID, Controller, Simulation, Valve, simulate
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.result.headline import headline
@@ -298,6 +299,35 @@ def test_what_cannot_be_told_apart_is_listed_by_parts():
     assert first.where == "reflux -> top" and "the sensor's span, the valve or the plant" in first.message
     assert second.where == "transmitter of bottom; transmitter of feed"
     assert "the sensor's span, the span of the disturbance's sensor or the plant" in second.message
+
+
+def test_single_loops_are_compared_one_by_one():
+    """Twelve gains that share no row and column have 3**12 explanations, and three each."""
+    ratio = np.full((12, 12), np.nan)
+    np.fill_diagonal(ratio, 1.3)
+    there, gone = np.isfinite(ratio), np.zeros((12, 12), dtype=bool)
+    parts = blocks(there, there, gone)
+    assert [list(map(tuple, np.argwhere(part))) for part in parts] == [[(k, k)] for k in range(12)]
+    found = [explanations(ratio, np.eye(144) * 1e-4, there, part, gone, 0.05) for part in parts]
+    assert [len(one) for one in found] == [3] * 12
+
+
+def test_blocks_together_explain_what_one_comparison_does():
+    """150 draws of two pairs of loops that share no gain, a third of the elements changed (in some by dynamics)."""
+    rng = np.random.default_rng(51)
+    own = np.kron(np.eye(2), np.ones((2, 2))).astype(bool)
+    several = 0
+    for _ in range(150):
+        changed = own & (rng.random((4, 4)) < 0.3)
+        moved = changed & (rng.random((4, 4)) < 0.1)
+        taken = np.where(own, 1.0 + 0.3 * changed, np.nan), np.eye(16) * 0.01**2, own
+        parts = blocks(own, changed & ~moved, moved)
+        assert np.array_equal(sum(parts, np.zeros_like(own)), changed & ~moved)
+        apart = [[one.causes for one in explanations(*taken, part, moved, 0.05)] for part in parts]
+        together = {one.causes for one in explanations(*taken, changed & ~moved, moved, 0.05)}
+        assert together == {frozenset().union(*these) for these in product(*apart)}
+        several += len(parts) > 1
+    assert several > 50
 
 
 def test_dynamics_that_changed_are_the_plant_and_leave_its_row_and_column_no_instrument():
