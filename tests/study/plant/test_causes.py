@@ -375,6 +375,13 @@ def test_another_structure_is_not_called_a_gain_that_changed(tmp_path):
     assert headline(result).startswith("The model is too simple") and result.elements[0].verdict == "changed"
 
 
+def test_a_model_in_another_unit_of_time_has_no_cause(tmp_path):
+    """A lag of 60 s that the model has as 1: what is asked is the unit, and nothing is said to have changed it."""
+    result = single(tmp_path, one_loop(20, std=0.03, samples=1500), "2 exp(-0.2233 s)/(1 s + 1)")
+    codes = [str(note.code) for note in result.notes]
+    assert codes[0] == "time-unit" and not [code for code in codes if code.startswith("cause-")]
+
+
 def test_a_gain_beside_dynamics_that_nobody_knows_has_no_cause(tmp_path):
     """The loop answers within a sample: of gain 20 % higher the sensor or the valve may be the cause as well."""
     plant = TransferMatrix.of([["2.4 exp(-0.3 s)/(0.4 s + 1)"]])

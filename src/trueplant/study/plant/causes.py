@@ -19,6 +19,7 @@ from trueplant.result.headline import only_simpler
 from trueplant.study import levels
 from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.meanwhile import changed_meanwhile
+from trueplant.study.plant.notes import time_unit_note
 from trueplant.study.study import Place, Study
 
 TESTED = (Code.CAUSE_DISTURBANCE, Code.CAUSE_MOVED_MEANWHILE, Code.CAUSE_OPERATING_POINT)
@@ -36,7 +37,8 @@ def causes_of(
     level = levels.CAUSES * (1 - study.project.analysis.confidence) / len(TESTED)
     causes = [*_saturated(study), *_valves(study, identified.valves), *changed_meanwhile(study, estimates, level)]
     causes += _levels(study, identified.segments, estimates, level)
-    return causes + _plant(study, estimates, found, elements)
+    # where the model's times may be in another unit, nothing need have changed
+    return causes if time_unit_note(study, identified) else causes + _plant(study, estimates, found, elements)
 
 
 def _saturated(study: Study) -> list[Reason]:
