@@ -1,6 +1,6 @@
 """Which elements changed, and whether it matters."""
 
-from trueplant.detect.causes import CommonFactor, Explanation, explanations
+from trueplant.detect.causes import CommonFactor, Explanation, blocks, explanations
 from trueplant.detect.correlation import cross_correlation, partial_correlation
 from trueplant.detect.detectable import detectable_change, least_known
 from trueplant.detect.elements import Found, elements_found, judge_elements, verdicts
@@ -34,6 +34,7 @@ __all__ = [
     "Signals",
     "TwoFits",
     "Verdict",
+    "blocks",
     "cross_correlation",
     "detectable_change",
     "elements_found",

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 from scipy.stats import chi2, norm
 
 from trueplant.arrays import Array, BoolArray
@@ -50,6 +51,21 @@ class Explanation:
     def causes(self) -> frozenset[Cause]:
         own: list[Cause] = [("element", *place) for place in self.elements]
         return frozenset([*(factor.cause for factor in self.factors), *own])
+
+
+def blocks(known: BoolArray, changed: BoolArray, moved: BoolArray) -> list[BoolArray]:
+    """The `changed` elements that `explanations` has to take together: no fault of one block touches another's gains.
+
+    known: the gains that are; those of one row are of one estimate. An instrument touches all gains of its line.
+    Several blocks would otherwise be as many explanations as the product of theirs.
+    """
+    suspect = changed.any(axis=0) & ~moved.any(axis=0)
+    n_y, n_u = changed.shape
+    touching = np.zeros((n_y + n_u, n_y + n_u), dtype=bool)
+    touching[:n_y, n_y:] = (known | changed) & suspect
+    _, label = connected_components(touching, directed=False)
+    own = [changed & (label[:n_y] == one)[:, None] for one in np.unique(label[:n_y])]
+    return [block for block in own if block.any()]
 
 
 def explanations(
@@ -117,7 +133,8 @@ class _Search:
             return
         fit = _fitted(self, rows == 1, columns == 1, self.known & decided & touched)
         # what more gains would add to the distance, and to its degrees of freedom, is not known yet
-        if fit.distance > chi2.isf(self.level, max(int(self.known.sum()), 1)):
+        touchable = self.known & ((rows != 0)[:, None] | (columns != 0))
+        if fit.distance > chi2.isf(self.level, max(int(touchable.sum()), 1)):
             return
         open_ones = [(k, lines) for lines in (rows, columns) for k in np.flatnonzero(lines < 0)]
         if open_ones:
@@ -178,5 +195,5 @@ def _fitted(search: _Search, rows: BoolArray, columns: BoolArray, members: BoolA
         if not distance < before - search.level**2:  # no more to gain than no test would notice
             break
     jacobian = root @ np.hstack([of_row * column[j, None], of_column * row[i, None]])
-    errors = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
+    errors = np.linalg.norm(np.linalg.pinv(jacobian), axis=1)
     return _Fit(row, column, errors, distance, int(index.size - np.linalg.matrix_rank(jacobian)))

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
 
 from trueplant.arrays import Array, BoolArray
-from trueplant.errors import Refused
+from trueplant.errors import Refused, TrueplantError
 from trueplant.loop.controller import Controller
 from trueplant.lti.structure import Structure, structure_of
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.mismatch import levels
 from trueplant.mismatch.local import FrequencyResponse, local_response
 from trueplant.mismatch.periodic import periodic_response
-from trueplant.mismatch.reduction import fit_structure
+from trueplant.mismatch.reduction import reduced
 from trueplant.record.types import Segment
 
 Element = tuple[int, int]
@@ -32,6 +33,14 @@ class LocalFit:
     """The model with the estimated elements put in."""
     response: FrequencyResponse
     converged: bool
+    distance: float
+    """Chi-square of the responses about the structures."""
+    freedom: int
+
+    @property
+    def agrees(self) -> bool:
+        """Do the rounds end where the response is that of the structures, but for chance?"""
+        return self.converged and bool(chi2.sf(self.distance, self.freedom) > levels.SAME_ELEMENT)
 
 
 def fit_locally(
@@ -51,24 +60,50 @@ def fit_locally(
     averages over periods (`periodic_response`); weights from a spread of nu degrees of freedom make the covariance
     nu/(nu - 2) times what known weights would leave.
 
+    From the second round on (17) is taken as linear in the mismatch, which it is near the plant alone: rounds that
+    begin at a wrong dead time may end there. The response then lies off the structures beyond chance, the rounds
+    begin anew, linear about the model, and the end where it lies nearer is taken.
+
     Raises what `local_response` and `fit_structure` raise.
     """
+    asked = segments, structures, model, method, controller, periodic
+    found = _rounds(*asked)
+    if method == "closed-form" and not found.agrees:
+        with suppress(TrueplantError, np.linalg.LinAlgError):
+            found = min(found, _rounds(*asked, near_model=True), key=_badness)
+    return found
+
+
+def _badness(fit: LocalFit) -> tuple[bool, float]:
+    return not fit.converged, fit.distance / fit.freedom
+
+
+def _rounds(
+    segments: Sequence[Segment],
+    structures: Mapping[Element, Structure],
+    model: TransferMatrix,
+    method: str,
+    controller: Controller | None,
+    periodic: bool,
+    near_model: bool = False,
+) -> LocalFit:
+    """`fit_locally` from one start: exact about the model, or linear about it."""
     parameters: dict[Element, Array] = {}
     covariance: dict[Element, Array] = {}
     near = {place: known for place, of in structures.items() if (known := _parameters(model[place], of)) is not None}
-    plant, converged = model, False
+    plant, converged, distance, freedom = model, False, 0.0, 0
     respond = periodic_response if periodic else local_response
     corner = min((abs(p) for place in structures for p in model[place].poles if p), default=np.inf)
     for round_ in range(levels.FIT_ROUNDS):
-        response = respond(segments, method, plant, controller, near=round_ > 0)
+        response = respond(segments, method, plant, controller, near=near_model or round_ > 0)
         if round_ == 0 and method == "closed-form" and not _lowest(response) <= levels.BEYOND_CORNER * corner:
             # noise hides the loop's answer, and (17) is linear in it about the model alone
             response = respond(segments, method, plant, controller, near=True)
         _check(response, corner)
         trusted = np.where(_clear(response), 1.0, np.nan)
-        before = dict(parameters)
+        before, distance, freedom = dict(parameters), 0.0, 0
         for (i, j), structure in structures.items():
-            parameters[i, j], covariance[i, j] = fit_structure(
+            one = reduced(
                 response.w,
                 response.sampled[:, i, j],
                 response.std[:, i, j],
@@ -78,6 +113,8 @@ def fit_locally(
                 trusted[:, None, None] * response.covariance[..., i, j],
                 before.get((i, j)) if round_ > 1 else None,
             )
+            parameters[i, j], covariance[i, j] = one.parameters, one.covariance
+            distance, freedom = distance + one.distance, freedom + one.freedom
             if periodic:
                 covariance[i, j] = covariance[i, j] * response.dof / (response.dof - 2)
         for place in structures:
@@ -88,7 +125,7 @@ def fit_locally(
         converged = bool(before) and all(_settled(before[e], parameters[e], covariance[e]) for e in structures)
         if converged:
             break
-    return LocalFit(parameters, covariance, plant, response, converged)
+    return LocalFit(parameters, covariance, plant, response, converged, distance, freedom)
 
 
 def _clear(response: FrequencyResponse) -> BoolArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,30 @@ def fit_structure(
     The covariance is that of the weights given, (J* W J)^-1, times chi-square over its degrees of freedom where that is
     above 1, and reaches to other minima as far as these are likely. Raises Refused with fewer points than parameters.
     """
+    return reduced(w, value, std, structure, h, hold, covariance, initial)[:2]
+
+
+class Reduced(NamedTuple):
+    """What `fit_structure` finds, and how well the response agrees with it."""
+
+    parameters: Array
+    covariance: Array
+    distance: float
+    """Chi-square of the response about the structure, by the weights given."""
+    freedom: int
+
+
+def reduced(
+    w: Array,
+    value: ComplexArray,
+    std: Array,
+    structure: Structure,
+    h: float | None = None,
+    hold: str = "zoh",
+    covariance: ComplexArray | None = None,
+    initial: Array | None = None,
+) -> Reduced:
+    """As `fit_structure`."""
     from scipy.optimize import least_squares
 
     low, high = structure.bounds()
@@ -63,8 +87,10 @@ def fit_structure(
     at = [found.x[structure.sorted(found.x)] for found in minima]
     costs = np.array([found.cost for found in minima])
     # where the response lies farther from the structure than its errors say, these are too small
-    excess = max(1.0, 2 * costs[0] / (2 * w.size - len(structure.names)))
-    return at[0], excess * _over_minima(at, costs / excess, [_covariance(jacobian(p)) for p in at])
+    distance, freedom = float(2 * costs[0]), 2 * w.size - len(structure.names)
+    excess = max(1.0, distance / freedom)
+    spread = excess * _over_minima(at, costs / excess, [_covariance(jacobian(p)) for p in at])
+    return Reduced(at[0], spread, distance, freedom)
 
 
 def _covariance(J: Array) -> Array:

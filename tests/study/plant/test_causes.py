@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +14,7 @@ from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, wood_
 from support.two_loops import CONTROLLERS, scaled
 from support.two_loops import project as full_project
 from trueplant import Project, run
-from trueplant.detect import explanations
+from trueplant.detect import blocks, explanations
 from trueplant.loop import PID, Controller, Simulation, Valve, simulate
 from trueplant.lti import TransferMatrix, sampled_response
 from trueplant.result.headline import headline
@@ -300,6 +301,35 @@ def test_what_cannot_be_told_apart_is_listed_by_parts():
     assert "the sensor's span, the span of the disturbance's sensor or the plant" in second.message
 
 
+def test_single_loops_are_compared_one_by_one():
+    """Twelve gains that share no row and column have 3**12 explanations, and three each."""
+    ratio = np.full((12, 12), np.nan)
+    np.fill_diagonal(ratio, 1.3)
+    there, gone = np.isfinite(ratio), np.zeros((12, 12), dtype=bool)
+    parts = blocks(there, there, gone)
+    assert [list(map(tuple, np.argwhere(part))) for part in parts] == [[(k, k)] for k in range(12)]
+    found = [explanations(ratio, np.eye(144) * 1e-4, there, part, gone, 0.05) for part in parts]
+    assert [len(one) for one in found] == [3] * 12
+
+
+def test_blocks_together_explain_what_one_comparison_does():
+    """150 draws of two pairs of loops that share no gain, a third of the elements changed (in some by dynamics)."""
+    rng = np.random.default_rng(51)
+    own = np.kron(np.eye(2), np.ones((2, 2))).astype(bool)
+    several = 0
+    for _ in range(150):
+        changed = own & (rng.random((4, 4)) < 0.3)
+        moved = changed & (rng.random((4, 4)) < 0.1)
+        taken = np.where(own, 1.0 + 0.3 * changed, np.nan), np.eye(16) * 0.01**2, own
+        parts = blocks(own, changed & ~moved, moved)
+        assert np.array_equal(sum(parts, np.zeros_like(own)), changed & ~moved)
+        apart = [[one.causes for one in explanations(*taken, part, moved, 0.05)] for part in parts]
+        together = {one.causes for one in explanations(*taken, changed & ~moved, moved, 0.05)}
+        assert together == {frozenset().union(*these) for these in product(*apart)}
+        several += len(parts) > 1
+    assert several > 50
+
+
 def test_dynamics_that_changed_are_the_plant_and_leave_its_row_and_column_no_instrument():
     """Sensors and valves move gains alone; the steam's other gain has not moved, so that its valve is none either."""
     assert faults([[0.8, 0.8], [1.0, 1.0]], 0.01, moved=[(0, 0)]) == [{("element", 0, 1)}]
@@ -343,6 +373,13 @@ def test_another_structure_is_not_called_a_gain_that_changed(tmp_path):
     assert result.elements[0].rejected_structure == "fopdt"
     assert not [note for note in result.notes if note.code in ("cause-plant", "cause-unknown")]
     assert headline(result).startswith("The model is too simple") and result.elements[0].verdict == "changed"
+
+
+def test_a_model_in_another_unit_of_time_has_no_cause(tmp_path):
+    """A lag of 60 s that the model has as 1: what is asked is the unit, and nothing is said to have changed it."""
+    result = single(tmp_path, one_loop(20, std=0.03, samples=1500), "2 exp(-0.2233 s)/(1 s + 1)")
+    codes = [str(note.code) for note in result.notes]
+    assert codes[0] == "time-unit" and not [code for code in codes if code.startswith("cause-")]
 
 
 def test_a_gain_beside_dynamics_that_nobody_knows_has_no_cause(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import norm
 
 from trueplant.arrays import Array
-from trueplant.detect import CommonFactor, Explanation, Found, explanations
+from trueplant.detect import CommonFactor, Explanation, Found, blocks, explanations
 from trueplant.detect.causes import Cause
 from trueplant.identify import FoundValve, OperatingPoints, OutputEstimate, operating_points
 from trueplant.identify.pieces import Piece
@@ -19,6 +19,7 @@ from trueplant.result.headline import only_simpler
 from trueplant.study import levels
 from trueplant.study.plant.identified import Identified
 from trueplant.study.plant.meanwhile import changed_meanwhile
+from trueplant.study.plant.notes import time_unit_note
 from trueplant.study.study import Place, Study
 
 TESTED = (Code.CAUSE_DISTURBANCE, Code.CAUSE_MOVED_MEANWHILE, Code.CAUSE_OPERATING_POINT)
@@ -36,7 +37,8 @@ def causes_of(
     level = levels.CAUSES * (1 - study.project.analysis.confidence) / len(TESTED)
     causes = [*_saturated(study), *_valves(study, identified.valves), *changed_meanwhile(study, estimates, level)]
     causes += _levels(study, identified.segments, estimates, level)
-    return causes + _plant(study, estimates, found, elements)
+    # where the model's times may be in another unit, nothing need have changed
+    return causes if time_unit_note(study, identified) else causes + _plant(study, estimates, found, elements)
 
 
 def _saturated(study: Study) -> list[Reason]:
@@ -159,22 +161,25 @@ def _plant(
     }
     lacking = {place for place, e in changed.items() if e.tf_model == "0"}
     dynamics = {place for place, e in changed.items() if place not in lacking and _dynamics_changed(found[place], e)}
-    alternatives = _explanations(study, estimates, found, set(changed) - lacking - dynamics, dynamics)
-    likeliest = max(alternatives, key=lambda one: one.p_value)
-    common = frozenset.intersection(*(one.causes for one in alternatives))
-    causes = [_factor_cause(factor, likeliest, study) for factor in likeliest.factors if factor.cause in common]
-    plant = lacking | dynamics | {place for place in changed if ("element", *place) in common}
+    compared = _explanations(study, estimates, found, set(changed) - lacking - dynamics, dynamics)
+    causes, own, left = [], lacking | dynamics, list[Reason]()
+    for alternatives in compared:
+        likeliest = max(alternatives, key=lambda one: one.p_value)
+        common = frozenset.intersection(*(one.causes for one in alternatives))
+        causes += [_factor_cause(factor, likeliest, study) for factor in likeliest.factors if factor.cause in common]
+        own |= {place for place in changed if ("element", *place) in common}
+        left += [_open_cause(study, part, changed) for part in _parts_open(alternatives, common, changed)]
     beside = {(e.output, e.input) for e in judged if e.verdict == ElementVerdict.UNCHANGED}
     unchanged = {place for place in study.specs if _names(study, place) in beside}
     for place in changed:
         if place in lacking:
             said = "the plant has an element here that the model lacks"
-        elif place in plant:
-            said = f"the plant itself has changed{_why_plant(place, plant - lacking - dynamics, dynamics, unchanged)}"
+        elif place in own:
+            said = f"the plant itself has changed{_why_plant(place, own - lacking - dynamics, dynamics, unchanged)}"
         else:
             continue
         causes.append(Reason(Code.CAUSE_PLANT, said, _arrow(study, place)))
-    return causes + [_open_cause(study, part, changed) for part in _parts_open(alternatives, common, changed)]
+    return causes + left
 
 
 def _names(study: Study, place: Place) -> tuple[str, str]:
@@ -318,8 +323,8 @@ def _explanations(
     found: Mapping[Place, Found],
     changed: Collection[Place],
     dynamics: Collection[Place],
-) -> list[Explanation]:
-    """What may explain the gains; those of elements with several delayed ones count as not known."""
+) -> list[list[Explanation]]:
+    """What may explain the gains, block by block; those of elements with several delayed ones count as not known."""
     n_y, n_u = study.model.shape
     ratio, covariance = np.full((n_y, n_u), np.nan), np.zeros((n_y * n_u, n_y * n_u))
     present = np.array([[not study.model[i, j].is_zero for j in range(n_u)] for i in range(n_y)])
@@ -341,4 +346,5 @@ def _explanations(
     level = 1 - study.project.analysis.confidence
     every = [[(i, j) for j in range(n_u)] for i in range(n_y)]
     there, moved = (np.array([[one in those for one in row] for row in every]) for those in (changed, dynamics))
-    return explanations(ratio, covariance, present, there, moved, level)
+    parts = blocks(present & np.isfinite(ratio), there, moved)
+    return [explanations(ratio, covariance, present, part, moved, level / len(parts)) for part in parts]
