@@ -175,6 +175,16 @@ def test_a_valve_moves_the_plant_to_first_order_as_far_as_a_fit_behind_it():
     np.testing.assert_allclose(effect.shifts[0], moved.theta - fit.theta, rtol=0.2)
 
 
+def test_valves_are_tried_quietly_where_noise_is_large_in_units_of_pv_and_a_dead_time_is_fixed():
+    plant = TransferMatrix.of([["2000/(10 s + 1)"]], "min")
+    law = Controller.diagonal([PID(Kc=0.66e-3, Ti=10.0, sample_time=1.0)])
+    rng = np.random.default_rng(1)
+    r, v = 1e3 * random_switching(rng, 800, 1, 40.0), coloured(rng, 800, 1, [1, -0.8], [1], 20.0)
+    estimates = identify_matrix([segment_of(simulate(plant, law, r, 1.0, v=v))], plant, specs_of(plant))
+    assert not estimates[0].fit.free[2] and estimates[0].fit.variance > 100
+    assert not sticking(try_valves(estimates, [0]))
+
+
 def test_a_valve_counts_beside_other_explanations_where_the_record_needs_them():
     """A gain that depends on the operating point: what a valve gains is what it gains beside that."""
     bent = bent_record()

@@ -109,7 +109,8 @@ class ValveTest:
         alone[self._free] = np.einsum("kn,kn->k", told, told)
         n = fit.theta.size
         largest = np.square(np.abs(fit.theta) + fit.row.lag_of_dead_times(fit.theta))
-        kept = noise / np.sqrt(largest + fit.variance / np.maximum(alone[:n], np.finfo(float).tiny))
+        weighed = np.maximum(largest * alone[:n] + fit.variance, np.finfo(float).tiny)
+        kept = noise * np.sqrt(alone[:n] / weighed)
         by = np.zeros((2 * n, self._free.size))
         by[np.arange(n), np.arange(n)], by[np.arange(n, 2 * n), np.arange(n)] = slopes, kept
         return np.concatenate([distances, np.zeros(n)]), by

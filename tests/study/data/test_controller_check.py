@@ -147,6 +147,17 @@ def test_a_derivative_on_the_other_signal_is_named(on, words):
     assert words in found.message
 
 
+@pytest.mark.parametrize(("late", "words"), [("op", "from the last PV"), ("pv", "from the next PV")])
+def test_a_column_that_was_recorded_a_sample_late_is_named_and_no_other_tuning(late, words):
+    loop = Loop(PI)
+    frame = loop.record()
+    check = checked(loop, frame.with_columns(pl.col(late).shift(1).backward_fill()))
+    assert words in check.message
+    error = "short" if late == "op" else "long"
+    assert check.confirmed is None
+    assert check.message.endswith(f"{late.upper()} was recorded a sample late, dead times come out 1 too {error}")
+
+
 def test_an_undeclared_integral_is_found_out():
     loop = Loop(PI, seed=11)
     found = checked(replace(loop, law=Law(Kc=2.0)), loop.record())

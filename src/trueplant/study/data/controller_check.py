@@ -97,6 +97,8 @@ def _denied(
         instead = judged(written.stretches, other, i, written.scale)
         if instead is not None and instead.confirmed:
             return replace(said, confirmed=False, message=f"{text}it does {words}, with the gains and times declared")
+    if late := _late(written, controller, i):
+        return replace(said, confirmed=None, message=late)
     then = parted(found) if found.left > found.allowed else None
     if then is not None:
         calendar = study.screened[k].record.calendar
@@ -247,6 +249,36 @@ def _stretch(study: Study, k: int, controller: Controller, i: int, segment: Segm
         for ahead in (u, u + 2 * step):
             good &= (ahead > limits[0] + edge) & (ahead < limits[1] - edge)
     return Stretch(segment.t[at], u, r, y, good, h, held(segment.setpoints)[at])
+
+
+def _late(written: _Written, controller: Controller, i: int) -> str:
+    """What is recorded a sample late, if the declared law explains OP with that alone; else nothing."""
+    for move, other, late, error in ((_op_back, "last", "OP", "short"), (_pv_back, "next", "PV", "long")):
+        stretches = [move(stretch) for stretch in written.stretches]
+        instead = judged(stretches, controller, i, written.scale)
+        if instead is not None and instead.confirmed:
+            text = f"the declared controller reproduces OP from the {other} PV instead of the one beside it"
+            said = f"where {late} was recorded a sample late, dead times come out {stretches[0].h:.6g} too {error}"
+            return f"{text}: {said}"
+    return ""
+
+
+def _op_back(stretch: Stretch) -> Stretch:
+    """With each OP beside what was recorded a sample before it."""
+    settled = None if stretch.settled is None else stretch.settled[:-1]
+    good = stretch.good[1:] & stretch.good[:-1]
+    return replace(
+        stretch, t=stretch.t[1:], u=stretch.u[1:], r=stretch.r[:-1], y=stretch.y[:-1], good=good, settled=settled
+    )
+
+
+def _pv_back(stretch: Stretch) -> Stretch:
+    """With each PV beside what was recorded a sample before it."""
+    settled = None if stretch.settled is None else stretch.settled[:-1]
+    good = stretch.good[1:] & stretch.good[:-1]
+    return replace(
+        stretch, t=stretch.t[:-1], u=stretch.u[:-1], r=stretch.r[:-1], y=stretch.y[1:], good=good, settled=settled
+    )
 
 
 def held(x: Array) -> Array:
