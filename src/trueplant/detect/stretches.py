@@ -101,6 +101,10 @@ class TwoFits:
         """p-value that the noise is the same in both, whatever the plant."""
         return min(1.0, 2 * min(self.size_p, self.colour_p))
 
+    def deviance(self, variance: float) -> float:
+        """-2 log likelihood up to a constant, of errors relative to this variance: to lose one of them is no gain."""
+        return sum(fit.deviance - fit.left * float(np.log(variance)) for fit in self._both)
+
     @property
     def explained(self) -> bool:
         """Do the prediction errors follow no input? Else what is left is not noise alone."""
@@ -194,6 +198,10 @@ class Moved:
         place = round(found.time / h)
         again = _two_fits(self.fit, place)
         return self if again is None else replace(self, place=place, sides=again)
+
+    def beside(self, fit: RowFit) -> TwoFits | None:
+        """The plant of a fit of the same record, as it is, on both sides."""
+        return _two_fits(replace(fit, free=np.zeros(fit.theta.size, dtype=bool), ar=self.fit.ar), self.place)
 
     def stretch(self, begin: int, end: int) -> tuple[Piece, ...]:
         """The part of a stretch on one side of the instant, the longer one: on it the plant is one and the same."""

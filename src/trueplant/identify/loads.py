@@ -61,6 +61,11 @@ def criterion(fits: Fits) -> float:
     return _criterion(_beside_longest_noise(_noisy(fits)))
 
 
+def cost_of_loads(fits: Fits) -> float:
+    """What all loads of some fits gain in -2 log likelihood by chance."""
+    return sum(_cost(fits, place) for place in _places(fits))
+
+
 def with_loads(segments: Sequence[Segment], fits: Fits) -> tuple[Segment, ...]:
     """The segments with the loads that were found."""
     places = _places(fits)
@@ -247,4 +252,4 @@ def _criterion(fits: Fits) -> float:
     for fit in fits.values():
         deviance += fit.left * float(np.log(max(fit.cost, 1e-300) / max(fit.count, 1)))
         deviance += int(fit.free.sum()) * float(np.log(max(fit.count, 1)))
-    return deviance + sum(_cost(fits, place) for place in _places(fits))
+    return deviance + cost_of_loads(fits)

@@ -9,7 +9,7 @@ import pytest
 from support.changing import changing_loop, changing_wood_berry, write_project
 from support.simulated import coloured, random_switching
 from trueplant import Project, run
-from trueplant.loop import PID, Controller, simulate
+from trueplant.loop import PID, Controller, Step, simulate
 from trueplant.lti import TransferMatrix
 
 PLANT = TransferMatrix.of([["2 exp(-3.3 s)/(10 s + 1)"]], "min")
@@ -28,14 +28,19 @@ def causes(result):
     return {note.code: note for note in result.notes if note.code.startswith("cause-")}
 
 
-def one_loop(folder, *simulations):
-    """What is said of one loop, each simulation an experiment."""
+def analysed(folder, *simulations, analysis=""):
+    """The result of one loop, each simulation an experiment."""
     names = [f"run{k}.csv" for k in range(len(simulations))]
     for name, sim in zip(names, simulations, strict=True):
         columns = {"t": sim.t, "sp": sim.r[:, 0], "op": sim.u[:, 0], "pv": sim.y[:, 0]}
         pl.DataFrame(columns).write_csv(folder / name)
     data = f'data = {{files = {names}, time = "t"}}\n'.replace("'", '"')
-    return causes(run(Project.from_toml(ANALYSIS + data + TABLES, folder)))
+    return run(Project.from_toml(analysis + data + TABLES, folder))
+
+
+def one_loop(folder, *simulations):
+    """What is said of one loop, each simulation an experiment."""
+    return causes(analysed(folder, *simulations, analysis=ANALYSIS))
 
 
 def moving(seed, share):
@@ -113,3 +118,26 @@ def test_noise_that_was_read_between_odd_instants_has_not_changed(tmp_path, even
         runs = ", ".join(f'{{file = "odd{k}.csv", loop = "open"}}' for k in range(len(records)))
         text = TABLES.replace(', sp = "sp"', "") + f'data = {{time = "t"}}\nexperiment = [{runs}]\n'
         assert "cause-disturbance" not in causes(run(Project.from_toml(ANALYSIS + text, tmp_path)))
+
+
+@pytest.mark.parametrize("seed", [6, 9])
+def test_a_gain_that_moved_is_no_load_at_each_move_after_it(tmp_path, seed):
+    """Loads that begin with the set-point's moves took its place: of the first record it was not said that it had moved,
+    and of the second the gain was that before."""
+    rng = np.random.default_rng([seed, 3])
+    gain = 2 * np.where(np.arange(SAMPLES) < rng.uniform(0.3, 0.8) * SAMPLES, 1.0, 1.4)
+    r, v = random_switching(rng, SAMPLES, 1, 300.0), coloured(rng, SAMPLES, 1, [1, -0.8], [1], 0.03)
+    s = changing_loop(PLANT, LAW, r, v, (0, 0), gain, 10.0, 3.3)
+    codes = {note.code for note in analysed(tmp_path, s).notes}
+    assert "cause-moved-meanwhile" in codes
+    assert "load-step" not in codes
+
+
+def test_a_load_beside_an_unchanged_plant_stays_a_load(tmp_path):
+    rng = np.random.default_rng([7, 3])
+    r, v = random_switching(rng, SAMPLES, 1, 300.0), coloured(rng, SAMPLES, 1, [1, -0.8], [1], 0.03)
+    s = simulate(PLANT, LAW, r, 1.0, v=v, input_disturbance=[Step(700.0, (0.5,))])
+    result = analysed(tmp_path, s)
+    codes = {note.code for note in result.notes}
+    assert "load-step" in codes and "cause-moved-meanwhile" not in codes
+    assert str(result.elements[0].verdict) == "unchanged"

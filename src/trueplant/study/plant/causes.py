@@ -35,7 +35,11 @@ def causes_of(
     """
     estimates = {i: estimate for i, estimate in identified.estimates.items() if estimate.refuted is None}
     level = levels.CAUSES * (1 - study.project.analysis.confidence) / len(TESTED)
-    causes = [*_saturated(study), *_valves(study, identified.valves), *changed_meanwhile(study, estimates, level)]
+    causes = [
+        *_saturated(study),
+        *_valves(study, identified.valves),
+        *changed_meanwhile(study, estimates, level, identified.moved),
+    ]
     causes += _levels(study, identified.segments, estimates, level)
     # where the model's times may be in another unit, nothing need have changed
     return causes if time_unit_note(study, identified) else causes + _plant(study, estimates, found, elements)

@@ -38,6 +38,7 @@ from trueplant.study.data.scan import without_hidden_dynamics
 from trueplant.study.data.timing import timing_error, update_interval
 from trueplant.study.plant.disturbance import disturbed_fits, resting_on, with_jumps
 from trueplant.study.plant.drawn import drawn_outputs, held_between, widened_for_drawn
+from trueplant.study.plant.meanwhile import Run, moved_instead
 from trueplant.study.plant.on_grid import on_the_grid
 from trueplant.study.plant.updated import updated_plant
 from trueplant.study.study import Place, Progress, Study, quiet
@@ -64,6 +65,8 @@ class Identified:
     """Of the elements of which the project does not say whether they are there: that they are not."""
     unreached: frozenset[Place] = frozenset()
     """Elements that nothing moves from outside: of them these data cannot tell."""
+    moved: frozenset[Run] = frozenset()
+    """Where a plant that moved is likelier than loads would be."""
 
     def of_experiment(self, k: int) -> tuple[Segment, ...]:
         """The segments of one experiment."""
@@ -74,7 +77,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     """Estimate all elements of all outputs, with the unmeasured disturbances that the project declares."""
     undeclared = study.holds_to_find
     study = on_the_grid(study, lambda one: _identified(one, one.segments, (), say, plain=True).estimates)
-    found = _identified(study, study.segments, undeclared, say)
+    found, moved = _with_loads_or_without(study, undeclared, say)
     estimates, holds = found.estimates, found.holds
     segments = with_loads(with_holds(study.segments, holds), _fits(estimates))
     say("looking for valves that do not follow OP")
@@ -89,7 +92,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
             break
         valves, found_in = {**valves, **more}, {**found_in, **{j: tried[j] for j in more}}
         segments = behind
-        found = _identified(study, segments, (), say)
+        found = _identified(study, segments, (), say, loads=not moved)
         estimates = found.estimates
         tried = try_valves(estimates, [j for j in columns if j not in valves])
     fits: dict[int, DisturbedFit] = {}
@@ -99,7 +102,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         known = with_holds(study.segments, holds)
         segments = behind_valves(with_jumps(study, fits, updated_plant(study.model, estimates).nominal, known), valves)
         if any(segment.jumps for segment in segments):
-            found = _identified(study, segments, (), say)
+            found = _identified(study, segments, (), say, loads=not moved)
             estimates = found.estimates
         estimates = _resting_on_disturbances(study, estimates, fits)
     confidence = study.project.analysis.confidence
@@ -108,14 +111,28 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     segments = with_loads(segments, _fits(estimates))
     if drawn := drawn_outputs(study):
         say("estimating what a historian left out")
-        held = _identified(study, held_between(segments, drawn), ())
+        held = _identified(study, held_between(segments, drawn), (), loads=not moved)
         estimates = widened_for_drawn(estimates, held.estimates, drawn, confidence)
     unreached = unreached_elements(study)
     estimates = _without(unreached, estimates)
     taken = {(i, spec.column): spec for i, one in estimates.items() for spec in one.row.specs}
     asked = {place: spec for place, spec in study.specs.items() if place not in found.absence_p}
     notes = (*_missing(study, taken), *_doubtful(study, found.doubtful), *_loads(study, estimates))
-    return Identified(estimates, {**asked, **taken}, segments, fits, notes, valves, holds, found.absence_p, unreached)
+    return Identified(
+        estimates, {**asked, **taken}, segments, fits, notes, valves, holds, found.absence_p, unreached, moved
+    )
+
+
+def _with_loads_or_without(
+    study: Study, undeclared: Sequence[int], say: Progress
+) -> tuple[Identification, frozenset[Run]]:
+    """What identification finds; without loads where plants that moved are likelier, and which they are."""
+    found = _identified(study, study.segments, undeclared, say)
+    if not found_loads(_fits(found.estimates)):
+        return found, frozenset()
+    without = _identified(study, study.segments, undeclared, say, loads=False)
+    moved = moved_instead(_fits(found.estimates), _fits(without.estimates))
+    return without if moved else found, moved
 
 
 def _identified(
@@ -123,11 +140,13 @@ def _identified(
     segments: tuple[Segment, ...],
     undeclared: Sequence[int],
     say: Progress = quiet,
+    *,
     plain: bool = False,
+    loads: bool = True,
 ) -> Identification:
     """All that identification finds; the measured disturbances in the `undeclared` columns may run either way.
 
-    `plain`: by the structures asked for, and without loads that nobody recorded.
+    `plain`: by the structures asked for. `loads`: beside those that nobody recorded, but not where it is plain.
     """
     found = identify_plant(
         segments,
@@ -136,7 +155,7 @@ def _identified(
         Open(
             undeclared,
             [place for place in study.specs if plain or study.project.structure(*place) is not None],
-            loads=not plain and not study.project.unmeasured,
+            loads=loads and not plain and not study.project.unmeasured,
             wanted=study.wanted,
             drawn=drawn_outputs(study),
         ),

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
 from trueplant.detect import Moved, TwoFits, likeliest_change, middle
-from trueplant.identify import OutputEstimate, RowFit
+from trueplant.identify import OutputEstimate, RowFit, cost_of_loads
 from trueplant.result import Code, Reason
 from trueplant.study import levels
 from trueplant.study.study import Study
+
+Run = tuple[int, int]
+"""An output in an experiment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +30,13 @@ class _Pair:
     """The first sample of the later one, over all pieces of `fit` on end."""
 
 
-def changed_meanwhile(study: Study, estimates: Mapping[int, OutputEstimate], level: float) -> list[Reason]:
-    """Disturbances and plants that were not the same throughout; each kind at `level` over the whole study."""
+def changed_meanwhile(
+    study: Study, estimates: Mapping[int, OutputEstimate], level: float, instead: Collection[Run] = ()
+) -> list[Reason]:
+    """Disturbances and plants that were not the same throughout; each kind at `level` over the whole study.
+
+    `instead`: where a plant that moved was found likelier than loads (`moved_instead`).
+    """
     # without a noise model a record is free of noise, and what is left of it is rounding
     estimates = {i: estimate for i, estimate in estimates.items() if estimate.fit.ar.size}
     experiments = {i: _experiments(estimate.fit) for i, estimate in estimates.items()}
@@ -36,8 +44,32 @@ def changed_meanwhile(study: Study, estimates: Mapping[int, OutputEstimate], lev
     runs = [(i, fit) for i, own in experiments.items() for _, fit in own]
     likeliest = cache(likeliest_change)  # of one experiment both questions ask for the same
     causes = [_disturbance(study, pair, likeliest(pair.fit), level / len(pairs)) for pair in pairs]
-    causes += [_moved(study, i, estimates[i], likeliest(fit), level / len(runs)) for i, fit in runs]
+    causes += [_moved(study, i, estimates[i], likeliest(fit), level / len(runs), instead) for i, fit in runs]
     return [cause for cause in causes if cause is not None]
+
+
+def moved_instead(loaded: Mapping[int, RowFit], plain: Mapping[int, RowFit]) -> frozenset[Run]:
+    """Where plants moved once, if that is likelier than that loads stepped which nobody recorded; else nowhere.
+
+    A plant that moved looks like a load at each move of OP that follows. Both are judged by Schwarz's criterion, on the
+    same stretches with a noise of its own for each. `plain` are the fits without loads, by output.
+    """
+    with_loads, with_moves, found = cost_of_loads(loaded), 0.0, set()
+    for i, whole in plain.items():
+        for k, fit in _experiments(whole) if whole.ar.size else ():
+            coarse = likeliest_change(fit)
+            if coarse is None:
+                return frozenset()
+            change, other = coarse.refined(), _part(loaded[i], [k])
+            still, stepped, each = change.beside(fit), change.beside(other), np.log(fit.count)
+            if still is None or stepped is None:
+                return frozenset()
+            with_loads += stepped.deviance(fit.variance) + other.free.sum() * each
+            one = still.deviance(fit.variance)
+            two = change.sides.deviance(fit.variance) + fit.free.sum() * each + 2 * np.log(change.tried)
+            with_moves += min(one, two) + fit.free.sum() * each
+            found |= {(i, k)} if two < one else set()
+    return frozenset(found) if with_moves < with_loads else frozenset()
 
 
 def _experiments(fit: RowFit) -> list[tuple[int, RowFit]]:
@@ -102,14 +134,20 @@ def _compared(pair: _Pair, moved: Moved) -> TwoFits | None:
     return TwoFits.of(pair.fit, *stretches)
 
 
-def _moved(study: Study, i: int, estimate: OutputEstimate, moved: Moved | None, level: float) -> Reason | None:
+def _moved(
+    study: Study, i: int, estimate: OutputEstimate, moved: Moved | None, level: float, instead: Collection[Run]
+) -> Reason | None:
     """The plant of an experiment was not the same before and after some instant, whatever the noise did."""
-    p = 1.0 if moved is None else moved.p_value(study.project.analysis.confidence)
-    if moved is None or not p < level:
+    if moved is None:
         return None
-    k = moved.fit.row.pieces[0].experiment
+    p, k = moved.p_value(study.project.analysis.confidence), moved.fit.row.pieces[0].experiment
+    if p < level:
+        tested = f"(p = {p:.1g}, with a noise of its own for each)"
+    elif (i, k) in instead:
+        tested = "(likelier than that something stepped at moves after it which nobody recorded)"
+    else:
+        return None
     when = study.screened[k].record.calendar.text(moved.refined().time)
-    tested = f"(p = {p:.1g}, with a noise of its own for each)"
     suits = f"one plant suits it best until about {when}, and another from then on {tested}"
     message = (
         f"{suits}: the plant has moved meanwhile, or its structure is too simple here, and what comes nearest to it "
