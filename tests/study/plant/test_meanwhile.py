@@ -122,7 +122,7 @@ def test_noise_that_was_read_between_odd_instants_has_not_changed(tmp_path, even
 
 @pytest.mark.parametrize("seed", [6, 9])
 def test_a_gain_that_moved_is_no_load_at_each_move_after_it(tmp_path, seed):
-    """Loads that begin with the set-point's moves took its place: the first was not said to have moved, the second to have
+    """Loads that begin with the set-point's moves took its place: the first had not moved, it was said, and the second had
     the gain of before."""
     rng = np.random.default_rng([seed, 3])
     gain = 2 * np.where(np.arange(SAMPLES) < rng.uniform(0.3, 0.8) * SAMPLES, 1.0, 1.4)
