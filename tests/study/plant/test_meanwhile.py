@@ -122,8 +122,8 @@ def test_noise_that_was_read_between_odd_instants_has_not_changed(tmp_path, even
 
 @pytest.mark.parametrize("seed", [6, 9])
 def test_a_gain_that_moved_is_no_load_at_each_move_after_it(tmp_path, seed):
-    """Loads that begin with the set-point's moves took its place: the first had not moved, it was said, and the second had
-    the gain of before."""
+    """Loads that begin with the set-point's moves took its place: it was not said that the first had moved, and the
+    gain of the second was that before."""
     rng = np.random.default_rng([seed, 3])
     gain = 2 * np.where(np.arange(SAMPLES) < rng.uniform(0.3, 0.8) * SAMPLES, 1.0, 1.4)
     r, v = random_switching(rng, SAMPLES, 1, 300.0), coloured(rng, SAMPLES, 1, [1, -0.8], [1], 0.03)
