@@ -30,7 +30,7 @@ def test_structures_are_recovered_from_their_own_response(name, truth, h):
     g = structure.transfer(truth)
     value = g(1j * W) if h is None else sampled_frequency_response(g, W, h)
     start = truth * 1.1 if structure.delayed > 1 else None
-    found, _ = fit_structure(W, value, 0.01 * np.abs(value), structure, h, initial=start)
+    found = fit_structure(W, value, 0.01 * np.abs(value), structure, h, initial=start).parameters
     fitted = structure.transfer(found)
     np.testing.assert_allclose(
         fitted(1j * W) if h is None else sampled_frequency_response(fitted, W, h), value, rtol=1e-5, atol=1e-8
@@ -45,7 +45,7 @@ def test_the_right_one_of_several_minima_in_dead_time_is_found():
     rng = np.random.default_rng(1)
     value = structure.transfer(truth)(1j * np.linspace(0.05, 6, 80))
     noise = 0.05 * (rng.standard_normal(80) + 1j * rng.standard_normal(80)) / np.sqrt(2)
-    found, covariance = fit_structure(np.linspace(0.05, 6, 80), value + noise, np.full(80, 0.05), structure)
+    found, covariance, *_ = fit_structure(np.linspace(0.05, 6, 80), value + noise, np.full(80, 0.05), structure)
     assert np.all(np.abs(found - truth) < 4 * np.sqrt(np.diag(covariance)))
 
 
@@ -61,7 +61,7 @@ def test_covariance_is_that_of_many_noisy_responses():
     for _ in range(300):
         e = (rng.standard_normal((20, 3, 1)) + 1j * rng.standard_normal((20, 3, 1))) / np.sqrt(2)
         noisy = value + (root @ e).ravel()
-        found, claimed = fit_structure(W, noisy, std, structure, covariance=covariance, initial=truth)
+        found, claimed, *_ = fit_structure(W, noisy, std, structure, covariance=covariance, initial=truth)
         draws.append(found)
     np.testing.assert_allclose(np.std(draws, axis=0), np.sqrt(np.diag(claimed)), rtol=0.15)
     np.testing.assert_allclose(np.mean(draws, axis=0), truth, atol=4 * np.sqrt(np.diag(claimed).max() / 300))
@@ -72,7 +72,7 @@ def test_points_without_a_value_are_left_out_and_too_few_are_refused():
     value = structure.transfer(truth)(1j * W)
     std = np.full(W.size, 0.01)
     value[10:20], std[30:40] = np.nan, np.nan
-    found, _ = fit_structure(W, value, std, structure)
+    found = fit_structure(W, value, std, structure).parameters
     np.testing.assert_allclose(found, truth, rtol=1e-5)
     value[1:] = np.nan
     with pytest.raises(Refused, match="1 frequencies say something"):

@@ -147,7 +147,7 @@ def paper_route(
     unit = np.broadcast_to(np.eye(n_y, dtype=complex), X_r.shape)
     plant = closed_form(unit, X_r, model(s), controller(s), F=controller.setpoint(s)).plant
     parameters = {
-        (i, j): fit_structure(w, plant[:, i, j], np.abs(plant[:, i, j]), structure)[0]
+        (i, j): fit_structure(w, plant[:, i, j], np.abs(plant[:, i, j]), structure).parameters
         for (i, j), structure in structures.items()
     }
     return PaperFit(parameters, models, w, plant)

@@ -17,7 +17,7 @@ from trueplant.lti.transfer import TransferFunction, TransferMatrix
 from trueplant.mismatch import levels
 from trueplant.mismatch.local import FrequencyResponse, local_response
 from trueplant.mismatch.periodic import periodic_response
-from trueplant.mismatch.reduction import reduced
+from trueplant.mismatch.reduction import fit_structure
 from trueplant.record.types import Segment
 
 Element = tuple[int, int]
@@ -103,7 +103,7 @@ def _rounds(
         trusted = np.where(_clear(response), 1.0, np.nan)
         before, distance, freedom = dict(parameters), 0.0, 0
         for (i, j), structure in structures.items():
-            one = reduced(
+            one = fit_structure(
                 response.w,
                 response.sampled[:, i, j],
                 response.std[:, i, j],

@@ -14,6 +14,16 @@ from trueplant.mismatch import levels
 from trueplant.mismatch.sampling import hold_response, rows_frequency_response
 
 
+class StructureFit(NamedTuple):
+    """What `fit_structure` finds, and how well the response agrees with it."""
+
+    parameters: Array
+    covariance: Array
+    distance: float
+    """Chi-square of the response about the structure, by the weights given."""
+    freedom: int
+
+
 def fit_structure(
     w: Array,
     value: ComplexArray,
@@ -23,7 +33,7 @@ def fit_structure(
     hold: str = "zoh",
     covariance: ComplexArray | None = None,
     initial: Array | None = None,
-) -> tuple[Array, Array]:
+) -> StructureFit:
     """Parameters of a structure and their covariance, by weighted least squares on one element's response.
 
     value (n_w,) at w (n_w,), with circular standard errors std (n_w,), is the response between samples h apart under
@@ -35,30 +45,6 @@ def fit_structure(
     The covariance is that of the weights given, (J* W J)^-1, times chi-square over its degrees of freedom where that is
     above 1, and reaches to other minima as far as these are likely. Raises Refused with fewer points than parameters.
     """
-    return reduced(w, value, std, structure, h, hold, covariance, initial)[:2]
-
-
-class Reduced(NamedTuple):
-    """What `fit_structure` finds, and how well the response agrees with it."""
-
-    parameters: Array
-    covariance: Array
-    distance: float
-    """Chi-square of the response about the structure, by the weights given."""
-    freedom: int
-
-
-def reduced(
-    w: Array,
-    value: ComplexArray,
-    std: Array,
-    structure: Structure,
-    h: float | None = None,
-    hold: str = "zoh",
-    covariance: ComplexArray | None = None,
-    initial: Array | None = None,
-) -> Reduced:
-    """As `fit_structure`."""
     from scipy.optimize import least_squares
 
     low, high = structure.bounds()
@@ -90,7 +76,7 @@ def reduced(
     distance, freedom = float(2 * costs[0]), 2 * w.size - len(structure.names)
     excess = max(1.0, distance / freedom)
     spread = excess * _over_minima(at, costs / excess, [_covariance(jacobian(p)) for p in at])
-    return Reduced(at[0], spread, distance, freedom)
+    return StructureFit(at[0], spread, distance, freedom)
 
 
 def _covariance(J: Array) -> Array:

@@ -111,7 +111,7 @@ def _parameters(measured: MeasuredStep, structure: Structure) -> Array:
     h, ones = measured.sample_time, np.ones(measured.values.size)
     w = np.geomspace(levels.STEP_LOWEST / measured.t[-1], levels.STEP_HIGHEST * np.pi / h, levels.STEP_FREQUENCIES)
     # by Parseval a weight of 1/w on the response weighs the step response evenly
-    begin, _ = fit_structure(w, measured.sampled_frequency_response(w), w / w[0], structure, h)
+    begin = fit_structure(w, measured.sampled_frequency_response(w), w / w[0], structure, h).parameters
     low, high = structure.bounds()
     found = least_squares(
         lambda p: structure.response(p, ones, h) - measured.values,
