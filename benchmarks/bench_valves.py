@@ -60,7 +60,7 @@ def run(job: tuple[int, int, str, float]) -> tuple[bool, float, np.ndarray]:
     tried = try_valves(estimates, [0])
     if found := sticking(tried):
         estimates = identify_matrix(behind_valves(segments, found), PLANT, specs_of(PLANT))
-        estimates = widened_for_bands(estimates, found, tried, 0.95)
+        estimates = widened_for_bands(estimates, found, 0.95)
     else:
         estimates = over_open_valves(estimates, tried, 0.95)
     low, high = estimates[0].intervals.T

@@ -212,15 +212,15 @@ def test_what_the_band_leaves_open_widens_the_plant_behind_it():
     valves = sticking(tried)
     found = valves[0]
     there = identify_matrix(behind_valves([segment], valves), PLANT, specs_of(PLANT))
-    wider = widened_for_bands(there, valves, tried, 0.95)
+    wider = widened_for_bands(there, valves, 0.95)
     ends = [
-        behind(first[0].fit, 0, Valve(backlash=found.band * np.exp(side * found.error))).theta for side in (1.0, -1.0)
+        behind(there[0].fit, 0, Valve(backlash=found.band * np.exp(side * found.error))).theta for side in (1.0, -1.0)
     ]
     lean = (ends[0] - ends[1]) / 2
     assert 0.02 < found.error < 0.3 and np.abs(lean[0]) > 0.1 * np.sqrt(there[0].covariance[0, 0])
     np.testing.assert_allclose(wider[0].covariance - there[0].covariance, np.outer(lean, lean), rtol=1e-6, atol=1e-12)
     none = sticking(try_valves(identify_matrix([record(0)[0]], PLANT, specs_of(PLANT)), [0]))
-    assert widened_for_bands(there, none, {}, 0.95)[0] is there[0]
+    assert widened_for_bands(there, none, 0.95)[0] is there[0]
 
 
 def test_a_likelihood_ratio_takes_no_valve_for_a_changed_plant():

@@ -57,9 +57,6 @@ class Tried:
     """(n_bands, size) By output: by how much the plant's parameters would be larger behind each of them."""
     behind: Mapping[int, RowFit]
     """By output: the plant fitted behind the likeliest."""
-    leans: Mapping[int, Array]
-    """(size,) By output: by how much a standard error of the band moves the plant behind it; of a valve that sticks
-    beyond chance."""
 
 
 def try_valves(estimates: Mapping[int, OutputEstimate], columns: Sequence[int]) -> dict[int, tuple[Tried, ...]]:
@@ -95,18 +92,15 @@ def over_open_valves(
 
 
 def widened_for_bands(
-    estimates: Mapping[int, OutputEstimate],
-    valves: Mapping[int, FoundValve],
-    tried: Mapping[int, Sequence[Tried]],
-    confidence: float,
+    estimates: Mapping[int, OutputEstimate], valves: Mapping[int, FoundValve], confidence: float
 ) -> dict[int, OutputEstimate]:
     """The estimates behind valves that stick, with what their bands leave open."""
     out = dict(estimates)
     for column, found in valves.items():
-        one = next(one for one in tried[column] if one.found is found)
-        for i in out.keys() & one.leans.keys():
-            shifts = in_row(np.outer([1.0, -1.0], one.leans[i]), one.behind[i], out[i].row, out[i].theta)
-            out[i] = averaged(out[i], shifts, np.full(2, 0.5), confidence, Source.VALVE)
+        for i, estimate in out.items():
+            if any(spec.column == column for spec in estimate.row.specs):
+                lean = _lean(of_a_part(estimate.fit), column, found)
+                out[i] = averaged(estimate, np.outer([1.0, -1.0], lean), np.full(2, 0.5), confidence, Source.VALVE)
     return out
 
 
@@ -151,8 +145,7 @@ def _kind(
     ratios = np.exp(np.minimum(evidence, min(most / 2, levels.LARGEST_EXPONENT)))
     odds = odds_before(kind) * ratios
     shifts = {i: of.shifts for i, of in zip(fits, effects, strict=True)}
-    leans = {i: _lean(fit, column, valve, error) for i, fit in fits.items()} if p < levels.VALVE else {}
-    return Tried(FoundValve(valve, p, error), odds, shifts, moved, leans)
+    return Tried(FoundValve(valve, p, error), odds, shifts, moved)
 
 
 def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> tuple[Valve, float]:
@@ -181,9 +174,10 @@ def times(valve: Valve, factor: float) -> Valve:
     return Valve(valve.backlash * factor, valve.stick * factor)
 
 
-def _lean(fit: RowFit, column: int, valve: Valve, error: float) -> Array:
+def _lean(fit: RowFit, column: int, found: FoundValve) -> Array:
     """(size,) by how much a relative standard error of the band moves the plant behind the valve."""
-    wider, narrower = (behind(fit, column, times(valve, float(np.exp(side)))) for side in (error, -error))
+    widths = [times(found.valve, float(np.exp(side))) for side in (found.error, -found.error)]
+    wider, narrower = (behind(fit, column, valve) for valve in widths)
     return np.asarray((wider.theta - narrower.theta) / 2)
 
 

@@ -16,7 +16,6 @@ from trueplant.identify import (
     OutputEstimate,
     RowFit,
     Spec,
-    Tried,
     Unanswered,
     WhyUnanswered,
     behind_valves,
@@ -84,13 +83,12 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     columns = [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"]
     tried = try_valves(estimates, columns)
     valves: dict[int, FoundValve] = {}
-    found_in: dict[int, tuple[Tried, ...]] = {}
     # one after the other: a valve that does not follow OP may hide another, or be taken for it
     while more := sticking(tried):
         behind = behind_valves(segments, more)
         if not behind:  # in no stretch is it known where the stem stands: its bands stay open
             break
-        valves, found_in = {**valves, **more}, {**found_in, **{j: tried[j] for j in more}}
+        valves = {**valves, **more}
         segments = behind
         found = _identified(study, segments, (), say, loads=not moved)
         estimates = found.estimates
@@ -107,7 +105,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         estimates = _resting_on_disturbances(study, estimates, fits)
     confidence = study.project.analysis.confidence
     estimates = over_open_valves(over_open_holds(estimates, holds, confidence), tried, confidence)
-    estimates = with_open_valves(widened_for_bands(estimates, valves, found_in, confidence), columns, valves)
+    estimates = with_open_valves(widened_for_bands(estimates, valves, confidence), columns, valves)
     segments = with_loads(segments, _fits(estimates))
     if drawn := drawn_outputs(study):
         say("estimating what a historian left out")
