@@ -157,6 +157,7 @@ def _identified(
             [place for place in study.specs if plain or study.project.structure(*place) is not None],
             loads=loads and not plain and not study.project.unmeasured,
             wanted=study.wanted,
+            passed_on=study.passed_on,
             drawn=drawn_outputs(study),
         ),
         study.project.analysis.confidence,
