@@ -123,7 +123,10 @@ class Study:
         """
         outputs, model = self.project.outputs, self.model
         slaves = [
-            (i, j) for i, own in enumerate(outputs) for j, above in enumerate(self.project.inputs) if own.sp == above.op
+            (i, j)
+            for i, own in enumerate(outputs)
+            for j, above in enumerate(self.project.inputs)
+            if own.sp is not None and own.sp in (above.op, above.slave_sp)
         ]
         return frozenset(
             (row, column)
