@@ -112,6 +112,13 @@ def test_under_noise_the_local_closed_form_is_far_closer_than_the_route():
     assert off_route > 3 * off_local
 
 
+def test_an_element_that_stays_zero_has_no_parameters():
+    """Asked for where the model has none, and nothing of that output's error is more than noise."""
+    fit = paper_route([splitter(0.05)], MODEL, LOOP, {(1, 0): FOPDT, (1, 1): FOPDT})
+    assert not fit.plant[:, 1, 0].any()
+    assert fit.parameters.keys() == {(1, 1)}
+
+
 def test_what_cannot_be_estimated_is_refused():
     r = np.ones((500, 2)) * toggled(500, 50, 250)[:, None]
     e = sampled_response(TransferFunction.rational([1.0], [2.0, 1.0]), r[:, 0], H)

@@ -35,6 +35,8 @@ class Open:
     """Steps that nobody recorded; not where a disturbance is declared that would do what they do."""
     wanted: Collection[tuple[int, int]] = ()
     """Elements of which nobody said whether they are there."""
+    passed_on: Collection[tuple[int, int]] = ()
+    """Elements that the model lacks and is right to, whatever the record shows: they are not looked for."""
     drawn: Collection[int] = ()
     """Outputs that a historian filled in between few samples: its lines would pass for a structure."""
 

@@ -108,7 +108,8 @@ def paper_route(
     number of its coefficients. The plant by (20) is fitted from one period of the record to twice the model's fastest
     pole, each frequency with the same relative weight. No covariance: see the module for why the result is biased.
 
-    An output of which no stable error model explains more than noise does keeps e_Mr = 0, the model as it is.
+    An output of which no stable error model explains more than noise does keeps e_Mr = 0, the model as it is. An
+    element that the model lacks is zero then, and has no parameters.
 
     Raises Refused where there are no usable records or set-points, LoopError for a plant that is not square.
     """
@@ -149,6 +150,7 @@ def paper_route(
     parameters = {
         (i, j): fit_structure(w, plant[:, i, j], np.abs(plant[:, i, j]), structure).parameters
         for (i, j), structure in structures.items()
+        if plant[:, i, j].any()
     }
     return PaperFit(parameters, models, w, plant)
 

@@ -104,7 +104,8 @@ def identify_plant(
         block=choose_block(segments, everywhere),
         timing=timing,
     )
-    absent = [place for place in np.ndindex(*model.shape) if place not in specs and model[place].is_zero]
+    known = {*specs, *asked.passed_on}
+    absent = [place for place in np.ndindex(*model.shape) if place not in known and model[place].is_zero]
     estimates, again = {}, {}
     absence_p: dict[tuple[int, int], float] = {}
     doubtful: dict[int, tuple[int, ...]] = {}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from pydantic import Field, PrivateAttr, ValidationError
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from trueplant import datasets
 from trueplant.calendar import moment_in
@@ -88,6 +88,15 @@ class Declaration(Table):
 
     _folder: Path = PrivateAttr(default=Path())
     _source: str = PrivateAttr(default="project")
+
+    @model_validator(mode="after")
+    def _slaves_are_named(self) -> Self:
+        """An OP that is the set-point of another loop of the project has that loop for a slave."""
+        for j, entry in enumerate(self.inputs):
+            pv = next((loop.pv for loop in self.outputs if loop.sp == entry.op), None)
+            if pv is not None and entry.slave_sp is None:
+                self.inputs[j] = entry.model_copy(update={"slave_sp": entry.op, "slave_pv": pv})
+        return self
 
     @property
     def source(self) -> str:

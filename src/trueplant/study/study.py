@@ -116,6 +116,26 @@ class Study:
         return frozenset(place for place in np.ndindex(*self.model.shape) if self.project.wanted(*place))
 
     @property
+    def passed_on(self) -> frozenset[Place]:
+        """From what moves the PV of a slave loop to what its set-point moves, which is the OP of another input.
+
+        That is one element. Where the slave is at its limit, its own OP tells more of it than its set-point does.
+        """
+        outputs, model = self.project.outputs, self.model
+        slaves = [
+            (i, j)
+            for i, own in enumerate(outputs)
+            for j, above in enumerate(self.project.inputs)
+            if own.sp is not None and own.sp in (above.op, above.slave_sp)
+        ]
+        return frozenset(
+            (row, column)
+            for slave, master in slaves
+            for row, column in np.ndindex(*model.shape)
+            if column != master and not model[slave, column].is_zero and not model[row, master].is_zero
+        )
+
+    @property
     def modelled(self) -> BoolArray:
         """(n_y, n_u + n_d) False for the elements of which the project says nothing."""
         said: BoolArray = np.ones(self.model.shape, dtype=bool)

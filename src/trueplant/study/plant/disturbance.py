@@ -11,7 +11,7 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.disturbance import DisturbedFit, Part, Recovered, fit_with_disturbance, likelihood_p, recover
 from trueplant.identify import Budget, OutputEstimate
-from trueplant.identify.intervals import normal_intervals
+from trueplant.identify.intervals import as_wide_as, normal_intervals
 from trueplant.loop import Controller
 from trueplant.lti import TransferFunction, TransferMatrix, sampled_response
 from trueplant.record import Segment
@@ -124,11 +124,14 @@ def with_jumps(
     return tuple(replace(s, jumps=found.jumps) for s, found in zip(segments, recovered, strict=True))
 
 
-def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, confidence: float) -> OutputEstimate:
+def resting_on(
+    estimate: OutputEstimate, fit: DisturbedFit | None, confidence: float, stationary: bool = False
+) -> OutputEstimate:
     """The estimate with parameters, intervals and likelihood of the fit that takes the declared disturbance along.
 
     It stays as it is where that fit does not describe the record, and where it has been widened for what the fit does
-    not know: experiments that disagree, disturbances that reach several outputs.
+    not know: experiments that disagree, disturbances that reach several outputs. Beside a `stationary` disturbance,
+    which a noise model can be as well, dead times are known no better than without it.
     """
     known = estimate.predicted_by or estimate.jointly or estimate.disputed
     if fit is None or fit.whiteness_p < levels.MISDESCRIBED or known:
@@ -139,6 +142,12 @@ def resting_on(estimate: OutputEstimate, fit: DisturbedFit | None, confidence: f
     budget = Budget.of(fit.by_background).including(Source.DISTURBANCE, fit.covariance - fit.by_background)
     for source, more in estimate.uncounted.items():
         covariance, budget = covariance + more, budget.including(source, more)
+    curved = covariance
+    # over a dead time the cost has a minimum in every sample interval, and its curvature in one says too little
+    for index in map(int, np.flatnonzero(fit.row.is_dead_time & stationary)):
+        without = estimate.covariance
+        covariance = as_wide_as(covariance, index, float(without[index, index]), np.sqrt(np.diag(without)))
+    budget = budget.including(Source.PROFILE, covariance - curved)
     shift = 0.0 if estimate.runs is None else estimate.runs.shift
     theta = np.clip(fit.theta + shift, *fit.row.bounds())
     intervals = normal_intervals(fit.row, theta, covariance, confidence)

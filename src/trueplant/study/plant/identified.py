@@ -35,7 +35,7 @@ from trueplant.result import Code, Reason
 from trueplant.study.data.reached import unreached_elements
 from trueplant.study.data.scan import without_hidden_dynamics
 from trueplant.study.data.timing import timing_error, update_interval
-from trueplant.study.plant.disturbance import disturbed_fits, resting_on, with_jumps
+from trueplant.study.plant.disturbance import declared_parts, disturbed_fits, resting_on, with_jumps
 from trueplant.study.plant.drawn import drawn_outputs, held_between, widened_for_drawn
 from trueplant.study.plant.meanwhile import Run, moved_instead
 from trueplant.study.plant.on_grid import on_the_grid
@@ -155,6 +155,7 @@ def _identified(
             [place for place in study.specs if plain or study.project.structure(*place) is not None],
             loads=loads and not plain and not study.project.unmeasured,
             wanted=study.wanted,
+            passed_on=study.passed_on,
             drawn=drawn_outputs(study),
         ),
         study.project.analysis.confidence,
@@ -186,8 +187,9 @@ def _counted(names: Sequence[str], i: int) -> str:
 def _resting_on_disturbances(
     study: Study, estimates: Mapping[int, OutputEstimate], fits: Mapping[int, DisturbedFit]
 ) -> dict[int, OutputEstimate]:
-    confidence = study.project.analysis.confidence
-    return {i: resting_on(found, fits.get(i), confidence) for i, found in estimates.items()}
+    confidence, parts = study.project.analysis.confidence, declared_parts(study)
+    stationary = {i: all(part.kind == "ar1" for part in parts.get(i, ())) for i in estimates}
+    return {i: resting_on(found, fits.get(i), confidence, stationary[i]) for i, found in estimates.items()}
 
 
 def _missing(study: Study, taken: Mapping[Place, Spec]) -> tuple[Reason, ...]:
