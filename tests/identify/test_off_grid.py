@@ -22,6 +22,13 @@ from trueplant.study.data.prepare import prepare
 
 PLANT = TransferMatrix.of([["2 exp(-3.4 s)/(12 s + 1)", "3 exp(-1.2 s)/(4 s + 1)"]], "min")
 FINE = 0.1
+TABLES = """
+time_unit = "min"
+data = {time = "t"}
+experiment = [{file = "record.csv", loop = "open"}]
+output = [{name = "y", pv = "pv"}]
+input = [{name = "u", op = "op", actuator = "other"}]
+"""
 
 
 def odd(rng: np.random.Generator, samples: int) -> np.ndarray:
@@ -54,11 +61,6 @@ def recorded(folder: Path, seed: int, std: float, hold: str | None, runs: str = 
     pl.DataFrame({"t": s.t[at], "op": s.u[at, 0], "pv": s.y[at, 0], "feed": d[at]}).write_csv(folder / "record.csv")
     declared = "" if hold is None else f', hold = "{hold}"'
     text = f"""
-        time_unit = "min"
-        data = {{time = "t"}}
-        experiment = [{{file = "record.csv", loop = "open"}}]
-        output = [{{name = "y", pv = "pv"}}]
-        input = [{{name = "u", op = "op", actuator = "other"}}]
         disturbance = [{{name = "feed", column = "feed"{declared}}}]
         [[model]]
         output = "y"
@@ -69,7 +71,7 @@ def recorded(folder: Path, seed: int, std: float, hold: str | None, runs: str = 
         input = "feed"
         tf = "3 exp(-1.2 s)/(4 s + 1)"
     """
-    return Project.from_toml(text, folder)
+    return Project.from_toml(TABLES + text, folder)
 
 
 @pytest.mark.parametrize("hold", ["zoh", "linear"])
@@ -157,17 +159,9 @@ def with_two_feeds(folder: Path, seed: int, declared: str) -> Project:
     columns = {"t": FINE * at, "op": u[at, 0], "pv": y[at], "f1": runs[0][at], "f2": runs[1][at]}
     pl.DataFrame(columns).write_csv(folder / "record.csv")
     names = ("u", "f1", "f2")
-    text = f"""
-        time_unit = "min"
-        data = {{time = "t"}}
-        experiment = [{{file = "record.csv", loop = "open"}}]
-        output = [{{name = "y", pv = "pv"}}]
-        input = [{{name = "u", op = "op", actuator = "other"}}]
-        disturbance = [{declared}]
-    """
     formulas = zip(names, TWO_FEEDS.elements[0], strict=True)
     models = "".join(f'[[model]]\noutput = "y"\ninput = "{name}"\ntf = "{tf}"\n' for name, tf in formulas)
-    return Project.from_toml(text + models, folder)
+    return Project.from_toml(f"{TABLES}disturbance = [{declared}]\n{models}", folder)
 
 
 OPEN = '{name = "f1", column = "f1"}, {name = "f2", column = "f2"}'
