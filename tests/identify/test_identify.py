@@ -52,18 +52,6 @@ def test_exact_without_noise(i):
     assert np.max(np.abs(fit.theta / truth(i) - 1)) < 1e-7
 
 
-def test_a_dead_time_far_shorter_than_its_lag_is_not_drawn_to_the_inverse_of_a_fast_controller():
-    """Eight simulated records, 400 samples a lag: the mean of their errors, in standard errors, within 3 of its own."""
-    plant = TransferMatrix.of([["2 exp(-2 s)/(400 s + 1)"]], "s")
-    law, errors = Controller.diagonal([PID(Kc=5.0, Ti=100.0, sample_time=1.0)]), []
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        r, v = random_switching(rng, 6000, 1, 400.0), coloured(rng, 6000, 1, [1, -0.99], [1], 0.1)
-        found = identify_matrix([segment_of(simulate(plant, law, r, 1.0, v=v))], plant, specs_of(plant))[0]
-        errors.append((found.theta - [2.0, 400.0, 2.0]) / np.sqrt(np.diag(found.covariance)))
-    assert np.max(np.abs(np.mean(errors, axis=0))) < 3 / np.sqrt(8)
-
-
 @pytest.mark.slow
 def test_rms_error_is_at_the_bound_and_intervals_cover():
     """40 seeded runs; the thousand of them are in benchmarks/bench_wood_berry.py.

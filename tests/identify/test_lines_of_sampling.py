@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace as Stub
 from typing import Any
 
@@ -34,9 +33,8 @@ def row_of(*segments: Segment) -> Row:
     return Row((Spec(0, FOPDT, (2.0, 10.0, 1.0)),), pieces_of(segments, 0))
 
 
-def stride(samples: int, lag: float, closed: bool = False, update: float = np.inf) -> int:
-    segment = replace(record(samples), closed=closed)
-    return choose_stride([segment], [Spec(0, FOPDT, (1.0, lag, 0.0))], update)
+def stride(samples: int, lag: float) -> int:
+    return choose_stride([record(samples)], [Spec(0, FOPDT, (1.0, lag, 0.0))], np.inf)
 
 
 @pytest.mark.holds("identify.SAMPLES_PER_LAG")
@@ -47,11 +45,6 @@ def test_a_lag_keeps_eighty_samples() -> None:
 @pytest.mark.holds("identify.ENOUGH_SAMPLES")
 def test_a_short_record_keeps_a_thousand_samples() -> None:
     assert 700 < 6000 / stride(6000, 1e5) < 1400
-
-
-def test_in_closed_loop_every_update_of_pv_is_kept() -> None:
-    assert stride(60_000, 1600.0, closed=True) == 1
-    assert stride(60_000, 1600.0, closed=True, update=5.0) == 5
 
 
 @pytest.mark.holds("identify.SHORTEST_BLOCK", "identify.LAGS_PER_BLOCK")

@@ -104,7 +104,7 @@ GUESSED_ORDER = 2
 
 # Which samples are taken
 SAMPLES_PER_LAG = 80
-"""More samples than this per lag of the fastest element are left out of long records in open loop."""
+"""More samples than this per lag of the fastest element are left out of long records."""
 ENOUGH_SAMPLES = 1000
 """Samples that are kept in any case."""
 SHORTEST_BLOCK = 65_536

@@ -1,4 +1,4 @@
-"""Which samples an estimate looks at: real updates of PV, in open loop no finer than the lags deserve, in blocks."""
+"""Which samples an estimate looks at: real updates of PV, no finer than the lags deserve, in blocks."""
 
 from __future__ import annotations
 
@@ -37,19 +37,10 @@ class Sampling:
 
 
 def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_interval: float) -> int:
-    """Samples from one prediction error to the next: real updates of PV only, in open loop no finer than lags deserve.
+    """Samples from one prediction error to the next: real updates of PV only, no finer than the lags deserve.
 
-    A controller answers at once to every PV that it reads: where it closes the loop, OP between two errors would tell
-    of the noise in the second, and what predicts PV best would be the inverse of the controller.
     `specs` are all elements of the matrix: rows that share a stride can be compared.
     """
-    if any(segment.closed for segment in segments):
-        return samples_per_update(update_interval, segments[0].h)
-    return deserved_stride(segments, specs, update_interval)
-
-
-def deserved_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_interval: float) -> int:
-    """Samples from one to the next where PV is looked at no finer than the lags deserve."""
     h = segments[0].h
     held = samples_per_update(update_interval, h)
     samples = sum(len(segment) for segment in segments)

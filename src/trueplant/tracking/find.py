@@ -14,17 +14,7 @@ from typing import Any
 import numpy as np
 
 from trueplant.arrays import Array
-from trueplant.identify import (
-    Held,
-    Row,
-    RowFit,
-    Spec,
-    choose_stride,
-    deserved_stride,
-    estimate_row,
-    pieces_of,
-    samples_per_update,
-)
+from trueplant.identify import Held, Row, RowFit, Spec, choose_stride, estimate_row, pieces_of, samples_per_update
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.strides import typical_lag
 from trueplant.project import Project
@@ -119,10 +109,9 @@ class _Candidate:
 def _first_estimate(study: Study, moves: Mapping[int, Array], settle: float) -> list[_EstimatedRow]:
     """Each output from the stretch with most moves, a longer one while no gain of it is told."""
     interval = update_interval(study)
-    specs = list(study.specs.values())
-    stride = choose_stride(study.segments, specs, interval)
+    stride = choose_stride(study.segments, list(study.specs.values()), interval)
     update = samples_per_update(interval, study.segments[0].h)
-    samples, wanted = sum(map(len, study.segments)), levels.PILOT * deserved_stride(study.segments, specs, interval)
+    samples, wanted = sum(map(len, study.segments)), levels.PILOT * stride
     while True:
         segments = most_moves(study, moves, wanted)[1]
         rows = [row for i in range(study.model.shape[0]) if (row := _row(study, segments, i, stride, update, settle))]

@@ -38,7 +38,7 @@ IDLE = 2.0
 # -- planning them -------------------------------------------------------------------------------------------
 
 PILOT = 4000
-"""Samples of the first estimate, from which the windows are planned, no more than the lags deserve. Judgement."""
+"""Prediction errors of the first estimate, from which the windows are planned. Judgement."""
 PILOT_GROWTH = 4
 """Factor on its length where a gain is not identifiable yet."""
 LAST_STRETCH = 1.5
