@@ -253,8 +253,8 @@ def _stretch(study: Study, k: int, controller: Controller, i: int, segment: Segm
 
 def _late(written: _Written, controller: Controller, i: int) -> str:
     """What is recorded a sample late, if the declared law explains OP with that alone; else nothing."""
-    for move, other, late, error in ((_op_back, "last", "OP", "short"), (_pv_back, "next", "PV", "long")):
-        stretches = [move(stretch) for stretch in written.stretches]
+    for signals, other, late, error in (("tu", "last", "OP", "short"), ("y", "next", "PV", "long")):
+        stretches = [_a_sample_back(stretch, *signals) for stretch in written.stretches]
         instead = judged(stretches, controller, i, written.scale)
         if instead is not None and instead.confirmed:
             text = f"the declared controller reproduces OP from the {other} PV instead of the one beside it"
@@ -263,22 +263,11 @@ def _late(written: _Written, controller: Controller, i: int) -> str:
     return ""
 
 
-def _op_back(stretch: Stretch) -> Stretch:
-    """With each OP beside what was recorded a sample before it."""
+def _a_sample_back(stretch: Stretch, *late: str) -> Stretch:
+    """With what is `late` beside what was recorded a sample before it."""
+    moved = {name: getattr(stretch, name)[1:] if name in late else getattr(stretch, name)[:-1] for name in "tury"}
     settled = None if stretch.settled is None else stretch.settled[:-1]
-    good = stretch.good[1:] & stretch.good[:-1]
-    return replace(
-        stretch, t=stretch.t[1:], u=stretch.u[1:], r=stretch.r[:-1], y=stretch.y[:-1], good=good, settled=settled
-    )
-
-
-def _pv_back(stretch: Stretch) -> Stretch:
-    """With each PV beside what was recorded a sample before it."""
-    settled = None if stretch.settled is None else stretch.settled[:-1]
-    good = stretch.good[1:] & stretch.good[:-1]
-    return replace(
-        stretch, t=stretch.t[:-1], u=stretch.u[:-1], r=stretch.r[:-1], y=stretch.y[1:], good=good, settled=settled
-    )
+    return replace(stretch, **moved, good=stretch.good[1:] & stretch.good[:-1], settled=settled)
 
 
 def held(x: Array) -> Array:
