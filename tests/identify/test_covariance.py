@@ -11,7 +11,7 @@ from scipy.stats import f, norm, ttest_1samp
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, levels, pieces_of
-from trueplant.identify.covariance import inflation, joint_freedom, noise_freedom, told_at
+from trueplant.identify.covariance import inflated, inflation, joint_freedom, noise_freedom, told_at
 from trueplant.identify.fit import evaluate, restriction_of
 from trueplant.identify.likelihood import held_at, ratio_p
 from trueplant.identify.longest_noise import restricted
@@ -149,6 +149,19 @@ def test_rows_that_are_not_kept_say_the_same(monkeypatch):
     assert isinstance(kept.pieces, tuple) and not isinstance(anew.pieces, tuple)
     np.testing.assert_array_equal(anew.penalty(ar)[1], kept.penalty(ar)[1])
     np.testing.assert_array_equal(told_at(anew, ar), told_at(kept, ar))
+
+
+def test_inflated_covariances_are_larger_along_every_sum():
+    """By the eigenvalues of the difference, and by the variances of the parameters as `inflation` has them."""
+    for seed in range(4):
+        fit = fitted(seed, 0.97, 2)
+        wide, own = inflated(fit, 0.95), fit.covariance
+        apart = np.sqrt(np.diag(own))
+        assert np.linalg.eigvalsh((wide - own) / np.outer(apart, apart)).min() > -1e-12
+        np.testing.assert_allclose(inflation(fit, 0.95), np.diag(wide) / np.diag(own), rtol=1e-12)
+        held = held_at(fit, np.array([2]), fit.theta[[2]])
+        np.testing.assert_allclose(inflated(held, 0.95)[2], held.covariance[2], atol=1e-20)
+        assert inflation(held, 0.95)[2] == 1.0
 
 
 def test_noise_that_is_white_or_long_known_widens_nothing():

@@ -12,7 +12,7 @@ from scipy.special import gammaln
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, levels, pieces_of
 from trueplant.identify.covariance import inflation, small_samples
-from trueplant.identify.memory import _before, _pieces, _told, memory_growth, memory_heights
+from trueplant.identify.memory import _before, _grown, _pieces, _told, memory_heights, remembering
 from trueplant.identify.noise import choose_order, fit_ar
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
@@ -47,6 +47,12 @@ def fitted(seed: int, d: float, samples: int = 1500, std: float = 0.05, missing:
     return fit_row(row, TRUTH, fit_ar([errors], [valid], order)[0])
 
 
+def memory_growth(fit: RowFit) -> np.ndarray:
+    """(size,) of the variances."""
+    growth = remembering(fit)
+    return np.diag((growth.along * growth.factors) @ growth.along.T) / np.diag(fit.covariance)
+
+
 @pytest.mark.parametrize("d", [0.0, 0.4, 1.0])
 def test_restricted_likelihood_and_squares_are_those_of_dense_matrices(d):
     """The covariance of the noise as a matrix, its inverse and determinant by numpy; against those at no memory."""
@@ -68,17 +74,34 @@ def test_restricted_likelihood_and_squares_are_those_of_dense_matrices(d):
         away = fit.variance * fit.row.prior.penalty(fit.theta)
         whole = errors @ inverse @ errors + away - (slope - pull) @ shift
         variance = whole / left
-        squares = variance * np.diag(np.linalg.inv(information)) + shift**2
+        squares = variance * np.linalg.inv(information) + np.outer(shift, shift)
         determinant = np.linalg.slogdet(information)[1] - np.linalg.slogdet(inverse)[1]
         of_others = determinant + np.linalg.slogdet(np.linalg.inv(information)[:3, :3])[1]
-        return left * np.log(variance) + determinant, 298 * np.log(whole / 298) + of_others, squares[:3]
+        return left * np.log(variance) + determinant, 298 * np.log(whole / 298) + of_others, squares[:3, :3]
 
     own = {memory: _told(fit, [piece.with_memory(memory)], np.zeros(0), 0) for memory in (0.0, d)}
     assert columns.shape[1] == 5
     (deviance, height, squares), (at_none, height_at_none, _) = dense(d), dense(0.0)
-    np.testing.assert_allclose(own[d].squares, squares, rtol=1e-6)
+    np.testing.assert_allclose(own[d].squares, squares, rtol=1e-6, atol=1e-9 * np.abs(squares).max())
     np.testing.assert_allclose(own[d].deviance - own[0.0].deviance, deviance - at_none, atol=1e-5)
     np.testing.assert_allclose(own[d].height - own[0.0].height, height - height_at_none, atol=1e-5)
+
+
+def test_each_independent_sum_grows_by_itself():
+    """Of two lags of one size only the difference is open: the sum and the gain are as well known as they were."""
+    between = np.array([0.0, 1.0, -1.0, 0.0])
+    covariance = np.diag([0.04, 0.01, 0.01, 0.0]) + 9.0 * np.outer(between, between)
+    covariance[0, 1] = covariance[1, 0] = covariance[0, 2] = covariance[2, 0] = 0.005
+    free = np.array([True, True, True, False])
+    growth = _grown(covariance, covariance + 300.0 * np.outer(between, between), free)
+    larger = (growth.along * growth.factors) @ growth.along.T
+    together = np.array([0.0, 1.0, 1.0, 0.0])
+    np.testing.assert_allclose(growth.sums @ covariance @ growth.sums.T, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(growth.along @ growth.sums, np.diag(free), atol=1e-9)
+    np.testing.assert_allclose(larger, covariance + 300.0 * np.outer(between, between), atol=1e-8)
+    np.testing.assert_allclose(together @ larger @ together, together @ covariance @ together, rtol=1e-6)
+    smaller = _grown(covariance, 0.5 * covariance, free)
+    np.testing.assert_array_equal(smaller.factors, 1.0)
 
 
 def test_heights_rise_as_the_likelihood_does_and_by_less_where_slow_noise_hides_it():

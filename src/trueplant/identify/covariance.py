@@ -10,18 +10,33 @@ from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, restriction_of
 from trueplant.identify.lagged import at_samples, with_past
 from trueplant.identify.linear_algebra import inverse
-from trueplant.identify.memory import memory_growth
+from trueplant.identify.memory import remembering
 from trueplant.identify.restricted import Restriction
 from trueplant.identify.row import Row
 
 
-def inflation(fit: RowFit, confidence: float) -> Array:
-    """(size,) factors on the variances of theta for what is not known of the noise.
+def inflated(fit: RowFit, confidence: float) -> Array:
+    """Covariance (size, size) of theta with what is not known of the noise.
 
-    How long it remembers is open, and the fit takes a share of the slow noise with it (`memory_growth`); what is not
-    known of A(q) counts besides (`small_samples`). Of the two ways to see that the noise is larger the larger counts.
+    How long it remembers is open, and the fit takes a share of the slow noise with it (`remembering`); what is not
+    known of A(q) counts besides (`small_samples`). Of the two ways to see that the noise is larger the larger counts,
+    for each independent sum of parameters.
     """
-    return _widened(fit, confidence, memory_growth(fit))
+    growth = remembering(fit)
+    factors = _widened(fit, confidence, growth.factors, growth.sums)
+    variances = np.einsum("ia,ab,ib->i", growth.sums, fit.covariance, growth.sums)
+    return np.asarray(fit.covariance + (growth.along * (factors - 1) * variances) @ growth.along.T)
+
+
+def inflation(fit: RowFit, confidence: float) -> Array:
+    """(size,) factors by which `inflated` has larger variances."""
+    return growth_of(fit.covariance, inflated(fit, confidence))
+
+
+def growth_of(covariance: Array, larger: Array) -> Array:
+    """(size,) factors between variances; 1 for what is held."""
+    own = np.diag(covariance)
+    return np.divide(np.diag(larger), own, out=np.ones_like(own), where=own > 0)
 
 
 def small_samples(fit: RowFit, confidence: float) -> Array:
@@ -40,8 +55,8 @@ def small_samples(fit: RowFit, confidence: float) -> Array:
     return _widened(fit, confidence, np.ones(fit.theta.size))
 
 
-def _widened(fit: RowFit, confidence: float, growth: Array) -> Array:
-    uncertain = _uncertain(fit)
+def _widened(fit: RowFit, confidence: float, growth: Array, of: Array | None = None) -> Array:
+    uncertain = _uncertain(fit, of)
     known = fit.count * np.minimum((2 / fit.count / np.maximum(uncertain, 1 / fit.count)) ** 2, 1.0)
     left = np.maximum(known - int(fit.free.sum()) - fit.row.nuisance_count, known / 2)
     return np.asarray(np.maximum(growth, known / left) * student_factor(_freedom(fit, uncertain), confidence))

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
@@ -58,6 +59,21 @@ class _Piece:
         return np.asarray(rfft(self.rows, self._length))
 
 
+class Growth(NamedTuple):
+    """How much larger the errors of parameters are than their covariance says, apart for independent sums of them.
+
+    These sums are independent by the covariance and by the mean squares alike. Of two lags of one size the difference
+    may hardly be known and the sum well: by factors on each of the two the sum would be lost.
+    """
+
+    factors: Array
+    """(m,) on the variances of the sums, at least 1."""
+    sums: Array
+    """(m, size) of parameters, one for each that is free."""
+    along: Array
+    """(size, m): the parameters that make up each of the sums."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Told:
     """What a record tells under one noise."""
@@ -67,22 +83,30 @@ class _Told:
     deviance: float
     """-2 log restricted likelihood. Both with what the Bayesian criterion takes for the coefficients."""
     squares: Array
-    """(size,) mean squares of the parameters about the estimate."""
+    """(size, size) mean squares and products of the parameters about the estimate."""
 
 
-def memory_growth(fit: RowFit) -> Array:
-    """(size,) mean squares of the parameters about the fit, over the memories that the noise may have.
-
-    Relative to the variances of the fit, and at least 1.
-    """
+def remembering(fit: RowFit) -> Growth:
+    """The mean squares of the parameters about the fit, over the memories that the noise may have."""
     part = of_a_part(fit)
     told = _told_of([part])[0]
     deviances = np.array([one.deviance for one in told])
     shares = _before() * np.exp((deviances.min() - deviances) / 2)
-    squares = shares @ np.array([one.squares for one in told]) / shares.sum()
-    own = np.diag(part.covariance)
-    growth = np.divide(squares, own, out=np.ones_like(own), where=part.free & (own > 0))
-    return np.asarray(np.maximum(growth, 1.0))
+    squares = np.tensordot(shares / shares.sum(), np.array([one.squares for one in told]), axes=1)
+    return _grown(part.covariance, squares, part.free)
+
+
+def _grown(covariance: Array, squares: Array, free: BoolArray) -> Growth:
+    """From covariance and mean squares (size, size), both diagonal in the same sums."""
+    chosen = np.flatnonzero(free)
+    size = np.sqrt(np.diag(covariance)[chosen])
+    values, vectors = np.linalg.eigh(covariance[np.ix_(chosen, chosen)] / np.outer(size, size))
+    root = np.sqrt(np.maximum(values, levels.LOST**2))
+    apart = vectors.T / root[:, None] / size
+    growth, turned = np.linalg.eigh(apart @ squares[np.ix_(chosen, chosen)] @ apart.T)
+    sums, back = np.zeros((2, chosen.size, covariance.shape[0]))
+    sums[:, chosen], back[:, chosen] = turned.T @ apart, turned.T @ (root[:, None] * vectors.T * size)
+    return Growth(np.maximum(growth, 1.0), sums, back.T)
 
 
 def memory_heights(fits: Sequence[RowFit]) -> Array:
@@ -158,11 +182,11 @@ def _told(fit: RowFit, pieces: Sequence[_Piece], ar: Array, longest: int) -> _To
         determinant += log_determinant(known)
     told = information[np.ix_(free, free)]
     back = inverse(told)
-    covariance, shift = np.zeros(size), np.zeros(size)
-    covariance[free], shift[free] = np.diag(back), back @ slope[free]
+    covariance, shift = np.zeros((size, size)), np.zeros(size)
+    covariance[np.ix_(free, free)], shift[free] = back, back @ slope[free]
     there = max(count - sum(piece.known.size for piece in pieces), 1)
     left = max(there - int(free.sum()), 1)
     squares = max(squares - float(slope @ shift), np.finfo(float).tiny)
     taken = determinant + ar.size * np.log(max(count, 1))
     height, deviance = there * np.log(squares / there), left * np.log(squares / left) + log_determinant(told)
-    return _Told(height + taken, deviance + taken, covariance * squares / left + shift**2)
+    return _Told(height + taken, deviance + taken, covariance * squares / left + np.outer(shift, shift))

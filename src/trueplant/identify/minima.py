@@ -20,7 +20,7 @@ from scipy.stats import norm
 from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import most_moved, of_a_part
-from trueplant.identify.covariance import inflation, small_samples
+from trueplant.identify.covariance import growth_of, inflated, small_samples
 from trueplant.identify.fit import RowFit, refitted
 from trueplant.identify.intervals import as_wide_as
 from trueplant.identify.likelihood import rise
@@ -34,14 +34,19 @@ class OpenMinima:
     fits: tuple[RowFit, ...]
     rises: Array
     """(n_minima,) of -2 log likelihood above the deepest; below 0 where the noise may have a memory and it is not."""
-    factor: Array
-    """(size,) of the variances (`inflation`)."""
+    inflated: Array
+    """(size, size) covariance at the deepest (`inflated`)."""
     quantile: float
     """Of the normal distribution, for the confidence asked for."""
 
     @property
     def best(self) -> RowFit:
         return self.fits[0]
+
+    @property
+    def factor(self) -> Array:
+        """(size,) of the variances, for what is not known of the noise."""
+        return growth_of(self.best.covariance, self.inflated)
 
     @cached_property
     def _widths(self) -> tuple[Array, ...]:
@@ -121,9 +126,9 @@ def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
         found = _distinct([_labelled(fit, like), *others])
     # The memories are not gone through for those that are so high that their probability is 0 in any case.
     found = [one for one in found if np.exp(-rise(found[0], one) / 2) > 0]
-    factor, quantile = inflation(found[0], confidence), float(norm.ppf(0.5 + confidence / 2))
-    rises = np.zeros(1) if len(found) == 1 else _rises(found, factor, confidence)
-    return OpenMinima(tuple(found), rises, factor, quantile)
+    wide, quantile = inflated(found[0], confidence), float(norm.ppf(0.5 + confidence / 2))
+    rises = np.zeros(1) if len(found) == 1 else _rises(found, growth_of(found[0].covariance, wide), confidence)
+    return OpenMinima(tuple(found), rises, wide, quantile)
 
 
 def _rises(fits: Sequence[RowFit], factor: Array, confidence: float) -> Array:

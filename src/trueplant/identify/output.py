@@ -14,7 +14,7 @@ from trueplant.identify import levels
 from trueplant.identify.between_experiments import Runs, compare_runs
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.budget import Budget
-from trueplant.identify.covariance import scaled, small_samples
+from trueplant.identify.covariance import small_samples
 from trueplant.identify.dead_times import without_unseen_dead_times
 from trueplant.identify.estimate import Options, estimate_row, free_of_noise
 from trueplant.identify.fit import RowFit
@@ -202,9 +202,9 @@ def identify_output(
     # A dead time that was left out may be there, too small to be seen: then the others are as the fit with it has them.
     left_out = np.where(fit.free, full.theta - fit.theta, 0.0)
     uncounted = parts_uncounted(fit, runs, left_out, sampling, segments)
-    more, budget = _beyond_likelihood(fit, factor, uncounted)
+    more, budget = _beyond_likelihood(fit, minima.inflated, uncounted)
     shift = np.zeros(row.size) if runs is None else runs.shift
-    theta, covariance = np.clip(fit.theta + shift, *row.bounds()), scaled(fit.covariance, factor) + more
+    theta, covariance = np.clip(fit.theta + shift, *row.bounds()), minima.inflated + more
     alone, follows = ([fit], tests.cross_p) if runs is None else (runs.fits, runs.cross_p)
     moved, shifts = order_dependence(fit, covariance, follows, alone)
     added = np.zeros_like(covariance)
@@ -261,10 +261,10 @@ def _row(
     return Row(tuple(specs), pieces, sampling.stride)
 
 
-def _beyond_likelihood(fit: RowFit, factor: Array, uncounted: Mapping[Source, Array]) -> tuple[Array, Budget]:
+def _beyond_likelihood(fit: RowFit, inflated: Array, uncounted: Mapping[Source, Array]) -> tuple[Array, Budget]:
     """What neither the curvature of the likelihood nor its profiles count (size, size), and the budget with it."""
     plain = fit.covariance
-    budget = Budget.of(plain).including(Source.SLOW_NOISE, scaled(plain, factor) - plain)
+    budget = Budget.of(plain).including(Source.SLOW_NOISE, inflated - plain)
     colour = sandwich_covariance(fit) - plain
     counted = {source: uncounted[source] for source in (Source.START, Source.EXPERIMENTS) if source in uncounted}
     for source, one in {Source.START: plain, Source.COLOUR: colour, **counted}.items():
