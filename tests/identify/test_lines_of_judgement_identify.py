@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import norm
 
 from support.simulated import segment_of
-from trueplant.identify import Spec, between_experiments, noise_order, output, pieces_of, shared_disturbance
+from trueplant.identify import Spec, between_experiments, intervals, noise_order, output, pieces_of, shared_disturbance
 from trueplant.identify.covariance import noise_freedom, student_factor
 from trueplant.identify.instrumental.choice import Candidate, _said
 from trueplant.identify.instrumental.order import Order
@@ -57,10 +57,10 @@ def test_what_is_known_to_half_of_itself_is_not_known(error, known):
 @pytest.mark.holds("identify.PROFILED", "identify.HOPELESS_ERROR")
 @pytest.mark.parametrize(("relative", "profiled"), [(0.15, False), (0.3, True), (800.0, True), (1500.0, False)])
 def test_an_interval_is_profiled_where_a_lag_is_known_poorly_but_not_hopelessly(relative, profiled, monkeypatch):
-    monkeypatch.setattr(output, "free_of_noise", lambda fit: False)
+    monkeypatch.setattr(intervals, "free_of_noise", lambda fit: False)
     row = Stub(is_gain=np.array([False]), is_dead_time=np.array([False]))
     fit: Any = Stub(row=row, theta=np.array([10.0]), covariance=np.array([[(10 * relative) ** 2]]), free=[True])
-    assert (output._profiled(fit) == [0]) is profiled
+    assert (intervals.profiled(fit) == [0]) is profiled
 
 
 @pytest.mark.holds("identify.NOISE_SHIFT_ERRORS", "identify.NOISE_SHIFT_SHARE", "identify.RIVAL_NEAR")

@@ -8,7 +8,9 @@ import pytest
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, Spec, fit_row, identify_output, minima, output, pieces_of
 from trueplant.identify.covariance import scaled
+from trueplant.identify.fit import refitted
 from trueplant.identify.intervals import as_wide_as, profile_of
+from trueplant.identify.likelihood import rise
 from trueplant.identify.minima import open_minima
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
@@ -82,6 +84,8 @@ def test_every_open_minimum_belongs_to_the_interval(monkeypatch):
         for fit in [one for one, risen in zip(found.fits, found.rises, strict=True) if risen < 3.84]:
             assert np.all(estimate.intervals[:, 0] <= fit.theta + 1e-9 * np.abs(fit.theta))
             assert np.all(fit.theta <= estimate.intervals[:, 1] + 1e-9 * np.abs(fit.theta))
+            apart = np.abs(fit.theta - estimate.theta) / 1.96
+            assert np.all(np.sqrt(np.diag(estimate.covariance)) >= 0.999 * apart)
         own = scaled(found.best.covariance, found.factor)
         mixture, apart = found.widened(own), np.array([one.theta for one in found.fits]) - found.best.theta
         assert np.all(np.linalg.eigvalsh(mixture - own) > -1e-9 * np.trace(mixture)), "no direction is narrower"
@@ -138,8 +142,38 @@ def test_profiles_say_how_far_the_others_go():
     profile, sigma = profile_of(fit, 1, 0.95), np.sqrt(np.diag(fit.covariance))
     np.testing.assert_allclose(np.subtract(profile.ends, fit.theta[1]), [-1.96 * sigma[1], 1.96 * sigma[1]], rtol=0.1)
     along = fit.covariance[:, 1] / sigma[1]
-    np.testing.assert_allclose(profile.away[1][[0, 1]], along[[0, 1]], rtol=0.15)
-    np.testing.assert_allclose(profile.furthest, np.abs(profile.away).max(axis=0))
+    away = [np.abs(side.fitted.theta - fit.theta) / 1.96 for side in profile.sides]
+    np.testing.assert_allclose(away[1][[0, 1]], np.abs(along[[0, 1]]), rtol=0.15)
+    np.testing.assert_allclose(profile.furthest, np.max(away, axis=0), rtol=1e-4)
+    assert profile.reach(profile.ends, 0.0) == profile.ends
+
+
+@pytest.mark.parametrize(("seed", "std"), [(1, 0.1), (1, 0.3), (2, 0.3), (6, 0.3)])
+def test_a_dead_time_of_a_term_that_may_have_no_gain_has_the_hull_of_all_valleys(seed, std):
+    """Against the likelihood at every dead time up to 100, begun anew from three places each."""
+    truth = np.array([3.0, -0.3, 14.0, 9.0, 3.4, 26.7])
+    row = Row((Spec(0, TWO_TERMS, tuple(truth)),), pieces_of([record(TWO_TERMS, truth, seed, std)], 0))
+    fit = open_minima(fit_row(row, truth, np.array([-0.9])), 0.95).best
+    profile, begun = profile_of(fit, 5, 0.95), (fit.theta, truth, truth * [1, 0, 1, 1, 1, 1])
+    places, free = np.arange(0.0, 101.0, 2.0), np.arange(6) != 5
+
+    def lowest(place: float) -> float:
+        return min(rise(fit, refitted(fit, np.append(start[:5], place), free)) for start in begun)
+
+    within = places[[lowest(place) < 1.96**2 for place in places]]
+    low, high = profile.ends
+    assert low <= within.min() + 2 and high >= min(within.max(), 98.0) - 2
+    assert np.diff(within).max() > 2, "the first end of a valley is not the last"
+
+
+def test_where_a_profile_has_no_end_it_says_how_far_was_looked():
+    truth = np.array([3.0, -0.3, 14.0, 9.0, 3.4, 26.7])
+    row = Row((Spec(0, TWO_TERMS, tuple(truth)),), pieces_of([record(TWO_TERMS, truth, 2, 0.1)], 0))
+    fit = open_minima(fit_row(row, truth, np.array([-0.9])), 0.95).best
+    profile, sigma = profile_of(fit, 5, 0.95), np.sqrt(fit.covariance[5, 5])
+    assert profile.ends == (0.0, np.inf)
+    low, high = profile.reach(profile.ends, 1.0)
+    assert low == 0.0 and high >= fit.theta[5] + 1.0 + 11 * sigma
 
 
 def further_minima(found: int, descents: int) -> float:

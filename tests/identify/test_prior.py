@@ -83,14 +83,14 @@ def test_a_lag_that_a_lead_cancels_stays_near_the_model():
 
 
 def test_verdicts_count_slow_noise_as_intervals_do():
-    """A likelihood ratio is divided by the factor by which the covariance is wider than its curvature says."""
+    """A likelihood ratio is divided by the factors for what is not known of the noise model."""
     fopdt, truth = Structure.parse("fopdt"), np.array([2.0, 10.0, 3.3])
     found = identify_output([record(fopdt, truth, 4, 600)], 0, [Spec(0, fopdt, tuple(truth))])
     index, values = np.arange(3), truth * [1.1, 1.1, 1.0]
     plain = ratio_p(rise(found.fit, held_at(found.fit, index, values)), 3)
-    assert np.all(found.factor > 1)
+    assert np.all(found.factor > 1) and np.all(found.ratio_factor > 1)
     assert found.likelihood_ratio_p(index, values) == pytest.approx(
-        chi2.sf(chi2.isf(plain, 3) / found.factor.mean(), 3)
+        chi2.sf(chi2.isf(plain, 3) / found.ratio_factor.mean(), 3)
     )
     assert found.absence_p(0) >= ratio_p(rise(found.fit, without_element(found.fit, 0)), SEARCHED_FREEDOM + 3)
 

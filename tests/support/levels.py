@@ -23,9 +23,10 @@ NO_THRESHOLDS = {
         identify.SECOND_LAGS identify.CANCELLED_LAGS identify.PAIR_DAMPINGS identify.RICHER_LAGS
         identify.POLISHED_STEPS identify.FIRST_SCALES identify.GUESSED_ORDER identify.MEMORIES
         identify.RUN_SPREADS identify.BACKLASHES identify.STICK_BANDS identify.VALVE_FACTORS identify.VALVE_ROUNDS
-        identify.PROFILED_STEPS identify.MINIMA_STARTS identify.MINIMA_SPREAD identify.MINIMA_SEED identify.MINIMA_ALIKE
-        identify.MINIMA_POLISHED identify.TRIED_SETTLED identify.PROFILE_TOLERANCE identify.MISSING_LAGS_APART
-        identify.MISSING_DEAD_TIMES identify.JOINT_ITERATIONS identify.ONE_STEP_ROUNDS identify.ONE_STEP_SETTLED
+        identify.PROFILED_STEPS identify.PROFILE_PLACES identify.MINIMA_STARTS identify.MINIMA_SPREAD
+        identify.MINIMA_SEED identify.MINIMA_ALIKE identify.MINIMA_POLISHED identify.TRIED_SETTLED
+        identify.PROFILE_TOLERANCE identify.MISSING_LAGS_APART identify.MISSING_DEAD_TIMES
+        identify.JOINT_ITERATIONS identify.ONE_STEP_ROUNDS identify.ONE_STEP_SETTLED
         identify.VARX_LAGS identify.PAPER_FILTERS identify.ORDERS identify.CLSRIVC_ROUNDS identify.LAG_GROWTH
         identify.FILTER_CUTOFFS identify.DEAD_TIME_GRID identify.DEAD_TIME_COARSE identify.SCAN_ROUNDS
         identify.MINIMA_KEPT identify.ARMA_ORDERS identify.NOISE_ROUNDS identify.NOISE_SETTLED

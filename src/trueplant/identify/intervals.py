@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import norm
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
+from trueplant.identify.estimate import free_of_noise
 from trueplant.identify.fit import RowFit, refitted
 from trueplant.identify.likelihood import rise
 from trueplant.identify.row import Row
@@ -22,18 +24,54 @@ def normal_intervals(row: Row, theta: Array, covariance: Array, confidence: floa
     return np.asarray(np.clip(np.column_stack([theta - half, theta + half]), low[:, None], high[:, None]))
 
 
+class End(NamedTuple):
+    """Where the profile likelihood of one parameter ends on one side."""
+
+    value: float
+    seen: float
+    """The furthest value that was looked at and belongs to the interval: the end itself, where there is one."""
+    fitted: RowFit
+    """The fit held there."""
+
+
 @dataclass(frozen=True, eq=False)
 class Profile:
     """What the profile likelihood says of one parameter."""
 
-    ends: tuple[float, float]
-    away: tuple[Array, Array]
-    """(n,) by how much the parameters have moved at each end, over the quantile: as standard errors."""
+    fit: RowFit
+    sides: tuple[End, End]
+    """Below and above."""
+    quantile: float
+    """Of the normal distribution, for the confidence."""
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The interval."""
+        return self.sides[0].value, self.sides[1].value
 
     @property
     def furthest(self) -> Array:
-        """(n,) the further of both."""
-        return np.asarray(np.abs(self.away).max(axis=0))
+        """(n,) by how much the parameters have moved at the further end, over the quantile: as standard errors."""
+        moved = np.array([side.fitted.theta - self.fit.theta for side in self.sides])
+        return np.asarray(np.abs(moved).max(axis=0) / self.quantile)
+
+    def reach(self, ends: tuple[float, float], shift: float) -> tuple[float, float]:
+        """The interval with these ends; where it has none, as far as was looked, shifted as they are."""
+        low, high = (end if np.isfinite(end) else side.seen + shift for end, side in zip(ends, self.sides, strict=True))
+        return low, high
+
+
+def profiled(fit: RowFit) -> list[int]:
+    """Dead times, and parameters that are known poorly but not hopelessly; none where all that is left is rounding."""
+    if free_of_noise(fit):
+        return []
+    chosen = []
+    sigma = np.sqrt(np.diag(fit.covariance))
+    for index in np.flatnonzero(~fit.row.is_gain):
+        relative = sigma[index] / max(abs(fit.theta[index]), 1e-300) if fit.free[index] else levels.PROFILED
+        if (fit.row.is_dead_time[index] or relative > levels.PROFILED) and relative < levels.HOPELESS_ERROR:
+            chosen.append(int(index))
+    return chosen
 
 
 def profile_of(fit: RowFit, index: int, confidence: float, factor: float = 1.0, rounds: int = 6) -> Profile:
@@ -42,12 +80,18 @@ def profile_of(fit: RowFit, index: int, confidence: float, factor: float = 1.0, 
     The end points are where the deviance, minimised over everything else, has risen by `factor` times the chi-square
     quantile (Venzon and Moolgavkar 1988). An end that is not found within PROFILE_FURTHEST standard errors, or lies
     beyond the parameter's bound, is the bound; one that is not found to PROFILE_TOLERANCE is a value beyond it.
+
+    A dead time of several delayed terms has the hull of all places where the deviance is below that, as far as can be
+    expected: where its term may have no gain, it may be anything.
     """
-    z = float(norm.ppf(0.5 + confidence / 2) * np.sqrt(factor))
-    below, above = (_end(fit, index, side, z, rounds) for side in (-1, 1))
-    quantile = norm.ppf(0.5 + confidence / 2)
-    away = tuple((fitted.theta - fit.theta) / quantile for _, fitted in (below, above))
-    return Profile((below[0], above[0]), (away[0], away[1]))
+    reach = _reach(fit, index)
+    quantile = float(norm.ppf(0.5 + confidence / 2))
+    z = quantile * float(np.sqrt(factor))
+    sides = []
+    for side in (-1, 1):
+        end = _end(fit, index, side, z, rounds)
+        sides.append(_furthest(fit, index, side, z, end, reach) if reach > 0 else end)
+    return Profile(fit, (sides[0], sides[1]), quantile)
 
 
 def as_wide_as(covariance: Array, index: int, variance: float, furthest: Array) -> Array:
@@ -65,13 +109,13 @@ def as_wide_as(covariance: Array, index: int, variance: float, furthest: Array) 
 
 
 def variance_of(ends: tuple[float, float], value: float, confidence: float) -> float:
-    """The variance that an interval says, by its longer side, as the other may end at a bound; 0 without an end.
+    """The variance that an interval says, by its longer side, as the other may end at a bound.
 
     A dead time has a minimum of its own in every sample interval, and the curvature in one of them says little about
     how far away the others are.
     """
     longest = max(value - ends[0], ends[1] - value)
-    return float(longest / norm.ppf(0.5 + confidence / 2)) ** 2 if np.isfinite(longest) else 0.0
+    return float(longest / norm.ppf(0.5 + confidence / 2)) ** 2
 
 
 def widened(ends: Sequence[float] | Array, value: float, variance: float, confidence: float) -> tuple[float, float]:
@@ -138,15 +182,15 @@ class Mixture:
         return np.where(finite, found, np.nan)
 
 
-def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> tuple[float, RowFit]:
-    """Where the profile ends on one side, and the last fit that was held there."""
+def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> End:
+    """The first end on one side."""
     centre, sigma = float(fit.theta[index]), float(np.sqrt(fit.covariance[index, index]))
     bound = float(fit.row.bounds()[side > 0][index])
     furthest = levels.PROFILE_FURTHEST * sigma
     if np.isfinite(bound):
         furthest = min(furthest, abs(bound - centre))
     if not np.isfinite(furthest) or furthest <= 0:
-        return bound, fit
+        return End(bound, centre if np.isinf(bound) else bound, fit)
     inside, inside_root = 0.0, 0.0
     outside, outside_root = None, None
     distance = min(z * sigma, furthest)
@@ -155,10 +199,11 @@ def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> tuple[flo
         nearest = _constrained(nearest, index, centre + side * distance)
         root = float(np.sqrt(rise(fit, nearest)))
         if abs(root - z) < levels.PROFILE_TOLERANCE * z:
-            return centre + side * distance, nearest
+            value = centre + side * distance
+            return End(value, value, nearest)
         if root < z:
             if distance >= furthest:
-                return bound, nearest
+                return End(bound, centre + side * distance, nearest)
             inside, inside_root = distance, root
         else:
             outside, outside_root = distance, root
@@ -167,7 +212,37 @@ def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> tuple[flo
         else:
             share = (z - inside_root) / max(outside_root - inside_root, 1e-12)
             distance = inside + min(max(share, 0.05), 0.95) * (outside - inside)
-    return (bound if outside is None else centre + side * outside), nearest
+    value = bound if outside is None else centre + side * outside
+    return End(value, centre + side * (inside if outside is None else outside), nearest)
+
+
+def _reach(fit: RowFit, index: int) -> float:
+    """How far a dead time of several delayed terms is looked for: it may be as long as its element takes to answer."""
+    if not fit.row.is_dead_time[index]:
+        return 0.0
+    m = next(m for m, part in enumerate(fit.row.slices) if part.start <= index < part.stop)
+    if fit.row.specs[m].structure.delayed == 1:
+        return 0.0
+    return float(fit.theta[index] + fit.row.lag(m, fit.theta[fit.row.slices[m]]))
+
+
+def _furthest(fit: RowFit, index: int, side: int, z: float, first: End, reach: float) -> End:
+    """The last end within `reach`: a likelihood with several valleys, or one that is flat far away, crosses z again."""
+    centre, sigma = float(fit.theta[index]), float(np.sqrt(fit.covariance[index, index]))
+    bound = float(fit.row.bounds()[side > 0][index])
+    distance = min(max(reach, levels.PROFILE_FURTHEST * sigma), abs(bound - centre))
+    if first.value == bound or distance <= abs(first.value - centre):
+        return first
+    outside, outside_root = bound, np.inf
+    for value in np.linspace(centre + side * distance, first.value, levels.PROFILE_PLACES, endpoint=False):
+        fitted = _constrained(fit, index, float(value))
+        root = float(np.sqrt(rise(fit, fitted)))
+        if root < z:
+            share = (z - root) / (outside_root - root)
+            end = float(value + share * (outside - value)) if np.isfinite(outside_root) else outside
+            return End(end, float(value) if np.isinf(end) else end, fitted)
+        outside, outside_root = float(value), root
+    return first
 
 
 def _constrained(fit: RowFit, index: int, value: float) -> RowFit:

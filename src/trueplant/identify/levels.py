@@ -131,6 +131,8 @@ RECORDED_DIGITS = 1e-6
 """Relative standard error below which no estimate from recorded numbers is taken for true."""
 PROFILE_FURTHEST = 12
 """Standard errors within which the end of a profile interval is looked for; beyond, it counts as unbounded."""
+PROFILE_PLACES = 6
+"""Places on each side at which a profile with several valleys is looked at beyond its first end."""
 PROFILED = 0.2
 """Relative standard error from which an interval is taken from the profile likelihood."""
 FEWEST_SAMPLES = 2.5

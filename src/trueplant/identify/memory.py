@@ -98,7 +98,7 @@ def remembering(fit: RowFit) -> Growth:
 
 def _grown(covariance: Array, squares: Array, free: BoolArray) -> Growth:
     """From covariance and mean squares (size, size), both diagonal in the same sums."""
-    chosen = np.flatnonzero(free)
+    chosen = np.flatnonzero(free & (np.diag(covariance) > 0))
     size = np.sqrt(np.diag(covariance)[chosen])
     values, vectors = np.linalg.eigh(covariance[np.ix_(chosen, chosen)] / np.outer(size, size))
     root = np.sqrt(np.maximum(values, levels.LOST**2))

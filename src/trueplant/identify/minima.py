@@ -106,6 +106,14 @@ class OpenMinima:
             out[:, 1] = np.maximum(out[:, 1], np.minimum(one.theta + shift + reach, high))
         return out
 
+    def as_far_as_apart(self, covariance: Array) -> Array:
+        """The covariance (n, n) with standard errors no smaller than the minima in the interval are apart."""
+        inside = [one.theta for one, risen in zip(self.fits, self.rises, strict=True) if risen < self.quantile**2]
+        furthest = np.abs(np.array([self.best.theta, *inside]) - self.best.theta).max(axis=0) / self.quantile
+        for index in np.flatnonzero(furthest > 0):
+            covariance = as_wide_as(covariance, int(index), float(furthest[index]) ** 2, furthest)
+        return covariance
+
 
 def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
     """The minima found from many starts.

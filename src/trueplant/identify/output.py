@@ -16,9 +16,17 @@ from trueplant.identify.blocks import in_blocks
 from trueplant.identify.budget import Budget
 from trueplant.identify.covariance import small_samples
 from trueplant.identify.dead_times import without_unseen_dead_times
-from trueplant.identify.estimate import Options, estimate_row, free_of_noise
+from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.fit import RowFit
-from trueplant.identify.intervals import Mixture, as_wide_as, normal_intervals, profile_of, variance_of, widened
+from trueplant.identify.intervals import (
+    Mixture,
+    as_wide_as,
+    normal_intervals,
+    profile_of,
+    profiled,
+    variance_of,
+    widened,
+)
 from trueplant.identify.likelihood import at_model, held_at, ratio_p, rise, without_element
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.minima import OpenMinima, open_minima
@@ -218,18 +226,7 @@ def identify_output(
     unprofiled = minima.widened(covariance)
     beside_ratio = fit.covariance + more + uncounted[Source.LEFT_OUT] + uncounted[Source.ROUNDING]
     covariance, budget = unprofiled, budget.including(Source.MINIMA, unprofiled - covariance)
-    profiles = {}
-    for index in _profiled(fit):
-        # A dead time that is fixed at 0 may still be as large as the data allow.
-        profiled = fit if fit.free[index] else full
-        profile = profile_of(profiled, index, confidence, float(factor[index]))
-        ends, value = np.add(profile.ends, shift[index]), float(theta[index])
-        low, high = widened(ends, value, added[index, index] + more[index, index], confidence)
-        covariance = as_wide_as(covariance, index, variance_of((low, high), value, confidence), profile.furthest)
-        profiles[index] = low, high
-    intervals = normal_intervals(row, theta, covariance, confidence)
-    for index, both in profiles.items():
-        intervals[index] = both
+    intervals, covariance = _intervals(minima, full, theta, shift, covariance, added + more, confidence)
     return OutputEstimate(
         output=output,
         fit=fit,
@@ -237,7 +234,7 @@ def identify_output(
         covariance=covariance,
         uncounted=uncounted,
         budget=budget.including(Source.PROFILE, covariance - unprofiled),
-        intervals=minima.hull(intervals, shift),
+        intervals=intervals,
         runs=runs,
         order_dependence=moved,
         tests=tests,
@@ -272,24 +269,33 @@ def _beyond_likelihood(fit: RowFit, inflated: Array, uncounted: Mapping[Source, 
     return sum(counted.values(), colour), budget
 
 
+def _intervals(
+    minima: OpenMinima, full: RowFit, theta: Array, shift: Array, covariance: Array, beyond: Array, confidence: float
+) -> tuple[Array, Array]:
+    """Intervals (size, 2), and the covariance with standard errors as large as the likelihood's valleys are wide.
+
+    `beyond` (size, size) is what profiles do not count.
+    """
+    fit, profiles = minima.best, {}
+    for index in profiled(fit):
+        # A dead time that is fixed at 0 may still be as large as the data allow.
+        free = fit if fit.free[index] else full
+        profile = profile_of(free, index, confidence, float(minima.factor[index]))
+        ends, value = np.add(profile.ends, shift[index]), float(theta[index])
+        profiles[index] = low, high = widened(ends, value, beyond[index, index], confidence)
+        variance = variance_of(profile.reach((low, high), shift[index]), value, confidence)
+        covariance = as_wide_as(covariance, index, variance, profile.furthest)
+    intervals = normal_intervals(minima.best.row, theta, covariance, confidence)
+    for index, both in profiles.items():
+        intervals[index] = both
+    return minima.hull(intervals, shift), minima.as_far_as_apart(covariance)
+
+
 def _fitted(found: RowFit, confidence: float) -> tuple[RowFit, OpenMinima]:
     """The deepest minimum, and the minima where dead times that neither model nor record shows are fixed at 0."""
     minima = open_minima(found, confidence)
     fit = without_unseen_dead_times(minima.best)
     return minima.best, minima if fit is minima.best else open_minima(fit, confidence)
-
-
-def _profiled(fit: RowFit) -> list[int]:
-    """Dead times, and parameters that are known poorly but not hopelessly; none where all that is left is rounding."""
-    if free_of_noise(fit):
-        return []
-    chosen = []
-    sigma = np.sqrt(np.diag(fit.covariance))
-    for index in np.flatnonzero(~fit.row.is_gain):
-        relative = sigma[index] / max(abs(fit.theta[index]), 1e-300) if fit.free[index] else levels.PROFILED
-        if (fit.row.is_dead_time[index] or relative > levels.PROFILED) and relative < levels.HOPELESS_ERROR:
-            chosen.append(int(index))
-    return chosen
 
 
 def averaged(
