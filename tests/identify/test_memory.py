@@ -69,7 +69,8 @@ def test_restricted_likelihood_and_squares_are_those_of_dense_matrices(d):
         pull = fit.variance * np.concatenate([fit.row.prior.normal_equations(fit.theta)[1], np.zeros(2)])
         information = columns.T @ inverse @ columns + np.diag(prior) + np.diag([0, 0, 0, *piece.known])
         slope = columns.T @ inverse @ errors
-        shift = np.linalg.solve(information, slope - pull)
+        shift, moving = np.zeros(5), np.array([0, 1, 3, 4])  # not the dead time
+        shift[moving] = np.linalg.solve(information[np.ix_(moving, moving)], (slope - pull)[moving])
         left = 300 - 5
         away = fit.variance * fit.row.prior.penalty(fit.theta)
         whole = errors @ inverse @ errors + away - (slope - pull) @ shift
@@ -119,6 +120,18 @@ def test_heights_rise_as_the_likelihood_does_and_by_less_where_slow_noise_hides_
         np.testing.assert_allclose(high, own, rtol=0.2)
     own, high = np.array([rises(seed, 0.5, 1500, 0) for seed in range(8)]).T
     assert np.median(own) > 3.5 and np.median(high) < 3.0
+
+
+def test_a_fit_beside_a_kink_of_its_dead_time_is_as_high_as_it_is():
+    """White noise, the dead time three standard errors off: a straight step from there would lead to the minimum."""
+    for seed in range(4):
+        fit = fitted(seed, 0.0, 4000)
+        off = fit.theta + np.array([0.0, 0.0, 3 * np.sqrt(fit.covariance[2, 2])])
+        held = fit_row(fit.row, off, fit.ar, free=np.array([True, True, False]))
+        own = held.left * np.log(held.cost / fit.cost)
+        assert own > 6
+        stuck = replace(held, free=np.ones(3, dtype=bool))
+        np.testing.assert_allclose(np.diff(memory_heights([fit, stuck]))[0], own, rtol=0.2)
 
 
 def test_white_noise_widens_nothing_and_1_f_noise_gains_before_dead_times():

@@ -163,6 +163,16 @@ def _left_to(fit: RowFit, pieces: Sequence[_Piece]) -> Array:
     return fit_ar(errors, valid, order)[0]
 
 
+def _moving(fit: RowFit) -> BoolArray:
+    """(size,) which parameters go to where another noise would have them.
+
+    Not dead times, as the likelihood has a kink at each sample, where it may be least without being level, and nothing
+    that is at a bound.
+    """
+    low, high = fit.row.bounds()
+    return np.asarray(fit.free & ~fit.row.is_dead_time & (fit.theta > low) & (fit.theta < high))
+
+
 def _told(fit: RowFit, pieces: Sequence[_Piece], ar: Array, longest: int) -> _Told:
     """By those prediction errors that a noise model of the `longest` order has."""
     size, free = fit.theta.size, fit.free
@@ -180,10 +190,10 @@ def _told(fit: RowFit, pieces: Sequence[_Piece], ar: Array, longest: int) -> _To
         information += products[1:, 1:]
         count += own.shape[1]
         determinant += log_determinant(known)
-    told = information[np.ix_(free, free)]
-    back = inverse(told)
+    told, moving = information[np.ix_(free, free)], _moving(fit)
     covariance, shift = np.zeros((size, size)), np.zeros(size)
-    covariance[np.ix_(free, free)], shift[free] = back, back @ slope[free]
+    covariance[np.ix_(free, free)] = inverse(told)
+    shift[moving] = inverse(information[np.ix_(moving, moving)]) @ slope[moving]
     there = max(count - sum(piece.known.size for piece in pieces), 1)
     left = max(there - int(free.sum()), 1)
     squares = max(squares - float(slope @ shift), np.finfo(float).tiny)
