@@ -9,7 +9,7 @@ from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, restriction_of
 from trueplant.identify.lagged import at_samples, with_past
-from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.linear_algebra import inverse, scaled_eigen
 from trueplant.identify.memory import remembering
 from trueplant.identify.restricted import Restriction
 from trueplant.identify.row import Row
@@ -87,10 +87,9 @@ def joint_freedom(fit: RowFit, index: IntArray) -> float:
     Independent sums of the parameters each have their own, and the mean of their F is matched (Fai and Cornelius 1996):
     one that is hardly told does not make the test of the others blunt.
     """
-    own = fit.covariance[np.ix_(index, index)]
-    size = np.sqrt(np.diag(own))
+    size, _, vectors = scaled_eigen(fit.covariance[np.ix_(index, index)])
     sums = np.zeros((index.size, fit.theta.size))
-    sums[:, index] = np.linalg.eigh(own / np.outer(size, size))[1].T / size
+    sums[:, index] = vectors.T / size
     left = noise_freedom(fit, sums)
     beyond = float(np.sum(2 / (left - 2)))
     return 2 * (index.size + beyond) / beyond

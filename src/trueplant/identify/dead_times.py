@@ -27,7 +27,7 @@ def rival_dead_times(row: Row, theta: Array, ar: Array, weights: Array, reach: i
 
 
 def _rivals(row: Row, theta: Array, ar: Array, weights: Array, index: int, reach: int) -> list[tuple[float, Array]]:
-    m = next(m for m, part in enumerate(row.slices) if part.start <= index < part.stop)
+    m = row.element_of(index)
     spec, part = row.specs[m], row.slices[m]
     h = row.pieces[0].h
     here = int(theta[index] / h)

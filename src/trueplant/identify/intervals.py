@@ -84,13 +84,13 @@ def profile_of(fit: RowFit, index: int, confidence: float, factor: float = 1.0, 
     A dead time of several delayed terms has the hull of all places where the deviance is below that, as far as can be
     expected: where its term may have no gain, it may be anything.
     """
-    reach = _reach(fit, index)
+    expected = _expected(fit, index)
     quantile = float(norm.ppf(0.5 + confidence / 2))
     z = quantile * float(np.sqrt(factor))
     sides = []
     for side in (-1, 1):
         end = _end(fit, index, side, z, rounds)
-        sides.append(_furthest(fit, index, side, z, end, reach) if reach > 0 else end)
+        sides.append(_furthest(fit, index, side, z, end, expected) if expected > 0 else end)
     return Profile(fit, (sides[0], sides[1]), quantile)
 
 
@@ -216,21 +216,21 @@ def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> End:
     return End(value, centre + side * (inside if outside is None else outside), nearest)
 
 
-def _reach(fit: RowFit, index: int) -> float:
+def _expected(fit: RowFit, index: int) -> float:
     """How far a dead time of several delayed terms is looked for: it may be as long as its element takes to answer."""
     if not fit.row.is_dead_time[index]:
         return 0.0
-    m = next(m for m, part in enumerate(fit.row.slices) if part.start <= index < part.stop)
+    m = fit.row.element_of(index)
     if fit.row.specs[m].structure.delayed == 1:
         return 0.0
     return float(fit.theta[index] + fit.row.lag(m, fit.theta[fit.row.slices[m]]))
 
 
-def _furthest(fit: RowFit, index: int, side: int, z: float, first: End, reach: float) -> End:
-    """The last end within `reach`: a likelihood with several valleys, or one that is flat far away, crosses z again."""
+def _furthest(fit: RowFit, index: int, side: int, z: float, first: End, expected: float) -> End:
+    """The last end within what is `expected`: of several valleys, or of a likelihood that is flat far away."""
     centre, sigma = float(fit.theta[index]), float(np.sqrt(fit.covariance[index, index]))
     bound = float(fit.row.bounds()[side > 0][index])
-    distance = min(max(reach, levels.PROFILE_FURTHEST * sigma), abs(bound - centre))
+    distance = min(max(expected, levels.PROFILE_FURTHEST * sigma), abs(bound - centre))
     if first.value == bound or distance <= abs(first.value - centre):
         return first
     outside, outside_root = bound, np.inf

@@ -15,7 +15,7 @@ def inverse(information: Array, floor: float = 1e-14) -> Array:
     `floor` is the least eigenvalue of the scaled matrix: a variance is very large, but finite, where the
     data do not determine a parameter.
     """
-    scale, values, vectors = _scaled(information, floor)
+    scale, values, vectors = scaled_eigen(information, floor)
     return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
 
 
@@ -28,12 +28,12 @@ def with_held(information: Array, moving: BoolArray) -> Array:
 
 def log_determinant(information: Array, floor: float = 1e-14) -> float:
     """Of the same matrix, with the same floor."""
-    scale, values, _ = _scaled(information, floor)
+    scale, values, _ = scaled_eigen(information, floor)
     return float(2 * np.sum(np.log(scale)) + np.sum(np.log(values)))
 
 
-def _scaled(information: Array, floor: float) -> tuple[Array, Array, Array]:
-    """Scale (n,), and eigenvalues and eigenvectors of the information scaled by it."""
+def scaled_eigen(information: Array, floor: float = 1e-14) -> tuple[Array, Array, Array]:
+    """Scale (n,), and eigenvalues and eigenvectors of the matrix (n, n) that has a unit diagonal, scaled by it."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-80))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     return scale, np.maximum(values, floor), vectors

@@ -25,7 +25,7 @@ from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.estimate import largest_order
 from trueplant.identify.fit import RowFit, linearised
-from trueplant.identify.linear_algebra import inverse, log_determinant
+from trueplant.identify.linear_algebra import inverse, log_determinant, scaled_eigen
 from trueplant.identify.noise import choose_order, fit_ar, whiten, whitened_valid
 
 
@@ -99,9 +99,8 @@ def remembering(fit: RowFit) -> Growth:
 def _grown(covariance: Array, squares: Array, free: BoolArray) -> Growth:
     """From covariance and mean squares (size, size), both diagonal in the same sums."""
     chosen = np.flatnonzero(free & (np.diag(covariance) > 0))
-    size = np.sqrt(np.diag(covariance)[chosen])
-    values, vectors = np.linalg.eigh(covariance[np.ix_(chosen, chosen)] / np.outer(size, size))
-    root = np.sqrt(np.maximum(values, levels.LOST**2))
+    size, values, vectors = scaled_eigen(covariance[np.ix_(chosen, chosen)])
+    root = np.sqrt(values)
     apart = vectors.T / root[:, None] / size
     growth, turned = np.linalg.eigh(apart @ squares[np.ix_(chosen, chosen)] @ apart.T)
     sums, back = np.zeros((2, chosen.size, covariance.shape[0]))

@@ -279,13 +279,13 @@ def _intervals(
     fit, profiles = minima.best, {}
     for index in profiled(fit):
         # A dead time that is fixed at 0 may still be as large as the data allow.
-        free = fit if fit.free[index] else full
-        profile = profile_of(free, index, confidence, float(minima.factor[index]))
+        own = fit if fit.free[index] else full
+        profile = profile_of(own, index, confidence, float(minima.factor[index]))
         ends, value = np.add(profile.ends, shift[index]), float(theta[index])
         profiles[index] = low, high = widened(ends, value, beyond[index, index], confidence)
         variance = variance_of(profile.reach((low, high), shift[index]), value, confidence)
         covariance = as_wide_as(covariance, index, variance, profile.furthest)
-    intervals = normal_intervals(minima.best.row, theta, covariance, confidence)
+    intervals = normal_intervals(fit.row, theta, covariance, confidence)
     for index, both in profiles.items():
         intervals[index] = both
     return minima.hull(intervals, shift), minima.as_far_as_apart(covariance)

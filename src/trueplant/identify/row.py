@@ -98,6 +98,10 @@ class Row:
         joined.flags.writeable = False
         return joined
 
+    def element_of(self, index: int) -> int:
+        """Which element theta[index] belongs to."""
+        return next(m for m, part in enumerate(self.slices) if part.start <= index < part.stop)
+
     def lag_of_dead_times(self, theta: Array) -> Array:
         """(size,) for each dead time the lag of its element, against which an error in it shows; 0 for the rest."""
         lags = np.zeros(self.size)
