@@ -12,10 +12,10 @@ from scipy.signal import lfilter
 from support.joint_bound import joint_bound
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant import plants
-from trueplant.identify import Spec, identify_matrix, identify_output, specs_of
+from trueplant.identify import Spec, identify_matrix, identify_output, shared_disturbance, specs_of
 from trueplant.identify.fit import fit_row
 from trueplant.identify.joint import _chosen_order, fit_jointly, fit_until_white, whiteness_p
-from trueplant.identify.shared_disturbance import predicted_outputs
+from trueplant.identify.shared_disturbance import predicted_outputs, related_at_once
 from trueplant.loop import simulate
 from trueplant.lti import TransferMatrix
 from trueplant.lti.sampled import sampled_response
@@ -157,3 +157,20 @@ def test_disturbances_are_found_to_pass_from_output_to_output_whatever_is_missin
         segments[0] = dataclasses.replace(segments[0], y=segments[0].y * [1.0, np.nan])
     found = {i: identify_output(segments, i, row_of(WOOD_BERRY, i)) for i in range(2)}
     assert predicted_outputs(found) == {1: [0]}
+
+
+def test_outliers_of_two_outputs_that_meet_are_no_disturbance_of_both(monkeypatch):
+    """400 pairs of unrelated errors, one in a hundred tenfold: 1 % pass for related, at most 2.5 % (0.995)."""
+    rng = np.random.default_rng(1)
+    errors = rng.standard_normal((800, 1500)) * np.where(rng.random((800, 1500)) < 0.01, 10.0, 1.0)
+    monkeypatch.setattr(shared_disturbance, "weighted_errors", lambda fit: [errors[fit.number]])
+    piece = SimpleNamespace(h=1.0, times=np.arange(1500.0), experiment=0)
+    row = SimpleNamespace(pieces=[piece], stride=1)
+    found = [SimpleNamespace(fit=SimpleNamespace(row=row, number=k)) for k in range(800)]
+
+    def related(test) -> int:
+        return sum(bool(test({0: one, 1: other})) for one, other in zip(found[::2], found[1::2], strict=True))
+
+    assert related(predicted_outputs) <= 10 and related(related_at_once) <= 10
+    monkeypatch.setattr(shared_disturbance, "normal_scores", lambda errors: errors)
+    assert related(predicted_outputs) > 15, "as they are, more do"

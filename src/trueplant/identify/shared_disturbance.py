@@ -22,7 +22,7 @@ from trueplant.identify.fit import RowFit
 from trueplant.identify.intervals import normal_intervals, widened
 from trueplant.identify.joint import fit_until_white
 from trueplant.identify.output import OutputEstimate
-from trueplant.identify.portmanteau import correlogram
+from trueplant.identify.portmanteau import correlogram, normal_scores
 from trueplant.identify.validate import weighted_errors
 from trueplant.result.budget import Source
 
@@ -61,7 +61,7 @@ def _relation_p(here: dict[int, _Errors], there: dict[int, _Errors]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Errors:
-    """Weighted prediction errors of one experiment."""
+    """Weighted prediction errors of one experiment, as `normal_scores`: outliers of two outputs may meet by chance."""
 
     interval: float
     """Between two of them."""
@@ -71,7 +71,7 @@ class _Errors:
 
 def _by_experiment(fit: RowFit) -> dict[int, _Errors]:
     found: dict[int, _Errors] = {}
-    for piece, e in zip(fit.row.pieces, weighted_errors(fit), strict=True):
+    for piece, e in zip(fit.row.pieces, normal_scores(weighted_errors(fit)), strict=True):
         own = _Errors(piece.h * fit.row.stride, piece.times[:: fit.row.stride], e)
         before = found.get(piece.experiment)
         found[piece.experiment] = own if before is None else _on_end(before, own)
