@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.estimate import free_of_noise
 from trueplant.identify.fit import RowFit, refitted
@@ -196,7 +196,7 @@ def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> End:
     distance = min(z * sigma, furthest)
     nearest = fit
     for _ in range(rounds):
-        nearest = _constrained(nearest, index, centre + side * distance)
+        nearest = _constrained(fit, index, centre + side * distance, nearest.theta)
         root = float(np.sqrt(rise(fit, nearest)))
         if abs(root - z) < levels.PROFILE_TOLERANCE * z:
             value = centre + side * distance
@@ -245,11 +245,28 @@ def _furthest(fit: RowFit, index: int, side: int, z: float, first: End, expected
     return first
 
 
-def _constrained(fit: RowFit, index: int, value: float) -> RowFit:
-    """The fit with theta[index] at a value, the others free and starting where they are.
+def _constrained(fit: RowFit, index: int, value: float, start: Array | None = None) -> RowFit:
+    """The fit with theta[index] at a value, the others free and starting where they are, or at `start`.
 
-    They are not moved along the ridge first: what the data do not determine would be thrown far off by it.
+    They are not moved along the ridge first: what the data do not determine would be thrown far off by it. Where two
+    lags would change places, which leads to the same plants again, both are held.
     """
-    theta, free = fit.theta.copy(), fit.free.copy()
+    theta, free = (fit.theta if start is None else start).copy(), fit.free.copy()
     theta[index], free[index] = value, False
-    return refitted(fit, theta, free)
+    found = refitted(fit, theta, free)
+    passed = _lags_passed(fit, found, index)
+    if not passed.any():
+        return found
+    theta = np.where(passed, value, found.theta)
+    return refitted(fit, theta, free & ~passed)
+
+
+def _lags_passed(fit: RowFit, found: RowFit, index: int) -> BoolArray:
+    """(size,) other lags of the element of theta[index] that are on another side of it than in the fit."""
+    if not fit.row.is_lag[index]:
+        return np.zeros(fit.theta.size, dtype=bool)
+    part = next(part for part in fit.row.slices if part.start <= index < part.stop)
+    own = np.zeros(fit.theta.size, dtype=bool)
+    own[part] = fit.row.is_lag[part]
+    before, after = fit.theta - fit.theta[index], found.theta - found.theta[index]
+    return np.asarray(own & fit.free & (before * after < 0))
