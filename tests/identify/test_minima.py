@@ -166,6 +166,30 @@ def test_a_dead_time_of_a_term_that_may_have_no_gain_has_the_hull_of_all_valleys
     assert np.diff(within).max() > 2, "the first end of a valley is not the last"
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_intervals_of_two_lags_end_where_they_would_change_places(seed):
+    """Against the likelihood at all pairs of lags in order: where they change places the same plants come again."""
+    sopdt, truth = Structure.parse("sopdt"), np.array([2.0, 8.0, 6.0, 3.4])
+    rng = np.random.default_rng(seed)
+    plant = TransferMatrix(((sopdt.transfer(truth),),), "min")
+    v = coloured(rng, 1500, 1, [1, -0.8], [1], 0.05)
+    moved = segment_of(simulate(plant, LAW, random_switching(rng, 1500, 1, 80.0), 1.0, v=v))
+    row = Row((Spec(0, sopdt, tuple(truth)),), pieces_of([moved], 0))
+    fit = open_minima(fit_row(row, truth, np.array([-0.8])), 0.95).best
+    free = np.array([True, False, False, True])
+
+    def risen(*lags: float) -> float:
+        return rise(fit, refitted(fit, np.array([fit.theta[0], *lags, fit.theta[3]]), free))
+
+    sums = np.arange(13.2, 15.0, 0.1)
+    pairs = [((both + apart) / 2, (both - apart) / 2) for both in sums for apart in np.arange(0.0, 8.0, 0.2)]
+    within = np.array([pair for pair in pairs if risen(*pair) < 1.96**2])
+    assert np.all(np.abs(within.sum(axis=1) - sums.mean()) < 0.75), "all such sums are looked at"
+    for index in (1, 2):
+        expected = within[:, index - 1].min(), within[:, index - 1].max()
+        np.testing.assert_allclose(profile_of(fit, index, 0.95).ends, expected, atol=0.2)
+
+
 def test_where_a_profile_has_no_end_it_says_how_far_was_looked():
     truth = np.array([3.0, -0.3, 14.0, 9.0, 3.4, 26.7])
     row = Row((Spec(0, TWO_TERMS, tuple(truth)),), pieces_of([record(TWO_TERMS, truth, 2, 0.1)], 0))
