@@ -186,7 +186,7 @@ def test_the_end_of_an_interval_is_looked_for_within_twelve_standard_errors(
     end: float, found: bool, monkeypatch: Any
 ) -> None:
     """Where the deviance rises as the square of what it does there; beyond there is none."""
-    monkeypatch.setattr(intervals, "_constrained", lambda fit, index, value, start: Stub(theta=np.array([value])))
+    monkeypatch.setattr(intervals, "_constrained", lambda fit, index, value, begun: Stub(theta=np.array([value])))
     z = 1.959964
     monkeypatch.setattr(intervals, "rise", lambda fit, other: float((other.theta[0] * z / end) ** 2))
     bounds = (np.array([-np.inf]), np.array([np.inf]))

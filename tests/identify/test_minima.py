@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.identify import Row, Spec, fit_row, identify_output, minima, output, pieces_of
+from trueplant.identify import Row, Spec, fit_row, identify_output, intervals, minima, output, pieces_of
 from trueplant.identify.covariance import scaled
 from trueplant.identify.fit import refitted
 from trueplant.identify.intervals import as_wide_as, profile_of
@@ -188,6 +190,22 @@ def test_intervals_of_two_lags_end_where_they_would_change_places(seed):
     for index in (1, 2):
         expected = within[:, index - 1].min(), within[:, index - 1].max()
         np.testing.assert_allclose(profile_of(fit, index, 0.95).ends, expected, atol=0.2)
+
+
+def test_the_end_of_a_profile_is_found_from_a_first_step_that_gets_lost(monkeypatch):
+    """Stub: a fit is lost that begins more than two off what it is held at, or where another one was lost."""
+    lost = 1e6
+
+    def held(fit, index, value, begun):
+        found = begun.deviance < lost and abs(value - begun.theta[0]) < 2
+        return SimpleNamespace(theta=np.array([value]), deviance=value**2 if found else lost)
+
+    monkeypatch.setattr(intervals, "_constrained", held)
+    monkeypatch.setattr(intervals, "rise", lambda fit, other: other.deviance)
+    bounds = (np.array([-np.inf]), np.array([np.inf]))
+    row = SimpleNamespace(bounds=lambda: bounds, is_dead_time=np.array([False]))
+    fit = SimpleNamespace(theta=np.zeros(1), deviance=0.0, covariance=np.array([[100.0**2]]), row=row)
+    np.testing.assert_allclose(profile_of(fit, 0, 0.95, rounds=9).ends, [-1.96, 1.96], rtol=0.02)
 
 
 def test_where_a_profile_has_no_end_it_says_how_far_was_looked():

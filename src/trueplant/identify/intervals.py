@@ -182,6 +182,16 @@ class Mixture:
         return np.where(finite, found, np.nan)
 
 
+class _Place(NamedTuple):
+    """One place of the profile."""
+
+    distance: float
+    """From the estimate."""
+    root: float
+    """Of what -2 log likelihood has risen by."""
+    fitted: RowFit
+
+
 def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> End:
     """The first end on one side."""
     centre, sigma = float(fit.theta[index]), float(np.sqrt(fit.covariance[index, index]))
@@ -191,29 +201,28 @@ def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> End:
         furthest = min(furthest, abs(bound - centre))
     if not np.isfinite(furthest) or furthest <= 0:
         return End(bound, centre if np.isinf(bound) else bound, fit)
-    inside, inside_root = 0.0, 0.0
-    outside, outside_root = None, None
+    inside, outside = _Place(0.0, 0.0, fit), None
     distance = min(z * sigma, furthest)
-    nearest = fit
     for _ in range(rounds):
-        nearest = _constrained(fit, index, centre + side * distance, nearest.theta)
-        root = float(np.sqrt(rise(fit, nearest)))
-        if abs(root - z) < levels.PROFILE_TOLERANCE * z:
-            value = centre + side * distance
-            return End(value, value, nearest)
-        if root < z:
+        held = _constrained(fit, index, centre + side * distance, inside.fitted)
+        place = _Place(distance, float(np.sqrt(rise(fit, held))), held)
+        value = centre + side * distance
+        if abs(place.root - z) < levels.PROFILE_TOLERANCE * z:
+            return End(value, value, held)
+        if place.root < z:
             if distance >= furthest:
-                return End(bound, centre + side * distance, nearest)
-            inside, inside_root = distance, root
+                return End(bound, value, held)
+            inside = place
         else:
-            outside, outside_root = distance, root
-        if outside is None or outside_root is None:
-            distance = min(distance * max(1.2, min(2.0, z / max(root, 0.1))), furthest)
+            outside = place
+        if outside is None:
+            distance = min(distance * max(1.2, min(2.0, z / max(place.root, 0.1))), furthest)
         else:
-            share = (z - inside_root) / max(outside_root - inside_root, 1e-12)
-            distance = inside + min(max(share, 0.05), 0.95) * (outside - inside)
-    value = bound if outside is None else centre + side * outside
-    return End(value, centre + side * (inside if outside is None else outside), nearest)
+            share = (z - inside.root) / max(outside.root - inside.root, 1e-12)
+            distance = inside.distance + min(max(share, 0.05), 0.95) * (outside.distance - inside.distance)
+    last = inside if outside is None else outside
+    value = centre + side * last.distance
+    return End(bound if outside is None else value, value, last.fitted)
 
 
 def _expected(fit: RowFit, index: int) -> float:
@@ -235,7 +244,7 @@ def _furthest(fit: RowFit, index: int, side: int, z: float, first: End, expected
         return first
     outside, outside_root = bound, np.inf
     for value in np.linspace(centre + side * distance, first.value, levels.PROFILE_PLACES, endpoint=False):
-        fitted = _constrained(fit, index, float(value))
+        fitted = _constrained(fit, index, float(value), fit)
         root = float(np.sqrt(rise(fit, fitted)))
         if root < z:
             share = (z - root) / (outside_root - root)
@@ -245,20 +254,20 @@ def _furthest(fit: RowFit, index: int, side: int, z: float, first: End, expected
     return first
 
 
-def _constrained(fit: RowFit, index: int, value: float, start: Array | None = None) -> RowFit:
-    """The fit with theta[index] at a value, the others free and starting where they are, or at `start`.
+def _constrained(fit: RowFit, index: int, value: float, begun: RowFit) -> RowFit:
+    """The fit with theta[index] at a value, the others free and starting where they are in the one that is `begun`.
 
     They are not moved along the ridge first: what the data do not determine would be thrown far off by it. Where two
     lags would change places, which leads to the same plants again, both are held.
     """
-    theta, free = (fit.theta if start is None else start).copy(), fit.free.copy()
+    theta, free = begun.theta.copy(), fit.free.copy()
     theta[index], free[index] = value, False
-    found = refitted(fit, theta, free)
+    found = refitted(begun, theta, free)
     passed = _lags_passed(fit, found, index)
     if not passed.any():
         return found
     theta = np.where(passed, value, found.theta)
-    return refitted(fit, theta, free & ~passed)
+    return refitted(found, theta, free & ~passed)
 
 
 def _lags_passed(fit: RowFit, found: RowFit, index: int) -> BoolArray:
