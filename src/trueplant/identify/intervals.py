@@ -274,7 +274,7 @@ def _lags_passed(fit: RowFit, found: RowFit, index: int) -> BoolArray:
     """(size,) other lags of the element of theta[index] that are on another side of it than in the fit."""
     if not fit.row.is_lag[index]:
         return np.zeros(fit.theta.size, dtype=bool)
-    part = next(part for part in fit.row.slices if part.start <= index < part.stop)
+    part = fit.row.slices[fit.row.element_of(index)]
     own = np.zeros(fit.theta.size, dtype=bool)
     own[part] = fit.row.is_lag[part]
     before, after = fit.theta - fit.theta[index], found.theta - found.theta[index]
