@@ -78,19 +78,18 @@ def profile_of(fit: RowFit, index: int, confidence: float, factor: float = 1.0, 
     """Interval of theta[index] from the profile likelihood.
 
     The end points are where the deviance, minimised over everything else, has risen by `factor` times the chi-square
-    quantile (Venzon and Moolgavkar 1988). An end that is not found within PROFILE_FURTHEST standard errors, or lies
-    beyond the parameter's bound, is the bound; one that is not found to PROFILE_TOLERANCE is a value beyond it.
+    quantile (Venzon and Moolgavkar 1988). An end that is not found as far as is looked (`_reach`), or lies beyond the
+    parameter's bound, is the bound; one that is not found to PROFILE_TOLERANCE is a value beyond it.
 
-    A dead time of several delayed terms has the hull of all places where the deviance is below that, as far as can be
-    expected: where its term may have no gain, it may be anything.
+    A dead time of several delayed terms has the hull of all places where the deviance is below that: where its term may
+    have no gain, it may be anything.
     """
-    expected = _expected(fit, index)
     quantile = float(norm.ppf(0.5 + confidence / 2))
     z = quantile * float(np.sqrt(factor))
     sides = []
     for side in (-1, 1):
         end = _end(fit, index, side, z, rounds)
-        sides.append(_furthest(fit, index, side, z, end, expected) if expected > 0 else end)
+        sides.append(_furthest(fit, index, side, z, end) if _of_several(fit, index) else end)
     return Profile(fit, (sides[0], sides[1]), quantile)
 
 
@@ -193,53 +192,61 @@ class _Place(NamedTuple):
 
 
 def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> End:
-    """The first end on one side."""
+    """The first end on one side: steps outwards until the likelihood has fallen enough, then between the last two."""
     centre, sigma = float(fit.theta[index]), float(np.sqrt(fit.covariance[index, index]))
     bound = float(fit.row.bounds()[side > 0][index])
-    furthest = levels.PROFILE_FURTHEST * sigma
-    if np.isfinite(bound):
-        furthest = min(furthest, abs(bound - centre))
+    furthest = min(_reach(fit, index), abs(bound - centre))
     if not np.isfinite(furthest) or furthest <= 0:
         return End(bound, centre if np.isinf(bound) else bound, fit)
-    inside, outside = _Place(0.0, 0.0, fit), None
-    distance = min(z * sigma, furthest)
-    for _ in range(rounds):
+
+    def place(distance: float) -> _Place:
         held = _constrained(fit, index, centre + side * distance, inside.fitted)
-        place = _Place(distance, float(np.sqrt(rise(fit, held))), held)
-        value = centre + side * distance
-        if abs(place.root - z) < levels.PROFILE_TOLERANCE * z:
-            return End(value, value, held)
-        if place.root < z:
-            if distance >= furthest:
-                return End(bound, value, held)
-            inside = place
-        else:
-            outside = place
-        if outside is None:
-            distance = min(distance * max(1.2, min(2.0, z / max(place.root, 0.1))), furthest)
-        else:
-            share = (z - inside.root) / max(outside.root - inside.root, 1e-12)
-            distance = inside.distance + min(max(share, 0.05), 0.95) * (outside.distance - inside.distance)
-    last = inside if outside is None else outside
-    value = centre + side * last.distance
-    return End(bound if outside is None else value, value, last.fitted)
+        return _Place(distance, float(np.sqrt(rise(fit, held))), held)
+
+    # The curvature says nothing of a dead time in the next sample interval.
+    beyond = fit.row.pieces[0].h * fit.row.stride if fit.row.is_dead_time[index] else 0.0
+    inside = _Place(0.0, 0.0, fit)
+    outside = place(min(z * sigma, furthest))
+    while outside.root < z:
+        inside, value = outside, centre + side * outside.distance
+        if inside.distance >= furthest:
+            return End(bound, value, inside.fitted)
+        grown = inside.distance * max(1.2, min(2.0, z / max(inside.root, 0.1)))
+        outside = place(min(max(grown, inside.distance + beyond), furthest))
+    nearest = min(inside, outside, key=lambda one: abs(one.root - z))
+    for _ in range(rounds):
+        if abs(nearest.root - z) < levels.PROFILE_TOLERANCE * z:
+            break
+        share = (z - inside.root) / max(outside.root - inside.root, 1e-12)
+        nearest = place(inside.distance + min(max(share, 0.05), 0.95) * (outside.distance - inside.distance))
+        inside, outside = (nearest, outside) if nearest.root < z else (inside, nearest)
+    else:
+        nearest = outside
+    value = centre + side * nearest.distance
+    return End(value, value, nearest.fitted)
 
 
-def _expected(fit: RowFit, index: int) -> float:
-    """How far a dead time of several delayed terms is looked for: it may be as long as its element takes to answer."""
+def _reach(fit: RowFit, index: int) -> float:
+    """How far from the estimate an end is looked for: PROFILE_FURTHEST standard errors.
+
+    A dead time's is that of one sample interval. It may be as long as its element takes to answer, too.
+    """
+    reach = levels.PROFILE_FURTHEST * float(np.sqrt(fit.covariance[index, index]))
     if not fit.row.is_dead_time[index]:
-        return 0.0
+        return reach
     m = fit.row.element_of(index)
-    if fit.row.specs[m].structure.delayed == 1:
-        return 0.0
-    return float(fit.theta[index] + fit.row.lag(m, fit.theta[fit.row.slices[m]]))
+    return max(reach, float(fit.theta[index] + fit.row.lag(m, fit.theta[fit.row.slices[m]])))
 
 
-def _furthest(fit: RowFit, index: int, side: int, z: float, first: End, expected: float) -> End:
-    """The last end within what is `expected`: of several valleys, or of a likelihood that is flat far away."""
-    centre, sigma = float(fit.theta[index]), float(np.sqrt(fit.covariance[index, index]))
-    bound = float(fit.row.bounds()[side > 0][index])
-    distance = min(max(expected, levels.PROFILE_FURTHEST * sigma), abs(bound - centre))
+def _of_several(fit: RowFit, index: int) -> bool:
+    """Is it the dead time of one of several delayed terms?"""
+    return bool(fit.row.is_dead_time[index]) and fit.row.specs[fit.row.element_of(index)].structure.delayed > 1
+
+
+def _furthest(fit: RowFit, index: int, side: int, z: float, first: End) -> End:
+    """The last end within reach: of several valleys, or of a likelihood that is flat far away."""
+    centre, bound = float(fit.theta[index]), float(fit.row.bounds()[side > 0][index])
+    distance = min(_reach(fit, index), abs(bound - centre))
     if first.value == bound or distance <= abs(first.value - centre):
         return first
     outside, outside_root = bound, np.inf
