@@ -208,6 +208,30 @@ def test_the_end_of_a_profile_is_found_from_a_first_step_that_gets_lost(monkeypa
     np.testing.assert_allclose(profile_of(fit, 0, 0.95, rounds=9).ends, [-1.96, 1.96], rtol=0.02)
 
 
+def test_the_end_of_a_dead_time_is_found_in_the_next_sample_interval(monkeypatch):
+    """Stub: the curvature says 0.02 s; the likelihood hardly falls until 1.4 s more, of an element that answers in 9."""
+
+    def held(fit, index, value, begun):
+        return SimpleNamespace(theta=np.array([value]), deviance=(0.3 + 10 * max(value - 6.4, 0.0)) ** 2)
+
+    monkeypatch.setattr(intervals, "_constrained", held)
+    monkeypatch.setattr(intervals, "rise", lambda fit, other: other.deviance)
+    row = SimpleNamespace(
+        bounds=lambda: (np.array([4.9]), np.array([np.inf])),
+        is_dead_time=np.array([True]),
+        pieces=[SimpleNamespace(h=0.5)],
+        stride=2,
+        element_of=lambda index: 0,
+        slices=[slice(0, 1)],
+        specs=[SimpleNamespace(structure=Structure.parse("sopdt+lead"))],
+        lag=lambda m, theta: 4.0,
+    )
+    fit = SimpleNamespace(theta=np.array([5.0]), deviance=0.0, covariance=np.array([[0.02**2]]), row=row)
+    low, high = profile_of(fit, 0, 0.95).ends
+    assert low == 4.9
+    assert high == pytest.approx(6.4 + (1.96 - 0.3) / 10, abs=0.005)
+
+
 def test_where_a_profile_has_no_end_it_says_how_far_was_looked():
     truth = np.array([3.0, -0.3, 14.0, 9.0, 3.4, 26.7])
     row = Row((Spec(0, TWO_TERMS, tuple(truth)),), pieces_of([record(TWO_TERMS, truth, 2, 0.1)], 0))

@@ -199,26 +199,27 @@ def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> End:
     if not np.isfinite(furthest) or furthest <= 0:
         return End(bound, centre if np.isinf(bound) else bound, fit)
 
-    def place(distance: float) -> _Place:
-        held = _constrained(fit, index, centre + side * distance, inside.fitted)
+    def place(distance: float, begun: RowFit) -> _Place:
+        held = _constrained(fit, index, centre + side * distance, begun)
         return _Place(distance, float(np.sqrt(rise(fit, held))), held)
 
     # The curvature says nothing of a dead time in the next sample interval.
     beyond = fit.row.pieces[0].h * fit.row.stride if fit.row.is_dead_time[index] else 0.0
     inside = _Place(0.0, 0.0, fit)
-    outside = place(min(z * sigma, furthest))
+    outside = place(min(z * sigma, furthest), fit)
     while outside.root < z:
         inside, value = outside, centre + side * outside.distance
         if inside.distance >= furthest:
             return End(bound, value, inside.fitted)
         grown = inside.distance * max(1.2, min(2.0, z / max(inside.root, 0.1)))
-        outside = place(min(max(grown, inside.distance + beyond), furthest))
+        outside = place(min(max(grown, inside.distance + beyond), furthest), inside.fitted)
     nearest = min(inside, outside, key=lambda one: abs(one.root - z))
     for _ in range(rounds):
         if abs(nearest.root - z) < levels.PROFILE_TOLERANCE * z:
             break
         share = (z - inside.root) / max(outside.root - inside.root, 1e-12)
-        nearest = place(inside.distance + min(max(share, 0.05), 0.95) * (outside.distance - inside.distance))
+        distance = inside.distance + min(max(share, 0.05), 0.95) * (outside.distance - inside.distance)
+        nearest = place(distance, inside.fitted)
         inside, outside = (nearest, outside) if nearest.root < z else (inside, nearest)
     else:
         nearest = outside
