@@ -209,7 +209,7 @@ def test_the_end_of_a_profile_is_found_from_a_first_step_that_gets_lost(monkeypa
 
 
 def test_the_end_of_a_dead_time_is_found_in_the_next_sample_interval(monkeypatch):
-    """Stub: the curvature says 0.02 s; the likelihood hardly falls until 1.4 s more, of an element that answers in 9."""
+    """Stub: the curvature says 0.02 s, and the likelihood hardly falls until 1.4 s more; the element answers in 9 s."""
 
     def held(fit, index, value, begun):
         return SimpleNamespace(theta=np.array([value]), deviance=(0.3 + 10 * max(value - 6.4, 0.0)) ** 2)
