@@ -230,7 +230,8 @@ def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> End:
 def _reach(fit: RowFit, index: int) -> float:
     """How far from the estimate an end is looked for: PROFILE_FURTHEST standard errors.
 
-    A dead time's is that of one sample interval. It may be as long as its element takes to answer, too.
+    The standard error of a dead time knows of one sample interval alone: that is looked for as far as its element takes
+    to answer at least.
     """
     reach = levels.PROFILE_FURTHEST * float(np.sqrt(fit.covariance[index, index]))
     if not fit.row.is_dead_time[index]:
