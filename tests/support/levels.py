@@ -6,7 +6,7 @@ NO_THRESHOLDS = {
     "significance": """
         identify.DEAD_TIME_UNSEEN identify.NOT_WHITE identify.UNDERMODELLED identify.STRUCTURE_SHARE identify.NO_GAIN
         identify.RUNS_DISAGREE identify.VALVE identify.HOLD identify.UNEVEN identify.WORSE identify.MISSING_ELEMENT
-        identify.MISSING_TRIED identify.SHARED_DISTURBANCE identify.SUBSPACE_INSIDE identify.LOAD_STEP
+        identify.MISSING_TRIED identify.SHARED_DISTURBANCE identify.SUBSPACE_INSIDE identify.LOAD_STEP identify.SPIKE
         detect.SCATTERED
         study.EXCITED study.REACHED study.OUTSIDE_BAND study.MISDESCRIBED study.CAUSES study.GRADED_WHITE
     """,
@@ -31,7 +31,7 @@ NO_THRESHOLDS = {
         identify.FILTER_CUTOFFS identify.DEAD_TIME_GRID identify.DEAD_TIME_COARSE identify.SCAN_ROUNDS
         identify.MINIMA_KEPT identify.ARMA_ORDERS identify.NOISE_ROUNDS identify.NOISE_SETTLED
         identify.NEIGHBOUR_INTERVALS identify.INSTRUMENT_SETTLED identify.PSEUDOLINEAR_ROUNDS identify.ARX_LAGS
-        identify.ARX_HORIZON identify.LOAD_ROUNDS
+        identify.ARX_HORIZON identify.LOAD_ROUNDS identify.SPIKE_ROUNDS
         detect.FIRST_PASS detect.CLOSER_PASS detect.CHANGE_ROUNDS detect.CHANGE_SETTLED
         study.GAIN_STEPS study.LOWEST_OF_SLOWEST study.CORRECTIONS study.CORRECTED
     """,

@@ -17,6 +17,7 @@ from trueplant.identify.holds import FoundHold, find_holds, held_fits, with_hold
 from trueplant.identify.loads import Fits, criterion, find_loads, with_loads
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.row import Spec
+from trueplant.identify.spikes import set_aside, without_spikes
 from trueplant.identify.structures import Again, with_structures
 from trueplant.lti.structure import Structure
 from trueplant.lti.transfer import TransferMatrix
@@ -39,6 +40,8 @@ class Open:
     """Elements that the model lacks and is right to, whatever the record shows: they are not looked for."""
     drawn: Collection[int] = ()
     """Outputs that a historian filled in between few samples: its lines would pass for a structure."""
+    certain: Collection[int] = ()
+    """Outputs of which every sample counts, whatever it looks like."""
 
 
 Tell = Callable[[int, str], None]
@@ -109,6 +112,24 @@ class Rivals:
             accounts.append(self._with_structures(self._beside(accounts[0], others)))
         return min(accounts, key=lambda one: criterion(one.fits)) if len(accounts) > 1 else accounts[0]
 
+    def beside_spikes(self, account: Account) -> Account:
+        """The account beside those spikes of PV that show beside its own plants, where these are others than before."""
+        spared = {*self.asked.certain, *self.asked.drawn}
+        own = {i: found.fit for i, found in account.estimates.items() if i not in spared}
+        fits = {i: other for i, fit in own.items() if (other := without_spikes(fit)) is not fit}
+        segments = account.segments
+        for i, fit in fits.items():
+            segments = set_aside(segments, i, fit)
+        estimates = dict(account.estimates)
+        for i, found in self._from(fits, segments).items():
+            begun = replace(found, rejected=estimates[i].rejected)
+            estimates[i] = self._structured(begun, i, estimating(self.again[i], segments)) if self._asks(i) else begun
+        return replace(account, segments=segments, estimates=estimates)
+
+    def _asks(self, i: int) -> bool:
+        """Are the structures of this output to be tested?"""
+        return self.timely and i not in self.asked.drawn
+
     def _with_holds(self, segments: Sequence[Segment], estimates: Mapping[int, OutputEstimate]) -> Account:
         holds = find_holds(estimates, self.model, self.asked.holds)
         segments = with_holds(segments, holds)
@@ -120,7 +141,7 @@ class Rivals:
 
     def _with_structures(self, account: Account) -> Account:
         estimates = dict(account.estimates)
-        for i in [i for i in estimates if self.timely and i not in self.asked.drawn]:
+        for i in filter(self._asks, account.estimates):
             if self.tell is not None:
                 self.tell(i, "testing structures of")
             estimates[i] = self._structured(estimates[i], i, estimating(self.again[i], account.segments))
@@ -142,6 +163,20 @@ class Rivals:
         options = {i: Options(start=fit) for i, fit in fits.items()}
         every = {i: estimating(self.again[i], segments)(fit.row.specs, options[i]) for i, fit in fits.items()}
         return {i: found for i, found in every.items() if found is not None}
+
+
+def first_estimate(
+    segments: Sequence[Segment], output: int, specs: Sequence[Spec], again: Estimate, asked: Open
+) -> tuple[Sequence[Segment], OutputEstimate | None]:
+    """The segments without the spikes of this output, and the estimate from them."""
+    found = again(segments, specs=specs)
+    if found is None or output in {*asked.certain, *asked.drawn}:
+        return segments, found
+    fit = without_spikes(found.fit)
+    if fit is found.fit:
+        return segments, found
+    segments = set_aside(segments, output, fit)
+    return segments, again(segments, specs=specs, options=Options(start=fit))
 
 
 def estimating(again: Estimate, segments: Sequence[Segment]) -> Callable[..., OutputEstimate | None]:

@@ -48,4 +48,6 @@ def _every_second(piece: Piece) -> Piece:
     inputs = np.ascontiguousarray(piece.inputs[:, ::2])
     sent = None if piece.sent is None else np.ascontiguousarray(piece.sent[:, ::2])
     y, valid = np.ascontiguousarray(piece.y[::2]), np.ascontiguousarray(piece.valid[::2])
-    return replace(piece, h=2 * piece.h, y=y, valid=valid, inputs=inputs, sent=sent, restarts=restarts, jumps=jumps)
+    spikes = None if piece.spikes is None else piece.spikes[::2]
+    thinned = replace(piece, h=2 * piece.h, y=y, valid=valid, inputs=inputs, sent=sent, spikes=spikes)
+    return replace(thinned, restarts=restarts, jumps=jumps)

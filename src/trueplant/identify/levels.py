@@ -342,3 +342,13 @@ SAMPLES_PER_LOAD = 100
 LOAD_TOLD = 0.05
 """Share of what a load moves that has to look unlike plant and operating point: where less is left, much of that is
 rounding."""
+
+SPIKE = 0.01
+"""Chance over a whole record that a sample is taken for a spike that is none, were the noise model known; and the odds
+at which it is taken for a disturbance instead."""
+SPIKE_SAMPLES = 3
+"""In a row that a spike may last."""
+SPIKE_AROUND = 20
+"""Prediction errors to either side whose size a spike has to exceed."""
+SPIKE_ROUNDS = 8
+"""Spikes and noise model in turn, at most."""

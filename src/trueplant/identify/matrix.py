@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from trueplant.identify.accounts import Open, Rivals, Tell, estimating
+from trueplant.identify.accounts import Open, Rivals, Tell, estimating, first_estimate
 from trueplant.identify.estimate import free_of_noise
 from trueplant.identify.first import shown, with_guesses, with_left_out
 from trueplant.identify.holds import FoundHold
@@ -32,6 +32,8 @@ from trueplant.record.types import Segment
 class Identification:
     """The estimates, and what they found out besides the parameters."""
 
+    segments: tuple[Segment, ...]
+    """With holds and loads that were found, spikes of PV taken off."""
     estimates: dict[int, OutputEstimate]
     """Of each output that has elements to estimate and data to do it from."""
     holds: dict[int, FoundHold]
@@ -120,8 +122,8 @@ def identify_plant(
             sampling=sampling,
             time_scale=typical_lag(everywhere),
         )
+        segments, found = first_estimate(segments, i, row, again[i], asked)
         estimate = estimating(again[i], segments)
-        found = estimate(row)
         if found is not None and wanted[i]:
             first = shown(found, wanted[i], estimate, len(asked.wanted), confidence)
             absence_p |= {(i, j): p for j, p in first.absence_p.items()}
@@ -131,14 +133,14 @@ def identify_plant(
             whole = with_missing(found, places, estimate, len(absent), confidence)
             estimates[i], doubtful[i] = whole.estimate, whole.doubtful
     rivals = Rivals(model, asked, again, len(everywhere), timing == 0, confidence, tell)
-    account = rivals.likeliest(segments, estimates)
+    account = rivals.beside_spikes(rivals.likeliest(segments, estimates))
     estimates = account.estimates
     for i, found in estimates.items():
         estimates[i] = with_left_out(found, doubtful[i], estimating(again[i], account.segments), confidence)
     if any(segment.closed for segment in segments):
         estimates = _with_shared_disturbances(estimates, confidence)
     left_out = tuple((i, j) for i, some in doubtful.items() for j in some)
-    return Identification(estimates, account.holds, absence_p, left_out)
+    return Identification(tuple(account.segments), estimates, account.holds, absence_p, left_out)
 
 
 def _held(model: TransferMatrix, specs: Mapping[tuple[int, int], Spec], i: int) -> list[Held]:

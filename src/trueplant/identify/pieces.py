@@ -48,6 +48,8 @@ class Piece:
     sent: Array | None = None
     """(n_columns, N) the inputs as they were sent, where `inputs` is where valves went that did not follow them; as
     deviations from the first of `inputs`."""
+    spikes: Array | None = None
+    """(N,) what was taken off y where PV left its course for a moment, 0 at all other samples."""
 
     @property
     def stepping(self) -> tuple[Load, ...]:
@@ -96,10 +98,12 @@ class Piece:
         at = self.inputs[:, first : first + 1]
         inputs = np.ascontiguousarray(self.inputs[:, part] - at)
         sent = None if self.sent is None else np.ascontiguousarray(self.sent[:, part] - at)
+        spikes = None if self.spikes is None else self.spikes[part]
         last = self.y.size if end is None else end
         y, valid, start = self.y[part], self.valid[part], self.start + first * self.h
         restarts, jumps = (tuple(k - first for k in of if first < k < last) for of in (self.restarts, self.jumps))
-        return replace(self, y=y, valid=valid, inputs=inputs, sent=sent, restarts=restarts, start=start, jumps=jumps)
+        cut = replace(self, y=y, valid=valid, inputs=inputs, sent=sent, start=start, spikes=spikes)
+        return replace(cut, restarts=restarts, jumps=jumps)
 
     @cached_property
     def starts_at_rest(self) -> bool:
@@ -139,6 +143,7 @@ def pieces_of(
         y = np.where(valid, y, 0.0)
         piece = Piece(whole.experiment, whole.h, y, valid, inputs, hold, restarts, whole.t[0], jumps, whole.loads)
         piece = piece if sent is None else replace(piece, sent=np.ascontiguousarray(sent.T))
+        piece = piece if whole.spikes is None else replace(piece, spikes=whole.spikes[:, output])
         pieces.append(piece.from_sample(_first_update(whole.y[:, output], update)))
     return tuple(pieces)
 
@@ -170,9 +175,9 @@ def _joined(group: Sequence[Segment]) -> tuple[Segment, tuple[int, ...]]:
     last = np.maximum.accumulate(index)
     there = index >= 0
 
-    def laid(name: str, missing: bool = False) -> NDArray[Any]:
+    def laid(name: str, missing: float | None = None) -> NDArray[Any]:
         values = np.concatenate([getattr(segment, name) for segment in group])[last]
-        return np.where(there[:, None], values, np.nan) if missing else values
+        return values if missing is None else np.where(there[:, None], values, missing)
 
     whole = replace(
         first,
@@ -180,10 +185,11 @@ def _joined(group: Sequence[Segment]) -> tuple[Segment, tuple[int, ...]]:
         r=laid("r"),
         settled=None,
         u=laid("u"),
-        y=laid("y", missing=True),
+        y=laid("y", np.nan),
         d=laid("d"),
         free=laid("free"),
         sent=None if first.sent is None else laid("sent"),
+        spikes=None if all(segment.spikes is None for segment in group) else laid("taken_off", 0.0),
         jumps=tuple(
             tuple(
                 k + start

@@ -216,6 +216,12 @@ class Row:
         return loads + sum(1 + past.starts.size * self._modes.free_responses + past.jumps.size for past in self._pasts)
 
     @cached_property
+    def spike_count(self) -> int:
+        """Samples that count for what all others say of them."""
+        taken = [piece.spikes[:: self.stride] for piece in self.pieces if piece.spikes is not None]
+        return sum(int(np.count_nonzero(sizes)) for sizes in taken)
+
+    @cached_property
     def _modes(self) -> Modes:
         structures = [spec.structure for spec in self.specs]
         return Modes(

@@ -43,13 +43,16 @@ def with_structures(
     Those in the `pinned` columns keep theirs. They are no surer than richer ones would be (`kept_structures`), nor are
     those of which the record leaves open whether they suffice.
 
+    Structures that were rejected before stay so, and those in their places are asked like any that took one.
+
     `again` estimates the row with other elements. `tested` is the number of elements of the whole matrix; the chance
     over all of them that a structure that suffices is rejected is STRUCTURE_SHARE of 1 - confidence. It is left open
     where at 1 - confidence each would be.
     """
     strict, usual = levels.STRUCTURE_SHARE * (1 - confidence) / tested, 1 - confidence
     columns = [spec.column for spec in estimate.row.specs]
-    estimate, p = _replaced(estimate, again, {j: strict for j in columns if j not in pinned}, tested, confidence)
+    asked = {j: usual if j in estimate.rejected else strict for j in columns if j not in pinned}
+    estimate, p = _replaced(estimate, again, asked, tested, confidence, set(estimate.rejected))
     whole = np.ones(estimate.row.pieces[0].inputs.shape[0])
     whole[columns] = p
     estimate = replace(estimate, structure_p=whole)
@@ -63,14 +66,19 @@ def with_structures(
 
 
 def _replaced(
-    estimate: OutputEstimate, again: Again, level: dict[int, float], tested: int, confidence: float
+    estimate: OutputEstimate,
+    again: Again,
+    level: dict[int, float],
+    tested: int,
+    confidence: float,
+    before: Collection[int] = (),
 ) -> tuple[OutputEstimate, Array]:
     """The estimate with richer structures where they are rejected at the `level` of their column, and p-values of all.
 
-    One that has taken the place of another was said by nobody: whether it suffices is asked at 1 - confidence, and
-    where it does, it counts what it leaves open (`further_lag`).
+    Those in the columns `before` are so already. One that has taken the place of another was said by nobody: whether it
+    suffices is asked at 1 - confidence, and where it does, it counts what it leaves open (`further_lag`).
     """
-    level, replaced = dict(level), set()
+    level, replaced = dict(level), set(before)
     fit = polished(of_a_part(estimate.fit))
     p = sufficient_p(fit, confidence)
     left = {m for m, spec in enumerate(estimate.row.specs) if spec.column in level}

@@ -205,11 +205,18 @@ class Segment:
     instants; empty: none."""
     settled: Array | None = None
     """(N, n_y) set-points without what the record does not resolve, where `r` has some of that."""
+    spikes: Array | None = None
+    """(N, n_y) what was taken off y where PV left its course for a moment, 0 at all other samples."""
 
     @property
     def setpoints(self) -> Array:
         """(N, n_y) as they count for moves: what differs here has moved."""
         return self.r if self.settled is None else self.settled
+
+    @property
+    def taken_off(self) -> Array:
+        """(N, n_y) `spikes`, where there are none 0."""
+        return np.zeros(self.y.shape) if self.spikes is None else self.spikes
 
     @property
     def holds(self) -> tuple[str, ...]:
@@ -219,7 +226,9 @@ class Segment:
     def part(self, first: int, end: int | None = None) -> Segment:
         """From one sample to before another."""
         signals = {name: getattr(self, name)[first:end] for name in ("t", "r", "u", "y", "d", "free")}
-        signals |= {name: x[first:end] for name in ("sent", "settled") if (x := getattr(self, name)) is not None}
+        signals |= {
+            name: x[first:end] for name in ("sent", "settled", "spikes") if (x := getattr(self, name)) is not None
+        }
         last = len(self) if end is None else end
         jumps = tuple(tuple(k - first for k in own if first < k < last) for own in self.jumps)
         return replace(self, jumps=jumps, **signals)

@@ -31,6 +31,7 @@ class Code(StrEnum):
     UNSTABLE_MODEL = "unstable-model", "the declared loop is unstable on the model"
     MISSING_ELEMENT = "missing-element", "an element that the model lacks was found"
     LOAD = "load-step", "something that nobody recorded stepped like an input"
+    SPIKES = "spikes", "a PV was off for a moment, as no disturbance would be"
     SWAPPED = "swapped", "two columns look as if each stood in the other's place"
     TIME_UNIT = "time-unit", "the model's times look as if they were in another unit"
     SETPOINT_COMPUTED = "setpoint-computed", "a set-point follows PV and moves nothing from outside"

@@ -12,7 +12,7 @@ from trueplant.identify import Spec, WhyUnanswered
 from trueplant.loop import Controller, LinearLoop
 from trueplant.lti import TransferMatrix
 from trueplant.project import Project
-from trueplant.record import Screened, Segment
+from trueplant.record import Kind, Screened, Segment
 from trueplant.result import Reason
 
 Progress = Callable[[str], None]
@@ -114,6 +114,11 @@ class Study:
     def wanted(self) -> frozenset[Place]:
         """Elements of which the project does not say whether they are there."""
         return frozenset(place for place in np.ndindex(*self.model.shape) if self.project.wanted(*place))
+
+    @property
+    def spikes_kept(self) -> frozenset[int]:
+        """Outputs of which the project says that their spikes are real."""
+        return frozenset(i for i, entry in enumerate(self.project.outputs) if Kind.SPIKE in entry.keep)
 
     @property
     def passed_on(self) -> frozenset[Place]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 from scipy.stats import norm
 
 from trueplant.disturbance import DisturbedFit
@@ -26,11 +27,10 @@ from trueplant.identify import (
     sticking,
     try_valves,
     widened_for_bands,
-    with_holds,
-    with_loads,
     with_open_valves,
 )
 from trueplant.record import Segment
+from trueplant.record.numbers import counted
 from trueplant.result import Code, Reason
 from trueplant.study.data.reached import unreached_elements
 from trueplant.study.data.scan import without_hidden_dynamics
@@ -52,7 +52,8 @@ class Identified:
     specs: Mapping[Place, Spec]
     """The elements asked for, and those that the model lacks and the record shows."""
     segments: tuple[Segment, ...]
-    """Those of the study, with the loads that were found, or the samples at which a declared disturbance jumps."""
+    """Those of the study without spikes of PV, with the loads that were found, or the samples at which a declared
+    disturbance jumps."""
     disturbed: Mapping[int, DisturbedFit]
     """The outputs with a declared unmeasured disturbance, estimated along with it."""
     notes: tuple[Reason, ...] = ()
@@ -77,8 +78,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     undeclared = study.holds_to_find
     study = on_the_grid(study, lambda one: _identified(one, one.segments, (), say, plain=True).estimates)
     found, moved = _with_loads_or_without(study, undeclared, say)
-    estimates, holds = found.estimates, found.holds
-    segments = with_loads(with_holds(study.segments, holds), _fits(estimates))
+    estimates, holds, segments = found.estimates, found.holds, found.segments
     say("looking for valves that do not follow OP")
     columns = [j for j, one in enumerate(study.project.inputs) if one.actuator == "valve"]
     tried = try_valves(estimates, columns)
@@ -89,24 +89,22 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         if not behind:  # in no stretch is it known where the stem stands: its bands stay open
             break
         valves = {**valves, **more}
-        segments = behind
-        found = _identified(study, segments, (), say, loads=not moved)
-        estimates = found.estimates
+        found = _identified(study, behind, (), say, loads=not moved)
+        estimates, segments = found.estimates, found.segments
         tried = try_valves(estimates, [j for j in columns if j not in valves])
     fits: dict[int, DisturbedFit] = {}
     if estimates and study.project.unmeasured:
         say("estimating unmeasured disturbances")
         fits = disturbed_fits(study, estimates)
-        known = with_holds(study.segments, holds)
-        segments = behind_valves(with_jumps(study, fits, updated_plant(study.model, estimates).nominal, known), valves)
+        known = updated_plant(study.model, estimates).nominal
+        segments = with_jumps(study, fits, known, segments)
         if any(segment.jumps for segment in segments):
             found = _identified(study, segments, (), say, loads=not moved)
-            estimates = found.estimates
+            estimates, segments = found.estimates, found.segments
         estimates = _resting_on_disturbances(study, estimates, fits)
     confidence = study.project.analysis.confidence
     estimates = over_open_valves(over_open_holds(estimates, holds, confidence), tried, confidence)
     estimates = with_open_valves(widened_for_bands(estimates, valves, confidence), columns, valves)
-    segments = with_loads(segments, _fits(estimates))
     if drawn := drawn_outputs(study):
         say("estimating what a historian left out")
         held = _identified(study, held_between(segments, drawn), (), loads=not moved)
@@ -115,7 +113,12 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     estimates = _without(unreached, estimates)
     taken = {(i, spec.column): spec for i, one in estimates.items() for spec in one.row.specs}
     asked = {place: spec for place, spec in study.specs.items() if place not in found.absence_p}
-    notes = (*_missing(study, taken), *_doubtful(study, found.doubtful), *_loads(study, estimates))
+    notes = (
+        *_missing(study, taken),
+        *_doubtful(study, found.doubtful),
+        *_loads(study, estimates),
+        *_spikes(study, segments),
+    )
     return Identified(
         estimates, {**asked, **taken}, segments, fits, notes, valves, holds, found.absence_p, unreached, moved
     )
@@ -157,6 +160,7 @@ def _identified(
             wanted=study.wanted,
             passed_on=study.passed_on,
             drawn=drawn_outputs(study),
+            certain=study.spikes_kept,
         ),
         study.project.analysis.confidence,
         (update_interval(study), timing_error(study)),
@@ -242,6 +246,23 @@ def _loads(study: Study, estimates: Mapping[int, OutputEstimate]) -> tuple[Reaso
         )
         for k, steps in told.items()
     )
+
+
+def _spikes(study: Study, segments: Sequence[Segment]) -> Iterator[Reason]:
+    """What is said of PVs that left their course for a moment: a note for each."""
+    for i, output in enumerate(study.project.outputs):
+        where = [(one, k) for one in segments if one.spikes is not None for k in np.flatnonzero(one.spikes[:, i])]
+        if not where:
+            continue
+        first, k = where[0]
+        when = study.screened[first.experiment].record.calendar.text(float(first.t[k]))
+        yield Reason(
+            Code.SPIKES,
+            f"{output.name} was off for a moment in {counted(len(where), 'sample')}, first at {when}, and back at "
+            "once, as no disturbance would be: taken for faults of its measurement, and estimated without them. If "
+            f'they are real, say keep = ["spike"] for {output.name}',
+            output.name,
+        )
 
 
 def _fits(estimates: Mapping[int, OutputEstimate]) -> dict[int, RowFit]:
