@@ -109,11 +109,15 @@ class _Errors:
         """Standard deviation of the errors, whatever a few of them are."""
         return max(_spread(self.errors), self.rounding)
 
+    @cached_property
+    def around(self) -> Array:
+        """(n, m) the errors about each sample, NaN beyond the ends."""
+        beyond = np.full(levels.SPIKE_AROUND, np.nan)
+        return sliding_window_view(np.concatenate([beyond, self.errors, beyond]), 2 * beyond.size + 1)
+
     def scales(self, places: IntArray) -> Array:
         """(n,) standard deviations of the errors about these places, the usual one where that is larger."""
-        around = np.full(levels.SPIKE_AROUND, np.nan)
-        near = sliding_window_view(np.concatenate([around, self.errors, around]), 2 * around.size + 1)[places]
-        return np.maximum([_spread(errors) for errors in near], self.usual)
+        return np.maximum([_spread(errors) for errors in self.around[places]], self.usual)
 
     def by_chance(self, m: int) -> float:
         """What m samples in a row gain in -2 log likelihood by chance, over all that are tried."""
@@ -135,13 +139,13 @@ class _Errors:
         lag = after[:, None] - places
         reached = (lag >= 0) & (lag < self.taps.size) & self.there[after][:, None]
         moved = np.where(reached, self.taps[np.clip(lag, 0, self.taps.size - 1)], 0.0)
-        raw = self.e[after] + moved @ known
+        raw, least = self.e[after] + moved @ known, self.by_chance(1)
         while places.size:
             variances = inverse(moved.T @ moved)
             own = variances @ (moved.T @ raw)
             told = own**2 / np.diag(variances) / self.scales(places) ** 2
             weakest = int(np.argmin(told))
-            if told[weakest] > self.by_chance(1):
+            if told[weakest] > least:
                 sizes[places] = own
                 return
             places, moved = np.delete(places, weakest), np.delete(moved, weakest, axis=1)
