@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from support.lag_loop import FOPDT, LAW, MODEL, PLANT, SPEC, TRUTH
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant import plants
 from trueplant.identify import (
@@ -27,12 +28,6 @@ from trueplant.loop import PID, Controller, Step, simulate
 from trueplant.lti import Structure, TransferMatrix
 from trueplant.record import Load
 
-FOPDT = Structure.parse("fopdt")
-TRUTH = np.array([2.0, 10.0, 4.6])
-PLANT = TransferMatrix(((FOPDT.transfer(TRUTH),),), "min")
-LAW = Controller.diagonal([PID(Kc=0.4, Ti=10.0, sample_time=1.0)])
-SPEC = Spec(0, FOPDT, (1.7, 12.0, 4.0))
-MODEL = TransferMatrix(((FOPDT.transfer(np.array(SPEC.initial)),),), "min")
 LOADS = ((450.0, 0.12), (980.0, -0.1), (1350.0, 0.08))
 
 

@@ -7,19 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from support.lag_loop import LAW, MODEL, PLANT, SPEC, TRUTH
 from support.simulated import random_switching, segment_of
-from trueplant.identify import Row, Spec, identify_matrix, identify_output, pieces_of, specs_of
+from trueplant.identify import Row, identify_matrix, identify_output, pieces_of, specs_of
 from trueplant.identify.between_samples import _thinned
 from trueplant.identify.spikes import _Errors, set_aside, without_spikes
-from trueplant.loop import PID, Controller, simulate
-from trueplant.lti import Structure, TransferMatrix
+from trueplant.loop import simulate
 
-FOPDT = Structure.parse("fopdt")
-TRUTH = np.array([2.0, 10.0, 4.6])
-PLANT = TransferMatrix(((FOPDT.transfer(TRUTH),),), "min")
-LAW = Controller.diagonal([PID(Kc=0.4, Ti=10.0, sample_time=1.0)])
-SPEC = Spec(0, FOPDT, (1.7, 12.0, 4.0))
-MODEL = TransferMatrix(((FOPDT.transfer(np.array(SPEC.initial)),),), "min")
 POLE = 0.9
 
 

@@ -8,7 +8,7 @@ from trueplant.identify.first import INTEGRATING, SELF_REGULATING
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.gate import Worse, worse_than_model
 from trueplant.identify.holds import FoundHold, find_holds, held_or_straight, over_open_holds, with_holds
-from trueplant.identify.loads import FoundLoad, cost_of_loads, found_loads, with_loads
+from trueplant.identify.loads import FoundLoad, cost_of_loads, found_loads
 from trueplant.identify.longest_noise import estimate_beside_longest_noise
 from trueplant.identify.matrix import Identification, identify_matrix, identify_plant, specs_of
 from trueplant.identify.off_grid import as_if_sampled_on_the_grid
@@ -84,7 +84,6 @@ __all__ = [
     "unanswered",
     "widened_for_bands",
     "with_holds",
-    "with_loads",
     "with_open_valves",
     "worse_than_model",
 ]
