@@ -52,7 +52,7 @@ def test_a_note_says_how_many_there_are_and_the_first_of_them(folder):
         f["samples"] for table in result.to_dict()["data"] for f in table["findings"] if f["kind"] == "spike"
     )
     assert 0 < screened < 8
-    assert note.where == "y"
+    assert note.where == "y, run.csv"
     assert f"in {15 - screened} samples, first at " in note.message
     assert any(f"at {place} min" in note.message for place in places)
     assert 'keep = ["spike"]' in note.message

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 from scipy.stats import norm
@@ -249,19 +250,19 @@ def _loads(study: Study, estimates: Mapping[int, OutputEstimate]) -> tuple[Reaso
 
 
 def _spikes(study: Study, segments: Sequence[Segment]) -> Iterator[Reason]:
-    """What is said of PVs that left their course for a moment: a note for each."""
-    for i, output in enumerate(study.project.outputs):
-        where = [(one, k) for one in segments if one.spikes is not None for k in np.flatnonzero(one.spikes[:, i])]
-        if not where:
+    """What is said of PVs that were off for a moment: a note for each in each experiment."""
+    for (i, output), k in product(enumerate(study.project.outputs), range(len(study.screened))):
+        own = [segment for segment in segments if segment.experiment == k]
+        times = np.concatenate([np.zeros(0), *(segment.t[segment.taken_off[:, i] != 0] for segment in own)])
+        if not times.size:
             continue
-        first, k = where[0]
-        when = study.screened[first.experiment].record.calendar.text(float(first.t[k]))
+        first = study.screened[k].record.calendar.text(float(times[0]))
         yield Reason(
             Code.SPIKES,
-            f"{output.name} was off for a moment in {counted(len(where), 'sample')}, first at {when}, and back at "
-            "once, as no disturbance would be: taken for faults of its measurement, and estimated without them. If "
-            f'they are real, say keep = ["spike"] for {output.name}',
-            output.name,
+            f"{output.name} was off for a moment in {counted(times.size, 'sample')}, {'first ' * (times.size > 1)}at "
+            f"{first}, and back at once, as no disturbance would be: taken for faults of its measurement, and "
+            f'estimated without them. If they are real, say keep = ["spike"] for {output.name}',
+            f"{output.name}, {study.project.experiments[k].name}",
         )
 
 
