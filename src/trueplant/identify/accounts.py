@@ -43,6 +43,10 @@ class Open:
     certain: Collection[int] = ()
     """Outputs of which every sample counts, whatever it looks like."""
 
+    def may_have_spikes(self, output: int) -> bool:
+        """Are its spikes to be taken off? Not where a historian drew lines, whose ends would pass for some."""
+        return output not in self.certain and output not in self.drawn
+
 
 Tell = Callable[[int, str], None]
 """Is told what is being done, such as "estimating", and with which output."""
@@ -114,8 +118,7 @@ class Rivals:
 
     def beside_spikes(self, account: Account) -> Account:
         """The account beside those spikes of PV that show beside its own plants, where these are others than before."""
-        spared = {*self.asked.certain, *self.asked.drawn}
-        own = {i: found.fit for i, found in account.estimates.items() if i not in spared}
+        own = {i: fit for i, fit in account.fits.items() if self.asked.may_have_spikes(i)}
         fits = {i: other for i, fit in own.items() if (other := without_spikes(fit)) is not fit}
         segments = account.segments
         for i, fit in fits.items():
@@ -170,7 +173,7 @@ def first_estimate(
 ) -> tuple[Sequence[Segment], OutputEstimate | None]:
     """The segments without the spikes of this output, and the estimate from them."""
     found = again(segments, specs=specs)
-    if found is None or output in {*asked.certain, *asked.drawn}:
+    if found is None or not asked.may_have_spikes(output):
         return segments, found
     fit = without_spikes(found.fit)
     if fit is found.fit:

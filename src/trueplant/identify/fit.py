@@ -79,7 +79,7 @@ class RowFit:
     @property
     def left(self) -> int:
         """Degrees of freedom that parameters, noise model and nuisance terms leave, all of them counted as free."""
-        return max(self.count - self.theta.size - self.ar.size - self.row.nuisance_count - self.row.spike_count, 1)
+        return max(self.count - self.theta.size - self.ar.size - self.row.unknown_count, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,7 +331,7 @@ def fit_row(
     )
     found = descend(problem, np.concatenate([theta, ar]), evaluate(row, theta, ar, weights), iterations)
     theta, ar, point = found.x[:n], found.x[n:], found.point
-    left = max(point.count - int(moving.sum()) - row.nuisance_count - row.spike_count, 1)
+    left = max(point.count - int(moving.sum()) - row.unknown_count, 1)
     information = with_held(point.information, moving)
     variance = float(point.power[:, 0].sum()) / left
     return RowFit(row, theta, ar, variance, information, point.cost, point.count, point.weights, found.converged, free)

@@ -178,8 +178,8 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
         np.concatenate([*(row.is_dead_time for row in rows), np.zeros(ar.size, dtype=bool)]),
     )
     found = descend(problem, initial, at(initial, point.root), levels.JOINT_ITERATIONS)
-    nuisance = sum(row.nuisance_count + row.spike_count for row in rows)
-    left = max(found.point.count - (int(moving.sum()) + nuisance) / n, 1.0)
+    unknown = sum(row.unknown_count for row in rows)
+    left = max(found.point.count - (int(moving.sum()) + unknown) / n, 1.0)
     return _finished(rows, _Descended(problem, found, left))
 
 

@@ -61,7 +61,7 @@ def _window(row: Row, ar: Array, theta: Array) -> tuple[Array, Array]:
     seen = row.without_unseen(theta)
     point = evaluate(seen, theta, ar, np.ones(len(row.pieces)))
     step = _solve(point.information, point.slope)
-    left = max(point.count - size - ar.size - seen.nuisance_count - seen.spike_count, 1)
+    left = max(point.count - size - ar.size - seen.unknown_count, 1)
     variance = max(point.cost - float(step @ point.slope), 1e-300) / left
     a, b, c = point.information[:size, :size], point.information[:size, size:], point.information[size:, size:]
     if not ar.size:

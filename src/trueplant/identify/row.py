@@ -221,6 +221,11 @@ class Row:
         taken = [piece.spikes[:: self.stride] for piece in self.pieces if piece.spikes is not None]
         return sum(int(np.count_nonzero(sizes)) for sizes in taken)
 
+    @property
+    def unknown_count(self) -> int:
+        """Degrees of freedom that both of these cost."""
+        return self.nuisance_count + self.spike_count
+
     @cached_property
     def _modes(self) -> Modes:
         structures = [spec.structure for spec in self.specs]

@@ -97,8 +97,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
     if estimates and study.project.unmeasured:
         say("estimating unmeasured disturbances")
         fits = disturbed_fits(study, estimates)
-        known = updated_plant(study.model, estimates).nominal
-        segments = with_jumps(study, fits, known, segments)
+        segments = with_jumps(study, fits, updated_plant(study.model, estimates).nominal, segments)
         if any(segment.jumps for segment in segments):
             found = _identified(study, segments, (), say, loads=not moved)
             estimates, segments = found.estimates, found.segments
