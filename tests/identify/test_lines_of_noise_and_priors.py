@@ -144,7 +144,7 @@ def test_a_plant_is_within_a_factor_of_e_of_its_model_in_two_of_three() -> None:
 
 @pytest.mark.holds("identify.STICKS")
 def test_one_valve_in_five_does_not_follow_before_its_record_is_looked_at(monkeypatch: Any) -> None:
-    monkeypatch.setattr(valves, "behind", lambda fit, column, valve: fit)
+    monkeypatch.setattr(valves, "behind", lambda fit, valves: fit)
 
     def silent(kind: Any) -> Stub:
         return Stub(evidence=np.zeros(len(kind)), beyond=np.zeros(len(kind)), shifts=np.zeros((len(kind), 3)))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import norm
 
 from support.simulated import coloured, random_switching, segment_of
@@ -22,12 +24,13 @@ from trueplant.identify import (
     with_open_valves,
 )
 from trueplant.identify.likelihood import held_at
-from trueplant.identify.open_valves import OpenBands
+from trueplant.identify.open_valves import OpenValves, likeliest
 from trueplant.identify.valve_effects import ValveTest, behind
-from trueplant.identify.valves import FoundValve
+from trueplant.identify.valves import FoundValve, bands_of
 from trueplant.loop import PID, Controller, Valve, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.lti.sampled import sampled_response
+from trueplant.record.types import Segment
 
 PLANT = TransferMatrix.of([["2 exp(-3.3 s)/(10 s + 1)"]], "min")
 LAW = Controller.diagonal([PID(Kc=0.66, Ti=10.0, sample_time=1.0)])
@@ -169,7 +172,7 @@ def test_intervals_reach_the_plant_behind_a_valve_that_the_record_cannot_show():
 def test_a_valve_moves_the_plant_to_first_order_as_far_as_a_fit_behind_it():
     fit = identify_matrix([record(1, 0.02, std=0.1)[0]], PLANT, specs_of(PLANT))[0].fit
     valve = Valve(backlash=0.02 * float(np.ptp(fit.row.pieces[0].inputs[0])))
-    moved, effect = behind(fit, 0, valve), ValveTest(fit, 0).of([valve])
+    moved, effect = behind(fit, {0: valve}), ValveTest(fit, 0).of([valve])
     assert effect.evidence[0] == pytest.approx((fit.deviance - moved.deviance) / 2, rel=0.1)
     assert effect.alone[0] == pytest.approx(fit.deviance - moved.deviance, rel=0.1)
     np.testing.assert_allclose(effect.shifts[0], moved.theta - fit.theta, rtol=0.2)
@@ -214,7 +217,7 @@ def test_what_the_band_leaves_open_widens_the_plant_behind_it():
     there = identify_matrix(behind_valves([segment], valves), PLANT, specs_of(PLANT))
     wider = widened_for_bands(there, valves, 0.95)
     ends = [
-        behind(there[0].fit, 0, Valve(backlash=found.band * np.exp(side * found.error))).theta for side in (1.0, -1.0)
+        behind(there[0].fit, {0: Valve(backlash=found.band * np.exp(side * found.error))}).theta for side in (1.0, -1.0)
     ]
     lean = (ends[0] - ends[1]) / 2
     assert 0.02 < found.error < 0.3 and np.abs(lean[0]) > 0.1 * np.sqrt(there[0].covariance[0, 0])
@@ -240,27 +243,69 @@ def test_a_likelihood_ratio_takes_no_valve_for_a_changed_plant():
     assert max(changed) < 0.01
 
 
-def test_the_mean_over_the_bands_is_that_of_the_fits_behind_them():
-    """Beside the model, where the noise model alone is free: two narrow bands and OP at its word, fitted one by one."""
+def test_open_valves_gain_what_the_fit_behind_the_likeliest_gains():
+    """Beside the model, where the noise model alone is free: all bands fitted one by one, 1 % apart."""
     fit = identify_matrix([record(1, 0.02, std=0.1)[0]], PLANT, specs_of(PLANT))[0].fit
     held = held_at(fit, np.arange(3), np.array([2.0, 10.0, 3.3]))
-    bands = tuple(Valve(backlash=share * float(np.ptp(fit.row.pieces[0].inputs[0]))) for share in (0.01, 0.02))
-    falls = np.array([0.0, *(held.deviance - behind(held, 0, band).deviance for band in bands)])
-    odds = np.array([1.0, 0.1, 0.2])
-    mean = 2 * np.log(odds @ np.exp(falls / 2) / odds.sum())
-    assert OpenBands(0, bands, np.log(odds[1:]), ()).gain(held) == pytest.approx(mean, rel=0.1)
-    assert mean > 5 and OpenBands(1, bands, np.log(odds[1:]), ()).gain(held) == 0.0
+    span = float(np.ptp(fit.row.pieces[0].inputs[0]))
+    coarse = [Valve(backlash=share * span) for share in np.geomspace(0.005, 0.08, 20)]
+    falls = [
+        held.deviance - behind(held, {0: Valve(backlash=w * span)}).deviance for w in np.geomspace(5e-3, 0.08, 280)
+    ]
+    gain = OpenValves({0: fit}, {0: coarse}).gain(0, held)
+    assert gain == pytest.approx(max(falls), abs=0.3) and gain > 5
+    assert OpenValves({0: fit}, {0: [Valve(stick=span)]}).gain(0, held) == 0.0
 
 
-def test_what_other_outputs_say_of_a_band_counts():
-    """Another output of the same input that shows a band makes it as likely as it says."""
+def test_a_band_is_the_same_to_all_outputs_that_its_valve_moves():
+    """One that another output rules out explains nothing of this one."""
     shown = identify_matrix([record(1, 0.02)[0]], PLANT, specs_of(PLANT))[0].fit
-    mute = identify_matrix([record(1, 0.0, std=0.5)[0]], PLANT, specs_of(PLANT))[0].fit
-    bands = (Valve(backlash=0.02 * float(np.ptp(shown.row.pieces[0].inputs[0]))),)
-    alone, beside = (OpenBands(0, bands, np.zeros(1), others) for others in ((), (shown,)))
-    (shift,) = beside._evidence(mute)
-    assert alone.gain(mute) == pytest.approx(2 * np.log((1 + np.exp(shift)) / 2))
-    assert beside.gain(mute) == pytest.approx(2 * shift, abs=1e-3)
+    other = identify_matrix([record(2, 0.05)[0]], PLANT, specs_of(PLANT))[0].fit
+    span = float(np.ptp(shown.row.pieces[0].inputs[0]))
+    bands = {0: [Valve(backlash=share * span) for share in (0.02, 0.05)]}
+    alone = [OpenValves({0: fit}, bands).gain(0, fit) for fit in (shown, other)]
+    together = OpenValves({0: shown, 1: other}, bands)
+    valve = likeliest({0: shown, 1: other}, bands)
+    both = sum(fit.deviance - behind(fit, valve).deviance for fit in (shown, other))
+    assert min(alone) > 20
+    assert together.gain(0, shown) == together.gain(1, other) == pytest.approx(both)
+    assert both < sum(alone) - 20
+
+
+def test_valves_of_several_inputs_are_placed_beside_each_other():
+    """One output, two inputs, a band in each (simulated, open loop): both are found, and gain what the true ones do."""
+    rng, samples = np.random.default_rng(3), 2000
+    plant = TransferMatrix.of([["2 exp(-3.3 s)/(10 s + 1)", "-1.2 exp(-2 s)/(6 s + 1)"]], "min")
+    walks = np.cumsum(rng.normal(size=(samples, 2)), axis=0) * 0.1
+    op = walks - lfilter([0.02], [1, -0.98], walks, axis=0)
+    true = {j: Valve(backlash=share * float(np.ptp(op[:, j]))) for j, share in enumerate((0.02, 0.03))}
+    stems = np.column_stack([valve.positions(op[:, j]) for j, valve in true.items()])
+    y = sampled_response(plant, stems, 1.0) + coloured(rng, samples, 1, [1, -0.8], [1], 0.02)
+    whole, nothing = np.ones((samples, 1), dtype=bool), np.zeros((samples, 0))
+    segment = Segment(0, 1.0, np.arange(samples) * 1.0, y, op, y, nothing, whole, ("zoh", "zoh"), closed=False)
+    fit = identify_matrix([segment], plant, specs_of(plant))[0].fit
+    bands = {j: [*chain(*bands_of(fit, j))] for j in (0, 1)}
+    found = likeliest({0: fit}, bands)
+    assert {j: valve.backlash for j, valve in found.items()} == pytest.approx(
+        {j: valve.backlash for j, valve in true.items()}, rel=0.2
+    )
+    least = fit.deviance - behind(fit, true).deviance
+    alone = [fit.deviance - behind(fit, {j: true[j]}).deviance for j in (0, 1)]
+    assert 20 < max(alone) < least - 20
+    assert least - 1 < OpenValves({0: fit}, bands).gain(0, fit) < least + 12
+
+
+@pytest.mark.slow
+def test_a_likelihood_ratio_with_open_valves_rejects_the_model_as_often_as_it_says():
+    """40 simulated records each of an unchanged plant, of backlash and stick-slip of 1 % and of no valve: 5 % are 2."""
+    model, index = np.array([2.0, 10.0, 3.3]), np.arange(3)
+    for kind, share in (("backlash", 0.01), ("stick", 0.01), ("backlash", 0.0)):
+        p = []
+        for seed in range(40):
+            estimates = identify_matrix([record(seed, share, kind)[0]], PLANT, specs_of(PLANT))
+            p.append(with_open_valves(estimates, [0], {})[0].likelihood_ratio_p(index, model, doubting=True))
+        assert np.sum(np.less(p, 0.05)) <= 5, (kind, share)
+        assert np.sum(np.less(p, 0.5)) >= 8, (kind, share)
 
 
 def test_what_was_sent_stays_with_the_positions_of_a_stem():

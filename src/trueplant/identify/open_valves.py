@@ -1,63 +1,47 @@
 """Valves that may not follow OP, as likelihood ratios count them.
 
 What a valve that does not follow OP makes of it passes for the plant's, and a test that takes OP at its word then finds
-a change that is none. So a likelihood ratio is one of means over all bands that are open, each beside the plant of the
-hypothesis in question: beside the model a band may explain what a changed plant would explain as well. Bands have the
-odds that they had before the record was looked at, and what the other outputs say of them.
+a change that is none. Which bands the valves have is not what such a test asks: so the model and the estimate are
+compared each beside the valves that make it likeliest, for beside the model a band may explain what a changed plant
+would explain as well. A mean over the bands would hold against the model how exactly it needs to know the band.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import chain
 
 import numpy as np
-from scipy.special import logsumexp
 
-from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.valve_effects import ValveTest, behind
-from trueplant.identify.valves import FoundValve, bands_of, odds_before, times
+from trueplant.identify.valves import FoundValve, bands_of, times
 from trueplant.loop.valve import Valve
+
+Fits = Mapping[int, RowFit]
+"""By output."""
 
 
 @dataclass(frozen=True, eq=False)
-class OpenBands:
-    """The bands of one valve that are open, for the tests of one output."""
+class OpenValves:
+    """The valves of a plant that are open, and the fits that they are open beside."""
 
-    column: int
-    bands: tuple[Valve, ...]
-    before: Array
-    """(n_bands,) log odds of each against the positions that the fits stand on, before the record is looked at."""
-    others: tuple[RowFit, ...]
-    """Of the other outputs that the input moves."""
+    fits: Fits
+    bands: Mapping[int, Sequence[Valve]]
+    """By column: those that it may be."""
 
-    def gain(self, fit: RowFit) -> float:
-        """By how much -2 log likelihood of a fit falls where it is a mean over the bands."""
-        if not any(spec.column == self.column for spec in fit.row.specs):
-            return 0.0
-        odds = self._odds
-        every = np.append(odds + self._evidence(fit), 0.0)
-        return float(2 * (logsumexp(every) - logsumexp(np.append(odds, 0.0))))
+    def gain(self, output: int, fit: RowFit) -> float:
+        """By how much -2 log likelihood of the plant falls behind the likeliest valves, one output fitted like this."""
+        return self._alone if fit is self.fits[output] else _gain({**self.fits, output: fit}, self.bands)
 
     @cached_property
-    def _odds(self) -> Array:
-        """(n_bands,) their logarithms, with what the other outputs say."""
-        return np.asarray(self.before + sum(self._evidence(fit) for fit in self.others))
-
-    def _evidence(self, fit: RowFit) -> Array:
-        """(n_bands,) log of the ratio of likelihoods, to first order.
-
-        What the likeliest gains with the plant fitted behind it is the most that counts, as in the search.
-        """
-        part = of_a_part(fit)
-        gains = ValveTest(part, self.column).of(self.bands).alone
-        most = part.deviance - behind(part, self.column, self.bands[int(np.argmax(gains))]).deviance
-        return np.asarray(np.minimum(gains, max(most, 0.0)) / 2)
+    def _alone(self) -> float:
+        return _gain(self.fits, self.bands)
 
 
 def with_open_valves(
@@ -68,23 +52,67 @@ def with_open_valves(
     Of valves that were found, whose positions the estimates stand on, the bands nearby are.
     """
     fits = {i: estimate.fit for i, estimate in estimates.items() if estimate.fit.count}
-    out = dict(estimates)
-    for column in columns:
-        own = [i for i, fit in fits.items() if any(spec.column == column for spec in fit.row.specs)]
-        for i in own:
-            bands, before = _bands(fits[i], column, valves.get(column))
-            if bands:
-                others = tuple(fits[k] for k in own if k != i)
-                more = OpenBands(column, bands, before, others).gain
-                out[i] = replace(out[i], open_valves=(*out[i].open_valves, more))
-    return out
+    bands = {column: _bands(fits, column, valves.get(column)) for column in columns}
+    there = OpenValves(fits, {column: own for column, own in bands.items() if own})
+    if not there.bands:
+        return dict(estimates)
+    return {i: replace(one, open_valves=partial(there.gain, i)) if i in fits else one for i, one in estimates.items()}
 
 
-def _bands(fit: RowFit, column: int, found: FoundValve | None) -> tuple[tuple[Valve, ...], Array]:
-    """The bands that are open, and their log odds: of all, one valve in five does not follow OP."""
-    if found is not None:
-        nearby = tuple(times(found.valve, factor) for factor in levels.VALVE_FACTORS)
-        return nearby, np.log(np.gradient(np.log(levels.VALVE_FACTORS)))
-    kinds = bands_of(fit, column)
-    shares = [np.full(len(kind), odds_before(kind)) for kind in kinds]
-    return tuple(valve for kind in kinds for valve in kind), np.log(np.concatenate([np.zeros(0), *shares]))
+def _bands(fits: Fits, column: int, found: FoundValve | None) -> list[Valve]:
+    moved = _moved_by(fits, column)
+    if not moved:
+        return []
+    return _nearby(found.valve) if found is not None else [*chain(*bands_of(fits[moved[0]], column))]
+
+
+def _nearby(valve: Valve) -> list[Valve]:
+    return [times(valve, factor) for factor in levels.VALVE_FACTORS]
+
+
+def _moved_by(fits: Fits, column: int) -> list[int]:
+    """The outputs that an input moves."""
+    return [i for i, fit in fits.items() if any(spec.column == column for spec in fit.row.specs)]
+
+
+def _gain(fits: Fits, bands: Mapping[int, Sequence[Valve]]) -> float:
+    """What the likeliest valves gain together in -2 log likelihood, over all outputs."""
+    valves = likeliest({i: of_a_part(fit) for i, fit in fits.items()}, bands)
+    moved = {i: _own(fit, valves) for i, fit in fits.items()}
+    return max(sum(fits[i].deviance - behind(fits[i], own).deviance for i, own in moved.items() if own), 0.0)
+
+
+def _own(fit: RowFit, valves: Mapping[int, Valve]) -> dict[int, Valve]:
+    """Those in its inputs."""
+    return {spec.column: valves[spec.column] for spec in fit.row.specs if spec.column in valves}
+
+
+def likeliest(fits: Fits, bands: Mapping[int, Sequence[Valve]]) -> dict[int, Valve]:
+    """The valves that make the plant likeliest, by column; none where OP is likelier.
+
+    One after the other, each beside those before, and then each beside all others until nothing gains any more.
+    """
+    first = {column: _promised(fits, column, own) for column, own in bands.items()} if len(bands) > 1 else {}
+    columns = sorted(bands, key=lambda column: -first[column][0] if first else 0.0)
+    now, placed = dict(fits), dict[int, Valve]()
+    for _ in range(levels.VALVE_ROUNDS):
+        before = dict(placed)
+        for column in columns:
+            tried = [Valve(), *_nearby(placed[column])] if column in placed else bands[column]
+            promised, valve = _promised(now, column, tried)
+            if promised <= 0 or valve == placed.get(column):
+                continue
+            moved = {i: behind(now[i], {column: valve}) for i in _moved_by(now, column)}
+            if sum(now[i].deviance - fit.deviance for i, fit in moved.items()) > 0:
+                now |= moved
+                placed[column] = valve
+        if placed == before:
+            break
+    return placed
+
+
+def _promised(fits: Fits, column: int, valves: Sequence[Valve]) -> tuple[float, Valve]:
+    """What the likeliest of these gains to first order, over all outputs, and which it is."""
+    gains = np.sum([ValveTest(fits[i], column).of(valves).alone for i in _moved_by(fits, column)], axis=0)
+    best = int(np.argmax(gains))
+    return float(gains[best]), valves[best]

@@ -91,8 +91,8 @@ class OutputEstimate:
     `ratio_factor` counts them."""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
-    open_valves: tuple[Callable[[RowFit], float], ...] = ()
-    """By how much -2 log likelihood of a fit falls where each valve that may not follow OP does as it may."""
+    open_valves: Callable[[RowFit], float] | None = None
+    """By how much -2 log likelihood of a fit falls where valves that may not follow OP do as is likeliest beside it."""
     rise: Callable[[IntArray, Array], float] | None = None
     """The likelihood that belongs to theta: by how much -2 log likelihood rises when theta[index] is held at values and
     the others are free. None: that of `fit`."""
@@ -152,11 +152,11 @@ class OutputEstimate:
 
     def _by_valves(self, restricted: RowFit) -> float:
         """How much of the rise of -2 log likelihood to a more restricted fit valves that do not follow OP explain."""
-        return sum(gain(restricted) for gain in self.open_valves) - self._gained_by_valves
+        return 0.0 if self.open_valves is None else self.open_valves(restricted) - self._gained
 
     @cached_property
-    def _gained_by_valves(self) -> float:
-        return sum(gain(self.fit) for gain in self.open_valves)
+    def _gained(self) -> float:
+        return 0.0 if self.open_valves is None else self.open_valves(self.fit)
 
     def _ratio_p(self, index: IntArray, risen: float, freedom: int) -> float:
         if self.rise is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,16 +19,17 @@ BATCH = 8
 """Valves that are gone through at a time: what they change in long records stays in the cache."""
 
 
-def behind(fit: RowFit, column: int, valve: Valve) -> RowFit:
-    """The fit with the positions of the valve's stem for its input.
+def behind(fit: RowFit, valves: Mapping[int, Valve]) -> RowFit:
+    """The fit with the positions of the valves' stems for their inputs, by column.
 
-    Where the stem stands is not known at first, nor behind a gap. No row is struck for that here, as `behind_valves`
+    Where a stem stands is not known at first, nor behind a gap. No row is struck for that here, as `behind_valves`
     does: likelihoods of one band and another are of the same rows.
     """
     pieces = []
     for piece in fit.row.pieces:
         inputs = piece.inputs.copy()
-        inputs[column] = valve.positions(piece.recorded[column], start=0.0)
+        for column, valve in valves.items():
+            inputs[column] = valve.positions(piece.recorded[column], start=0.0)
         pieces.append(replace(piece, inputs=inputs, sent=piece.recorded))
     row = replace(fit.row, pieces=tuple(pieces))
     return fit_row(row, fit.theta, fit.ar, weights=fit.weights, free=fit.free, reweight=False)

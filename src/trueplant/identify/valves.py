@@ -139,7 +139,7 @@ def _kind(
     searched = len(kind) * len(BANDS) * inputs
     if searched * chi2.sf(max(gain, 0.0), 1) < levels.VALVE:
         valve, error = _refined(list(fits.values()), column, valve)
-    moved = {i: behind(fit, column, valve) for i, fit in fits.items()}
+    moved = {i: behind(fit, {column: valve}) for i, fit in fits.items()}
     most = sum(fits[i].deviance - moved[i].deviance for i in fits)
     p = float(min(1.0, searched * chi2.sf(max(min(gain, most), 0.0), 1)))
     ratios = np.exp(np.minimum(evidence, min(most / 2, levels.LARGEST_EXPONENT)))
@@ -155,7 +155,7 @@ def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> tuple[Valve, 
     """
     error = 0.0
     for _ in range(levels.VALVE_ROUNDS):
-        found = [behind(fit, column, valve) for fit in fits]
+        found = [behind(fit, {column: valve}) for fit in fits]
         tests = [ValveTest(fit, column) for fit in found]
         nearby = [times(valve, factor) for factor in levels.VALVE_FACTORS]
         evidence = np.sum([test.of(nearby).evidence for test in tests], axis=0)
@@ -177,7 +177,7 @@ def times(valve: Valve, factor: float) -> Valve:
 def _lean(fit: RowFit, column: int, found: FoundValve) -> Array:
     """(size,) by how much a relative standard error of the band moves the plant behind the valve."""
     widths = [times(found.valve, float(np.exp(side))) for side in (found.error, -found.error)]
-    wider, narrower = (behind(fit, column, valve) for valve in widths)
+    wider, narrower = (behind(fit, {column: valve}) for valve in widths)
     return np.asarray((wider.theta - narrower.theta) / 2)
 
 
