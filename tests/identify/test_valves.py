@@ -24,7 +24,7 @@ from trueplant.identify import (
     with_open_valves,
 )
 from trueplant.identify.likelihood import held_at
-from trueplant.identify.open_valves import OpenValves, likeliest
+from trueplant.identify.open_valves import gain, likeliest
 from trueplant.identify.valve_effects import ValveTest, behind
 from trueplant.identify.valves import FoundValve, bands_of
 from trueplant.loop import PID, Controller, Valve, simulate
@@ -252,9 +252,9 @@ def test_open_valves_gain_what_the_fit_behind_the_likeliest_gains():
     falls = [
         held.deviance - behind(held, {0: Valve(backlash=w * span)}).deviance for w in np.geomspace(5e-3, 0.08, 280)
     ]
-    gain = OpenValves({0: fit}, {0: coarse}).gain(0, held)
-    assert gain == pytest.approx(max(falls), abs=0.3) and gain > 5
-    assert OpenValves({0: fit}, {0: [Valve(stick=span)]}).gain(0, held) == 0.0
+    gained = gain({0: fit}, {0: coarse}, 0, held)
+    assert gained == pytest.approx(max(falls), abs=0.3) and gained > 5
+    assert gain({0: fit}, {0: [Valve(stick=span)]}, 0, held) == 0.0
 
 
 def test_a_band_is_the_same_to_all_outputs_that_its_valve_moves():
@@ -263,12 +263,12 @@ def test_a_band_is_the_same_to_all_outputs_that_its_valve_moves():
     other = identify_matrix([record(2, 0.05)[0]], PLANT, specs_of(PLANT))[0].fit
     span = float(np.ptp(shown.row.pieces[0].inputs[0]))
     bands = {0: [Valve(backlash=share * span) for share in (0.02, 0.05)]}
-    alone = [OpenValves({0: fit}, bands).gain(0, fit) for fit in (shown, other)]
-    together = OpenValves({0: shown, 1: other}, bands)
-    valve = likeliest({0: shown, 1: other}, bands)
+    alone = [gain({0: fit}, bands, 0, fit) for fit in (shown, other)]
+    every = {0: shown, 1: other}
+    valve = likeliest(every, bands)
     both = sum(fit.deviance - behind(fit, valve).deviance for fit in (shown, other))
     assert min(alone) > 20
-    assert together.gain(0, shown) == together.gain(1, other) == pytest.approx(both)
+    assert gain(every, bands, 0, shown) == gain(every, bands, 1, other) == pytest.approx(both)
     assert both < sum(alone) - 20
 
 
@@ -292,7 +292,7 @@ def test_valves_of_several_inputs_are_placed_beside_each_other():
     least = fit.deviance - behind(fit, true).deviance
     alone = [fit.deviance - behind(fit, {j: true[j]}).deviance for j in (0, 1)]
     assert 20 < max(alone) < least - 20
-    assert least - 1 < OpenValves({0: fit}, bands).gain(0, fit) < least + 12
+    assert least - 1 < gain({0: fit}, bands, 0, fit) < least + 12
 
 
 @pytest.mark.slow

@@ -9,8 +9,8 @@ would explain as well. A mean over the bands would hold against the model how ex
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -27,23 +27,6 @@ Fits = Mapping[int, RowFit]
 """By output."""
 
 
-@dataclass(frozen=True, eq=False)
-class OpenValves:
-    """The valves of a plant that are open, and the fits that they are open beside."""
-
-    fits: Fits
-    bands: Mapping[int, Sequence[Valve]]
-    """By column: those that it may be."""
-
-    def gain(self, output: int, fit: RowFit) -> float:
-        """By how much -2 log likelihood of the plant falls behind the likeliest valves, one output fitted like this."""
-        return self._alone if fit is self.fits[output] else _gain({**self.fits, output: fit}, self.bands)
-
-    @cached_property
-    def _alone(self) -> float:
-        return _gain(self.fits, self.bands)
-
-
 def with_open_valves(
     estimates: Mapping[int, OutputEstimate], columns: Sequence[int], valves: Mapping[int, FoundValve]
 ) -> dict[int, OutputEstimate]:
@@ -53,10 +36,9 @@ def with_open_valves(
     """
     fits = {i: estimate.fit for i, estimate in estimates.items() if estimate.fit.count}
     bands = {column: _bands(fits, column, valves.get(column)) for column in columns}
-    there = OpenValves(fits, {column: own for column, own in bands.items() if own})
-    if not there.bands:
-        return dict(estimates)
-    return {i: replace(one, open_valves=partial(there.gain, i)) if i in fits else one for i, one in estimates.items()}
+    return {
+        i: replace(one, open_valves=partial(gain, fits, bands, i)) if i in fits else one for i, one in estimates.items()
+    }
 
 
 def _bands(fits: Fits, column: int, found: FoundValve | None) -> list[Valve]:
@@ -75,11 +57,17 @@ def _moved_by(fits: Fits, column: int) -> list[int]:
     return [i for i, fit in fits.items() if any(spec.column == column for spec in fit.row.specs)]
 
 
-def _gain(fits: Fits, bands: Mapping[int, Sequence[Valve]]) -> float:
-    """What the likeliest valves gain together in -2 log likelihood, over all outputs."""
-    valves = likeliest({i: of_a_part(fit) for i, fit in fits.items()}, bands)
-    moved = {i: _own(fit, valves) for i, fit in fits.items()}
-    return max(sum(fits[i].deviance - behind(fits[i], own).deviance for i, own in moved.items() if own), 0.0)
+def gain(fits: Fits, bands: Mapping[int, Sequence[Valve]], output: int, fit: RowFit) -> float:
+    """By how much -2 log likelihood of a plant falls behind its likeliest valves, one output fitted as `fit`.
+
+    Only those of the inputs that move this output, as the others are behind one fit of it as behind another.
+    """
+    own = {spec.column: bands[spec.column] for spec in fits[output].row.specs if bands.get(spec.column)}
+    moved_too = {i for column in own for i in _moved_by(fits, column)}
+    every = {i: fit if i == output else fits[i] for i in moved_too}
+    valves = likeliest({i: of_a_part(one) for i, one in every.items()}, own)
+    moved = {i: _own(one, valves) for i, one in every.items()}
+    return max(sum(every[i].deviance - behind(every[i], of).deviance for i, of in moved.items() if of), 0.0)
 
 
 def _own(fit: RowFit, valves: Mapping[int, Valve]) -> dict[int, Valve]:
