@@ -65,7 +65,7 @@ def test_the_likelihood_of_all_rises_as_the_joint_covariance_says(crossed):
         for k in (0, 3):
             sigma = np.sqrt((joint.covariance[i] - np.diag(joint.moved[i] ** 2))[k, k])
             for way in (-1, 1):
-                risen = joint.rise(i, np.array([k]), joint.theta[i][[k]] + way * sigma)
+                risen = joint.rise(i)(np.array([k]), joint.theta[i][[k]] + way * sigma)
                 assert risen == pytest.approx(1.0, rel=0.15)
 
 

@@ -229,6 +229,7 @@ def test_a_load_is_told_by_what_looks_unlike_the_plant_if_that_is_a_twentieth(
 def test_a_search_in_noise_gains_eight_with_three_parameters() -> None:
     """As the mean of 120 simulated records without the element did: it counts as even odds."""
     row = Stub(specs=[Spec(0, FOPDT)], slices=[slice(0, 3)], is_gain=np.array([True, False, False]))
-    searched: Any = Stub(row=row, theta=np.ones(3), fit=None, rise=lambda index, values: 8.0)
+    searched: Any = Stub(row=row, theta=np.ones(3), fit=None, rise=lambda index, values: 8.0, open_valves=None)
     searched._ratio_p = lambda *of: OutputEstimate._ratio_p(searched, *of)
+    searched._risen = lambda *of: OutputEstimate._risen(searched, *of)
     assert 0.3 < OutputEstimate.absence_p(searched, 0) < 0.6

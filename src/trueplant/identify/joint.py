@@ -11,15 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify import levels
-from trueplant.identify.descent import Descent, Problem, descend
+from trueplant.identify.descent import Problem, descend
 from trueplant.identify.fit import RowFit, residuals
-from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse, with_held
+from trueplant.identify.joint_errors import places_of
+from trueplant.identify.joint_plant import JointPlant, JointPoint
+from trueplant.identify.linear_algebra import inverse, with_held
 from trueplant.identify.noise import lagged, whitened_valid
 from trueplant.identify.portmanteau import correlogram
 from trueplant.identify.row import Row
@@ -41,106 +42,31 @@ class JointFit:
     """(n_y, n_y) covariance of the prediction errors."""
     errors: tuple[Array, ...]
     """Prediction errors (n, n_y) of each piece, NaN where an output was not measured."""
-    end: _Descended
+    end: JointPlant
 
     @property
     def converged(self) -> bool:
         return self.end.found.converged
 
-    def rise(self, row: int, index: IntArray, values: Array) -> float:
-        """By how much -2 log likelihood rises when theta[row][index] is held at values and all else is free."""
-        return self.end.rise(sum(theta.size for theta in self.theta[:row]) + index, values)
+    def rise(self, row: int) -> JointRise:
+        """That of the parameters of one row."""
+        return JointRise(self.end, sum(theta.size for theta in self.theta[:row]))
 
 
 @dataclass(frozen=True, eq=False)
-class _Errors:
-    """Prediction errors, and what the weighted ones depend on."""
+class JointRise:
+    """By how much -2 log likelihood rises when theta[index] of one row is held at values and all else is free."""
 
-    plain: tuple[Array, ...]
-    """(n - order, n_y) of each piece, 0 where they do not exist."""
-    exist: tuple[BoolArray, ...]
-    information: Array
-    """(size, size) of theta and ar, one after the other."""
-    slope: Array
+    end: JointPlant
+    first: int
+    """Of the row, among the parameters of all."""
 
+    def __call__(self, index: IntArray, values: Array) -> float:
+        return max(self.held(index, values).deviance - self.end.deviance, 0.0)
 
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """All rows at one set of parameters: -2 log likelihood, and its derivatives where they are asked for."""
-
-    rows: Sequence[Row]
-    theta: Array
-    ar: Array
-    errors: _Errors
-    """Without derivatives."""
-    unit: float = 1.0
-
-    @classmethod
-    def at(cls, rows: Sequence[Row], theta: Array, ar: Array, root: Array) -> _Point:
-        """`root` weights the errors where operating points and initial states are taken out of them."""
-        return cls(rows, theta, ar, _evaluate(rows, theta, ar, root, derivatives=False))
-
-    @cached_property
-    def count(self) -> int:
-        return int(sum(use.sum() for use in self.errors.exist))
-
-    @cached_property
-    def sigma(self) -> Array:
-        """(n_y, n_y) covariance of the prediction errors."""
-        return np.asarray(sum(e.T @ e for e in self.errors.plain) / max(self.count, 1))
-
-    @cached_property
-    def root(self) -> Array:
-        """L with L' L the inverse of sigma."""
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.sigma)))
-
-    @cached_property
-    def cost(self) -> float:
-        """-2 log likelihood up to a constant."""
-        prior = sum(row.prior.penalty(part) for row, part in zip(self.rows, self._parts, strict=True))
-        return float(self.count * np.linalg.slogdet(self.sigma)[1] + prior)
-
-    @property
-    def _parts(self) -> list[Array]:
-        """theta, row by row."""
-        return np.split(self.theta, np.cumsum([row.size for row in self.rows])[:-1])
-
-    @cached_property
-    def _linearised(self) -> _Errors:
-        return _evaluate(self.rows, self.theta, self.ar, self.root)
-
-    @cached_property
-    def _prior(self) -> tuple[Array, Array]:
-        """Diagonal of the information, and the slope, of the priors; 0 for the noise model."""
-        both = [row.prior.normal_equations(part) for row, part in zip(self.rows, self._parts, strict=True)]
-        of_noise = np.zeros(self.ar.size)
-        return np.concatenate([*(d for d, _ in both), of_noise]), np.concatenate([*(s for _, s in both), of_noise])
-
-    @property
-    def information(self) -> Array:
-        return np.asarray(self._linearised.information + np.diag(self._prior[0]))
-
-    @property
-    def slope(self) -> Array:
-        return np.asarray(self._linearised.slope + self._prior[1])
-
-
-@dataclass(frozen=True, eq=False)
-class _Descended:
-    """Where all rows together ended, and the problem of which that is the end."""
-
-    problem: Problem[_Point]
-    found: Descent[_Point]
-    left: float
-    """Degrees of freedom of the prediction errors of an output."""
-
-    def rise(self, place: IntArray, values: Array) -> float:
-        """By how much -2 log likelihood rises when parameters are held (all rows on end), as far as bounds allow."""
-        end, problem = self.found.point, self.problem
-        x, free = self.found.x.copy(), problem.free.copy()
-        x[place], free[place] = np.clip(values, problem.low[place], problem.high[place]), False
-        held = descend(replace(problem, free=free), x, problem.at(x, end), levels.JOINT_ITERATIONS)
-        return max(held.point.cost - end.cost, 0.0) * self.left / end.count
+    def held(self, index: IntArray, values: Array) -> JointPlant:
+        """All rows, with these held."""
+        return self.end.held(self.first + index, values)
 
 
 def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | None:
@@ -162,107 +88,44 @@ def fit_jointly(fits: Sequence[RowFit], order: int | None = None) -> JointFit | 
     low, high = (np.concatenate(ends) for ends in zip(*(row.bounds() for row in rows), strict=True))
     anywhere = np.full(ar.size, np.inf)
 
-    def at(x: Array, root: Array) -> _Point:
-        return _Point.at(rows, x[: theta.size], x[theta.size :].reshape(ar.shape), root)
-
     initial = np.concatenate([theta, ar.ravel()])
-    point = at(initial, np.eye(n))
+    point = JointPoint.at(rows, initial, order, np.eye(n))
     if point.count < 2 * size:
         return None
     moving = np.concatenate([*(fit.free for fit in fits), np.ones(ar.size, dtype=bool)])
     problem = Problem(
-        lambda x, near: at(x, near.root),
+        lambda x, near: JointPoint.at(rows, x, order, near.root),
         np.concatenate([low, -anywhere]),
         np.concatenate([high, anywhere]),
         moving,
         np.concatenate([*(row.is_dead_time for row in rows), np.zeros(ar.size, dtype=bool)]),
     )
-    found = descend(problem, initial, at(initial, point.root), levels.JOINT_ITERATIONS)
+    found = descend(problem, initial, problem.at(initial, point), levels.JOINT_ITERATIONS)
     unknown = sum(row.unknown_count for row in rows)
     left = max(found.point.count - (int(moving.sum()) + unknown) / n, 1.0)
-    return _finished(rows, _Descended(problem, found, left))
+    return _finished(rows, JointPlant(problem, found, left))
 
 
-def _evaluate(rows: Sequence[Row], theta: Array, ar: Array, root: Array, derivatives: bool = True) -> _Errors:
-    """Prediction errors, and the normal equations of theta and ar under the weight root' root."""
-    order, n_y = ar.shape[0], len(rows)
-    ends = np.cumsum([row.size for row in rows])
-    places = [slice(int(end) - row.size, int(end)) for row, end in zip(rows, ends, strict=True)]
-    size = theta.size + ar.size
-    information, slope = np.zeros((size, size)), np.zeros(size)
-    errors, exist = [], []
-    for k in range(len(rows[0].pieces)):
-        measured = [row.measured(k) for row in rows]
-        whole = np.all([ok for _, ok in measured], axis=0)
-        use = whitened_valid(order, whole)
-        exist.append(use)
-        n = whole.size
-        if not use.any():
-            errors.append(np.zeros((max(n - order, 0), n_y)))
-            continue
-        parts = [theta[place] for place in places]
-        responses = [row.response_and_gradient(part, k) for row, part in zip(rows, parts, strict=True)]
-        v = np.column_stack([y - f for (y, _), (f, _) in zip(measured, responses, strict=True)])
-        unknown = [row.unknown(part, k) for row, part in zip(rows, parts, strict=True)]
-        nuisance = [of_row.columns for of_row in unknown]
-        filtered = [_filtered(ar, z, i) for i, z in enumerate(nuisance)]
-        columns = _stacked(root, np.concatenate(filtered, axis=2), use)
-        e = _stacked(root, _prediction_errors(ar, v)[:, :, None], use)[:, 0]
-        identifiable = identifiable_columns(columns, e[::n_y], np.concatenate([of_row.largest for of_row in unknown]))
-        columns, all_weights = columns[:, identifiable], np.zeros(identifiable.size)
-        all_weights[identifiable], basis = eliminated(columns, e)
-        weights = np.split(all_weights, np.cumsum([z.shape[1] for z in nuisance])[:-1])
-        v -= np.column_stack([z @ w for z, w in zip(nuisance, weights, strict=True)])
-        v[~whole] = 0.0
-        plain = _prediction_errors(ar, v)
-        plain[~use] = 0.0
-        errors.append(plain)
-        if not derivatives:
-            continue
-        jacobian = np.zeros((n - order, n_y, size))
-        for i, place in enumerate(places):
-            gradient = responses[i][1] + unknown[i].gradient(weights[i])
-            jacobian[:, :, place] = -_filtered(ar, gradient, i)
-        past = lagged(v, order).reshape(n - order, order, n_y)
-        of_ar = jacobian[:, :, theta.size :].reshape(n - order, n_y, order, n_y, n_y)
-        for i in range(n_y):
-            of_ar[:, i, :, i, :] = past
-        jacobian[:, :, theta.size :] = of_ar.reshape(n - order, n_y, -1)
-        J = _stacked(root, jacobian, use)
-        J -= basis @ (basis.T @ J)
-        information += J.T @ J
-        slope += J.T @ _stacked(root, plain[:, :, None], use)[:, 0]
-    return _Errors(tuple(errors), tuple(exist), information, slope)
-
-
-def _finished(rows: Sequence[Row], end: _Descended) -> JointFit:
+def _finished(rows: Sequence[Row], end: JointPlant) -> JointFit:
     point = end.found.point
-    theta, ar = point.theta, point.ar
-    ends = np.cumsum([row.size for row in rows])
+    order, parts = len(point.ar), point.parts
     # the weight was the inverse of sigma without the degrees of freedom
     sigma = point.sigma * point.count / end.left
     covariance = inverse(with_held(point.information, end.problem.free)) * point.count / end.left
-    places = [slice(int(end) - row.size, int(end)) for row, end in zip(rows, ends, strict=True)]
-    order = ar.shape[0]
     errors = []
-    for e, use in zip(point.errors.plain, point.errors.exist, strict=True):
-        whole = np.full((len(e) + order, len(rows)), np.nan)
-        whole[order:][use] = e[use]
+    for piece in point.errors:
+        whole = np.full((len(piece.plain) + order, len(rows)), np.nan)
+        whole[order:][piece.exist] = piece.plain[piece.exist]
         errors.append(whole)
     return JointFit(
-        theta=tuple(theta[place] for place in places),
-        covariance=tuple(covariance[place, place] for place in places),
+        theta=tuple(parts),
+        covariance=tuple(covariance[place, place] for place in places_of(rows)),
         moved=tuple(np.zeros(row.size) for row in rows),
-        ar=ar,
+        ar=point.ar,
         sigma=sigma,
         errors=tuple(errors),
         end=end,
     )
-
-
-def _stacked(root: Array, x: Array, use: BoolArray) -> Array:
-    """(n n_y, columns) of x (n, n_y, columns) where all outputs were measured, weighted by root."""
-    return np.asarray(np.einsum("ij,tjc->tic", root, x[use])).reshape(-1, x.shape[2])
 
 
 def fit_until_white(fits: Sequence[RowFit]) -> JointFit | None:
@@ -348,23 +211,3 @@ def _chosen_order(v: Sequence[Array], valid: Sequence[BoolArray], fits: Sequence
         _, determinant, count = _vector_ar(v, valid, order, largest)
         scores.append(count * determinant + 2 * order * n * n)
     return int(np.argmin(scores))
-
-
-def _prediction_errors(ar: Array, v: Array) -> Array:
-    """(n - order, n_y) of output errors v (n, n_y)."""
-    order, n = ar.shape[0], len(v)
-    out = v[order:].copy()
-    for k in range(order):
-        out += v[order - k - 1 : n - k - 1] @ ar[k].T
-    return out
-
-
-def _filtered(ar: Array, x: Array, source: int) -> Array:
-    """(n - order, n_y, columns): what columns x (n, columns) in output `source` do to all prediction errors."""
-    order, n_y = ar.shape[:2]
-    n = len(x)
-    out = np.zeros((n - order, n_y, x.shape[1]))
-    out[:, source] = x[order:]
-    for k in range(order):
-        out += ar[k, :, source][None, :, None] * x[order - k - 1 : n - k - 1][:, None, :]
-    return out

@@ -9,15 +9,18 @@ would explain as well. A mean over the bands would hold against the model how ex
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
+from typing import Protocol
 
 import numpy as np
 
+from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
+from trueplant.identify.joint_plant import JointPlant
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.valve_effects import ValveTest, behind
 from trueplant.identify.valves import FoundValve, bands_of, times
@@ -25,6 +28,47 @@ from trueplant.loop.valve import Valve
 
 Fits = Mapping[int, RowFit]
 """By output."""
+
+
+class Plant(Protocol):
+    """The outputs of a plant as they were fitted, to place valves before."""
+
+    @property
+    def deviance(self) -> float:
+        """-2 log likelihood up to a constant."""
+        ...
+
+    def promised(self, column: int, valves: Sequence[Valve]) -> Array:
+        """(m,) by how much it falls to first order behind each of these in an input."""
+        ...
+
+    def behind(self, valves: Mapping[int, Valve]) -> Plant:
+        """With the positions of the valves' stems for their inputs, by column."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class OutputByOutput:
+    """Outputs that were fitted one by one."""
+
+    fits: Fits
+
+    @property
+    def deviance(self) -> float:
+        return sum(fit.deviance for fit in self.fits.values())
+
+    @property
+    def part(self) -> OutputByOutput:
+        """In long records."""
+        return OutputByOutput({i: of_a_part(fit) for i, fit in self.fits.items()})
+
+    def promised(self, column: int, valves: Sequence[Valve]) -> Array:
+        every = [ValveTest(self.fits[i], column).of(valves).alone for i in _moved_by(self.fits, column)]
+        return np.asarray(np.sum(every, axis=0))
+
+    def behind(self, valves: Mapping[int, Valve]) -> OutputByOutput:
+        own = {i: {j: valves[j] for j in _columns(fit) if j in valves} for i, fit in self.fits.items()}
+        return OutputByOutput({i: behind(fit, own[i]) if own[i] else fit for i, fit in self.fits.items()})
 
 
 def with_open_valves(
@@ -52,55 +96,47 @@ def _nearby(valve: Valve) -> list[Valve]:
     return [times(valve, factor) for factor in levels.VALVE_FACTORS]
 
 
+def _columns(fit: RowFit) -> list[int]:
+    return [spec.column for spec in fit.row.specs]
+
+
 def _moved_by(fits: Fits, column: int) -> list[int]:
     """The outputs that an input moves."""
-    return [i for i, fit in fits.items() if any(spec.column == column for spec in fit.row.specs)]
+    return [i for i, fit in fits.items() if column in _columns(fit)]
 
 
-def gain(fits: Fits, bands: Mapping[int, Sequence[Valve]], output: int, fit: RowFit) -> float:
-    """By how much -2 log likelihood of a plant falls behind its likeliest valves, one output fitted as `fit`.
+def gain(fits: Fits, bands: Mapping[int, Sequence[Valve]], output: int, beside: RowFit | JointPlant) -> float:
+    """By how much -2 log likelihood of a plant falls behind its likeliest valves, one output fitted as `beside`, or all
+    together.
 
     Only those of the inputs that move this output, as the others are behind one fit of it as behind another.
     """
-    own = {spec.column: bands[spec.column] for spec in fits[output].row.specs if bands.get(spec.column)}
+    own = {column: bands[column] for column in _columns(fits[output]) if bands.get(column)}
+    if isinstance(beside, JointPlant):
+        return max(beside.deviance - beside.behind(likeliest(beside, own)).deviance, 0.0)
     moved_too = {i for column in own for i in _moved_by(fits, column)}
-    every = {i: fit if i == output else fits[i] for i in moved_too}
-    valves = likeliest({i: of_a_part(one) for i, one in every.items()}, own)
-    moved = {i: _own(one, valves) for i, one in every.items()}
-    return max(sum(every[i].deviance - behind(every[i], of).deviance for i, of in moved.items() if of), 0.0)
+    plant = OutputByOutput({i: beside if i == output else fits[i] for i in moved_too})
+    return max(plant.deviance - plant.behind(likeliest(plant.part, own)).deviance, 0.0)
 
 
-def _own(fit: RowFit, valves: Mapping[int, Valve]) -> dict[int, Valve]:
-    """Those in its inputs."""
-    return {spec.column: valves[spec.column] for spec in fit.row.specs if spec.column in valves}
-
-
-def likeliest(fits: Fits, bands: Mapping[int, Sequence[Valve]]) -> dict[int, Valve]:
+def likeliest(plant: Plant, bands: Mapping[int, Sequence[Valve]]) -> dict[int, Valve]:
     """The valves that make the plant likeliest, by column; none where OP is likelier.
 
     One after the other, each beside those before, and then each beside all others until nothing gains any more.
     """
-    first = {column: _promised(fits, column, own) for column, own in bands.items()} if len(bands) > 1 else {}
-    columns = sorted(bands, key=lambda column: -first[column][0] if first else 0.0)
-    now, placed = dict(fits), dict[int, Valve]()
+    first = {column: float(np.max(plant.promised(column, own))) for column, own in bands.items()}
+    placed: dict[int, Valve] = {}
     for _ in range(levels.VALVE_ROUNDS):
         before = dict(placed)
-        for column in columns:
-            tried = [Valve(), *_nearby(placed[column])] if column in placed else bands[column]
-            promised, valve = _promised(now, column, tried)
-            if promised <= 0 or valve == placed.get(column):
+        for column in sorted(bands, key=lambda column: -first[column]):
+            tried = [Valve(), *_nearby(placed[column]), *bands[column]] if column in placed else bands[column]
+            promised = plant.promised(column, tried)
+            valve = tried[int(np.argmax(promised))]
+            if np.max(promised) <= 0 or valve == placed.get(column):
                 continue
-            moved = {i: behind(now[i], {column: valve}) for i in _moved_by(now, column)}
-            if sum(now[i].deviance - fit.deviance for i, fit in moved.items()) > 0:
-                now |= moved
-                placed[column] = valve
+            moved = plant.behind({column: valve})
+            if moved.deviance < plant.deviance:
+                plant, placed[column] = moved, valve
         if placed == before:
             break
     return placed
-
-
-def _promised(fits: Fits, column: int, valves: Sequence[Valve]) -> tuple[float, Valve]:
-    """What the likeliest of these gains to first order, over all outputs, and which it is."""
-    gains = np.sum([ValveTest(fits[i], column).of(valves).alone for i in _moved_by(fits, column)], axis=0)
-    best = int(np.argmax(gains))
-    return float(gains[best]), valves[best]

@@ -27,6 +27,8 @@ from trueplant.identify.intervals import (
     variance_of,
     widened,
 )
+from trueplant.identify.joint import JointRise
+from trueplant.identify.joint_plant import JointPlant
 from trueplant.identify.likelihood import at_model, held_at, ratio_p, rise, without_element
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.minima import OpenMinima, open_minima
@@ -91,7 +93,7 @@ class OutputEstimate:
     `ratio_factor` counts them."""
     jointly: bool = False
     """Was it estimated with all outputs together (`joint`)? Then `fit` is still the fit of this output alone."""
-    open_valves: Callable[[RowFit], float] | None = None
+    open_valves: Callable[[RowFit | JointPlant], float] | None = None
     """By how much -2 log likelihood of a fit falls where valves that may not follow OP do as is likeliest beside it."""
     rise: Callable[[IntArray, Array], float] | None = None
     """The likelihood that belongs to theta: by how much -2 log likelihood rises when theta[index] is held at values and
@@ -132,31 +134,31 @@ class OutputEstimate:
         `doubting`: with all the others sought from their model as well, and whatever valves may do.
         """
         held = cache(partial(self._held_at, index, values, doubting))
-        risen = rise(self.fit, held()) if self.rise is None else self.rise(index, values)
-        return self._ratio_p(index, risen - (self._by_valves(held()) if doubting else 0.0), len(index))
+        return self._ratio_p(index, self._risen(held, index, values, doubting), len(index))
 
     def absence_p(self, m: int, doubting: bool = False) -> float:
         """p-value that element m of the row is absent, likewise."""
         part = self.row.slices[m]
         index, none = np.arange(part.start, part.stop), np.where(self.row.is_gain, 0.0, self.theta)[part]
         without = cache(partial(without_element, self.fit, m))
-        risen = rise(self.fit, without()) if self.rise is None else self.rise(index, none)
-        risen -= self._by_valves(without()) if doubting else 0.0
-        return self._ratio_p(index, risen, levels.SEARCHED_FREEDOM + index.size)
+        return self._ratio_p(index, self._risen(without, index, none, doubting), levels.SEARCHED_FREEDOM + index.size)
+
+    def _risen(self, held: Callable[[], RowFit], index: IntArray, values: Array, doubting: bool) -> float:
+        """By how much -2 log likelihood rises to a fit of this output alone in which theta[index] is held at values."""
+        risen = rise(self.fit, held()) if self.rise is None else self.rise(index, values)
+        if not doubting or self.open_valves is None:
+            return risen
+        beside = self.rise.held(index, values) if isinstance(self.rise, JointRise) else held()
+        return risen - self.open_valves(beside) + self._gained_by_valves
 
     def _held_at(self, index: IntArray, values: Array, doubting: bool) -> RowFit:
-        held = held_at(self.fit, index, values)
-        if not doubting:
-            return held
-        return min(held, held_at(at_model(self.fit), index, values), key=lambda one: one.deviance)
-
-    def _by_valves(self, restricted: RowFit) -> float:
-        """How much of the rise of -2 log likelihood to a more restricted fit valves that do not follow OP explain."""
-        return 0.0 if self.open_valves is None else self.open_valves(restricted) - self._gained
+        every = (self.fit, at_model(self.fit)) if doubting else (self.fit,)
+        return min((held_at(fit, index, values) for fit in every), key=lambda one: one.deviance)
 
     @cached_property
-    def _gained(self) -> float:
-        return 0.0 if self.open_valves is None else self.open_valves(self.fit)
+    def _gained_by_valves(self) -> float:
+        there = self.rise.end if isinstance(self.rise, JointRise) else self.fit
+        return 0.0 if self.open_valves is None else self.open_valves(there)
 
     def _ratio_p(self, index: IntArray, risen: float, freedom: int) -> float:
         if self.rise is not None:

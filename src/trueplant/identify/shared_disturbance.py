@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.stats import chi2
@@ -127,7 +126,7 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
             unprofiled=unprofiled,
             beside_ratio=None,
             jointly=True,
-            rise=partial(joint.rise, row),
+            rise=joint.rise(row),
         )
     return better
 
