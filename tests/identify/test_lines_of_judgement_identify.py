@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import norm
 
 from support.simulated import segment_of
-from trueplant.identify import Spec, between_experiments, intervals, noise_order, output, pieces_of, shared_disturbance
+from trueplant.identify import Spec, answers, between_experiments, intervals, noise_order, pieces_of, shared_disturbance
 from trueplant.identify.covariance import noise_freedom, student_factor
 from trueplant.identify.instrumental.choice import Candidate, _said
 from trueplant.identify.instrumental.order import Order
@@ -38,7 +38,7 @@ def unanswered_of(lag: float, dead_time: float, errors: tuple[float, float, floa
         withheld={},
         budget=Stub(parts={}),
     )
-    return {index: one.why for index, one in output.unanswered(estimate).items()}
+    return {index: one.why for index, one in answers.unanswered(estimate).items()}
 
 
 @pytest.mark.holds("identify.FEWEST_SAMPLES")

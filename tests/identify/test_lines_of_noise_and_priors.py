@@ -231,5 +231,5 @@ def test_a_search_in_noise_gains_eight_with_three_parameters() -> None:
     row = Stub(specs=[Spec(0, FOPDT)], slices=[slice(0, 3)], is_gain=np.array([True, False, False]))
     searched: Any = Stub(row=row, theta=np.ones(3), fit=None, rise=lambda index, values: 8.0, open_valves=None)
     searched._ratio_p = lambda *of: OutputEstimate._ratio_p(searched, *of)
-    searched._risen = lambda *of: OutputEstimate._risen(searched, *of)
+    searched._restricted_p = lambda *of: OutputEstimate._restricted_p(searched, *of)
     assert 0.3 < OutputEstimate.absence_p(searched, 0) < 0.6

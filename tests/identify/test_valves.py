@@ -266,7 +266,7 @@ def test_a_band_is_the_same_to_all_outputs_that_its_valve_moves():
     bands = {0: [Valve(backlash=share * span) for share in (0.02, 0.05)]}
     alone = [gain({0: fit}, bands, 0, fit) for fit in (shown, other)]
     every = {0: shown, 1: other}
-    valve = likeliest(OutputByOutput(every), bands)
+    valve = likeliest(OutputByOutput.of(every), bands)
     both = sum(fit.deviance - behind(fit, valve).deviance for fit in (shown, other))
     assert min(alone) > 20
     assert gain(every, bands, 0, shown) == gain(every, bands, 1, other) == pytest.approx(both)
@@ -286,7 +286,7 @@ def test_valves_of_several_inputs_are_placed_beside_each_other():
     segment = Segment(0, 1.0, np.arange(samples) * 1.0, y, op, y, nothing, whole, ("zoh", "zoh"), closed=False)
     fit = identify_matrix([segment], plant, specs_of(plant))[0].fit
     bands = {j: [*chain(*bands_of(fit, j))] for j in (0, 1)}
-    found = likeliest(OutputByOutput({0: fit}), bands)
+    found = likeliest(OutputByOutput.of({0: fit}), bands)
     assert {j: valve.backlash for j, valve in found.items()} == pytest.approx(
         {j: valve.backlash for j, valve in true.items()}, rel=0.2
     )

@@ -172,10 +172,11 @@ def _by_likelihood(
     says what is slow: what slow noise does would pass for the plant. Where it does not, that estimate says what would
     have been found.
     """
-    p, detectable = _by_one(estimate, found, level), _detectable(estimate, found, elements, level)
+    detectable = _detectable(estimate, found, elements, level)
+    p = _by_one(estimate, found, level, elements)
     if p is None or p >= level or estimate.rise is not None or estimate.predicted_by:
         return p, detectable
-    doubted = max(p, _by_one(sceptic(), found, level) or 0.0)
+    doubted = max(p, _by_one(sceptic(), found, level, elements) or 0.0)
     if doubted < level:
         return doubted, detectable
     part = estimate.row.slices[_place(estimate, found)]
@@ -184,10 +185,12 @@ def _by_likelihood(
     return doubted, max(detectable, _detectable(estimate, less, elements, level))
 
 
-def _by_one(estimate: OutputEstimate, found: Found, level: float) -> float | None:
+def _by_one(estimate: OutputEstimate, found: Found, level: float, elements: int) -> float | None:
     """p-value of the element by one likelihood, which has to hold in doubt."""
     p = _other_p(estimate, found)
-    return p if p is None or p >= level else max(p, _other_p(estimate, found, doubting=True) or 0.0)
+    if p is None or p >= level:
+        return p
+    return max(p, _other_p(estimate, found, doubting=True, enough=level / elements) or 0.0)
 
 
 def _worth_knowing(found: Found, share: float) -> Array | None:
@@ -224,7 +227,7 @@ def _detectable(estimate: OutputEstimate, found: Found, elements: int, level: fl
     return detectable_change(found.spec.structure, found.theta, found.joint, elements, level, found.lag, scale)
 
 
-def _other_p(estimate: OutputEstimate, found: Found, doubting: bool = False) -> float | None:
+def _other_p(estimate: OutputEstimate, found: Found, doubting: bool = False, enough: float = 0.0) -> float | None:
     """The same question by the likelihood: is the whole element still the model's, is it absent?
 
     All parameters that the model has are set back at once, answered or not: what is not known by itself would
@@ -232,12 +235,13 @@ def _other_p(estimate: OutputEstimate, found: Found, doubting: bool = False) -> 
     """
     m = _place(estimate, found)
     if found.spec.initial is None:
-        return estimate.absence_p(m, doubting)
+        return estimate.absence_p(m, doubting, enough)
     told = [k for k, value in enumerate(found.model) if value is not None]
     if not told:
         return None
     index = estimate.row.slices[m].start + np.array(told)
-    return estimate.likelihood_ratio_p(index, np.array([found.model[k] for k in told], dtype=float), doubting)
+    values = np.array([found.model[k] for k in told], dtype=float)
+    return estimate.likelihood_ratio_p(index, values, doubting, enough)
 
 
 def _place(estimate: OutputEstimate, found: Found) -> int:

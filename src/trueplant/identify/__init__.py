@@ -1,6 +1,7 @@
 """Parametric estimates of the plant, and how far they can be trusted."""
 
 from trueplant.identify.accounts import Open
+from trueplant.identify.answers import unanswered
 from trueplant.identify.budget import Budget
 from trueplant.identify.equation_error import equation_error, paper_route
 from trueplant.identify.estimate import Options, estimate_row
@@ -14,7 +15,7 @@ from trueplant.identify.matrix import Identification, identify_matrix, identify_
 from trueplant.identify.off_grid import as_if_sampled_on_the_grid
 from trueplant.identify.open_valves import with_open_valves
 from trueplant.identify.operating_points import OperatingPoints, operating_points
-from trueplant.identify.output import OutputEstimate, Rejected, identify_output, unanswered
+from trueplant.identify.output import OutputEstimate, Rejected, identify_output
 from trueplant.identify.pieces import Held, pieces_of
 from trueplant.identify.residual_tests import RESIDUAL_TESTS
 from trueplant.identify.row import Row, Spec

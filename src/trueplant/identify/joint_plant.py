@@ -14,7 +14,7 @@ from trueplant.identify.descent import Descent, Problem, descend
 from trueplant.identify.joint_errors import PieceErrors, piece_errors, places_of
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.row import Row
-from trueplant.identify.valve_effects import BATCH, expected, responses_behind, row_behind, what_is_left
+from trueplant.identify.valve_effects import expected, promised, responses_behind, row_behind
 from trueplant.loop.valve import Valve
 
 
@@ -108,7 +108,9 @@ class JointPlant:
         return self._from(replace(problem, free=free), x, problem.at(x, self.found.point))
 
     def behind(self, valves: Mapping[int, Valve]) -> JointPlant:
-        """With the positions of the valves' stems for their inputs, by column."""
+        """With the positions of the valves' stems for their inputs, by column; as near the end as comparisons need."""
+        if not valves:
+            return self
         point = self.found.point
         rows, order = [row_behind(row, valves) for row in point.rows], len(point.ar)
         problem = replace(
@@ -124,10 +126,8 @@ class JointPlant:
     def promised(self, column: int, valves: Sequence[Valve]) -> Array:
         """(m,) by how much -2 log likelihood would fall to first order behind each of these in an input."""
         errors, basis = self._linear
-        before = float(what_is_left(errors[None], basis)[0])
-        batches = [valves[k : k + BATCH] for k in range(0, len(valves), BATCH)]
-        after = [what_is_left(errors - self._fallen(column, batch), basis) for batch in batches]
-        return np.asarray(self.left * len(self._point.rows) * np.log(before / np.concatenate(after)))
+        left = self.left * len(self._point.rows)
+        return promised(errors, basis, left, lambda batch: self._fallen(column, batch), valves)
 
     @property
     def _point(self) -> JointPoint:
@@ -157,7 +157,8 @@ class JointPlant:
         for k, piece in enumerate(self._pieces):
             moved = np.zeros((len(valves), piece.weighted.size))
             for i, (row, theta) in enumerate(zip(point.rows, point.parts, strict=True)):
-                for m in (m for m, spec in enumerate(row.specs) if spec.column == column):
-                    moved += piece.fallen(i, responses_behind(row, theta, m, row.pieces[k], valves))
+                for m, spec in enumerate(row.specs):
+                    if spec.column == column:
+                        moved += piece.fallen(i, responses_behind(row, theta, m, row.pieces[k], valves))
             fallen.append(moved)
         return np.hstack([*fallen, np.zeros((len(valves), 2 * point.theta.size))])

@@ -22,7 +22,7 @@ from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
 from trueplant.identify.joint_plant import JointPlant
 from trueplant.identify.output import OutputEstimate
-from trueplant.identify.valve_effects import ValveTest, behind
+from trueplant.identify.valve_effects import RowErrors, behind
 from trueplant.identify.valves import FoundValve, bands_of, times
 from trueplant.loop.valve import Valve
 
@@ -31,7 +31,7 @@ Fits = Mapping[int, RowFit]
 
 
 class Plant(Protocol):
-    """The outputs of a plant as they were fitted, to place valves before."""
+    """The outputs of a plant as they were fitted, to place valves in front of."""
 
     @property
     def deviance(self) -> float:
@@ -51,24 +51,27 @@ class Plant(Protocol):
 class OutputByOutput:
     """Outputs that were fitted one by one."""
 
-    fits: Fits
+    rows: Mapping[int, RowErrors]
+    """By output."""
+
+    @classmethod
+    def of(cls, fits: Fits) -> OutputByOutput:
+        return cls({i: RowErrors(fit) for i, fit in fits.items()})
 
     @property
     def deviance(self) -> float:
-        return sum(fit.deviance for fit in self.fits.values())
-
-    @property
-    def part(self) -> OutputByOutput:
-        """In long records."""
-        return OutputByOutput({i: of_a_part(fit) for i, fit in self.fits.items()})
+        return sum(row.fit.deviance for row in self.rows.values())
 
     def promised(self, column: int, valves: Sequence[Valve]) -> Array:
-        every = [ValveTest(self.fits[i], column).of(valves).alone for i in _moved_by(self.fits, column)]
-        return np.asarray(np.sum(every, axis=0))
+        moved = [row for row in self.rows.values() if column in _columns(row.fit)]
+        return np.asarray(np.sum([row.promised(column, valves) for row in moved], axis=0))
 
     def behind(self, valves: Mapping[int, Valve]) -> OutputByOutput:
-        own = {i: {j: valves[j] for j in _columns(fit) if j in valves} for i, fit in self.fits.items()}
-        return OutputByOutput({i: behind(fit, own[i]) if own[i] else fit for i, fit in self.fits.items()})
+        rows = dict(self.rows)
+        for i, row in self.rows.items():
+            if own := {j: valves[j] for j in _columns(row.fit) if j in valves}:
+                rows[i] = RowErrors(behind(row.fit, own))
+        return OutputByOutput(rows)
 
 
 def with_open_valves(
@@ -115,8 +118,9 @@ def gain(fits: Fits, bands: Mapping[int, Sequence[Valve]], output: int, beside: 
     if isinstance(beside, JointPlant):
         return max(beside.deviance - beside.behind(likeliest(beside, own)).deviance, 0.0)
     moved_too = {i for column in own for i in _moved_by(fits, column)}
-    plant = OutputByOutput({i: beside if i == output else fits[i] for i in moved_too})
-    return max(plant.deviance - plant.behind(likeliest(plant.part, own)).deviance, 0.0)
+    every = {i: beside if i == output else fits[i] for i in moved_too}
+    plant, part = (OutputByOutput.of(of) for of in (every, {i: of_a_part(fit) for i, fit in every.items()}))
+    return max(plant.deviance - plant.behind(likeliest(part, own)).deviance, 0.0)
 
 
 def likeliest(plant: Plant, bands: Mapping[int, Sequence[Valve]]) -> dict[int, Valve]:
@@ -124,11 +128,12 @@ def likeliest(plant: Plant, bands: Mapping[int, Sequence[Valve]]) -> dict[int, V
 
     One after the other, each beside those before, and then each beside all others until nothing gains any more.
     """
-    first = {column: float(np.max(plant.promised(column, own))) for column, own in bands.items()}
+    first = {column: float(np.max(plant.promised(column, own))) for column, own in bands.items() if len(bands) > 1}
+    columns = sorted(bands, key=lambda column: -first.get(column, 0.0))
     placed: dict[int, Valve] = {}
     for _ in range(levels.VALVE_ROUNDS):
         before = dict(placed)
-        for column in sorted(bands, key=lambda column: -first[column]):
+        for column in columns:
             tried = [Valve(), *_nearby(placed[column]), *bands[column]] if column in placed else bands[column]
             promised = plant.promised(column, tried)
             valve = tried[int(np.argmax(promised))]

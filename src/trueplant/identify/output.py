@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 
 import numpy as np
-from scipy.stats import chi2
 
 from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
@@ -30,7 +29,6 @@ from trueplant.identify.intervals import (
 from trueplant.identify.joint import JointRise
 from trueplant.identify.joint_plant import JointPlant
 from trueplant.identify.likelihood import at_model, held_at, ratio_p, rise, without_element
-from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.minima import OpenMinima, open_minima
 from trueplant.identify.noise_order import order_dependence
 from trueplant.identify.pieces import Held, pieces_of
@@ -128,28 +126,32 @@ class OutputEstimate:
         """Do the prediction errors change their size, or is colour left in them?"""
         return uneven(self.tests)
 
-    def likelihood_ratio_p(self, index: IntArray, values: Array, doubting: bool = False) -> float:
+    def likelihood_ratio_p(self, index: IntArray, values: Array, doubting: bool = False, enough: float = 0.0) -> float:
         """p-value that the parameters theta[index] have these values, by the likelihood that belongs to theta.
 
-        `doubting`: with all the others sought from their model as well, and whatever valves may do.
+        `doubting`: with all the others sought from their model as well, and whatever valves may do. Below `enough` it
+        need not be known: what valves gain beside theta would only lower it, and is not looked for.
         """
         held = cache(partial(self._held_at, index, values, doubting))
-        return self._ratio_p(index, self._risen(held, index, values, doubting), len(index))
+        return self._restricted_p(held, index, values, len(index), enough if doubting else None)
 
-    def absence_p(self, m: int, doubting: bool = False) -> float:
+    def absence_p(self, m: int, doubting: bool = False, enough: float = 0.0) -> float:
         """p-value that element m of the row is absent, likewise."""
         part = self.row.slices[m]
         index, none = np.arange(part.start, part.stop), np.where(self.row.is_gain, 0.0, self.theta)[part]
-        without = cache(partial(without_element, self.fit, m))
-        return self._ratio_p(index, self._risen(without, index, none, doubting), levels.SEARCHED_FREEDOM + index.size)
+        without, freedom = cache(partial(without_element, self.fit, m)), levels.SEARCHED_FREEDOM + index.size
+        return self._restricted_p(without, index, none, freedom, enough if doubting else None)
 
-    def _risen(self, held: Callable[[], RowFit], index: IntArray, values: Array, doubting: bool) -> float:
-        """By how much -2 log likelihood rises to a fit of this output alone in which theta[index] is held at values."""
+    def _restricted_p(
+        self, held: Callable[[], RowFit], index: IntArray, values: Array, freedom: int, enough: float | None
+    ) -> float:
+        """That of theta[index] at values, with the fit of this output alone `held` there; None: not doubting."""
         risen = rise(self.fit, held()) if self.rise is None else self.rise(index, values)
-        if not doubting or self.open_valves is None:
-            return risen
-        beside = self.rise.held(index, values) if isinstance(self.rise, JointRise) else held()
-        return risen - self.open_valves(beside) + self._gained_by_valves
+        if enough is None or self.open_valves is None:
+            return self._ratio_p(index, risen, freedom)
+        risen -= self.open_valves(self.rise.held(index, values) if isinstance(self.rise, JointRise) else held())
+        p = self._ratio_p(index, risen, freedom)
+        return p if p < enough else self._ratio_p(index, risen + self._gained_by_valves, freedom)
 
     def _held_at(self, index: IntArray, values: Array, doubting: bool) -> RowFit:
         every = (self.fit, at_model(self.fit)) if doubting else (self.fit,)
@@ -342,59 +344,3 @@ def at_median(
     medians = Mixture(estimate.intervals, estimate.theta, shifts, shares, confidence, np.zeros_like(shifts)).medians
     moved = estimate.moved(np.where(between, medians - estimate.theta, 0.0))
     return averaged(moved, shifts - (moved.theta - estimate.theta), shares, confidence, source)
-
-
-def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
-    """The parameters that the data do not determine, by their place in theta."""
-    fit, theta = estimate.fit, estimate.theta
-    if estimate.refuted is not None:
-        return dict.fromkeys(range(theta.size), estimate.refuted)
-    # The prior keeps every standard error finite: whether a parameter is known is for the record to say.
-    sigma = np.maximum(np.sqrt(np.diag(estimate.covariance)), fit.standard_errors_by_data)
-    h = fit.row.pieces[0].h
-    found: dict[int, Unanswered] = {}
-    for m, (spec, part) in enumerate(zip(fit.row.specs, fit.row.slices, strict=True)):
-        structure, p, s = spec.structure, theta[part], sigma[part]
-        lag, dead = fit.row.lag(m, p), structure.longest_dead_time(p)
-        gains = np.flatnonzero(structure.is_gain)
-        silent = all(not np.any(piece.inputs[spec.column]) for piece in fit.row.pieces)
-        no_gain = _no_gain(estimate, part.start + gains)
-        fast = not structure.integrators and lag + dead < levels.FEWEST_SAMPLES * h
-        for k, gain in enumerate(structure.is_gain):
-            index = part.start + k
-            known = estimate.order_dependence.get(index) or estimate.withheld.get(index)
-            model = abs(spec.initial[k]) if spec.initial is not None and gain else 0.0
-            size = max(abs(p[k]), model, lag if structure.is_dead_time[k] else 0.0)
-            if silent:
-                found[index] = Unanswered.because(WhyUnanswered.INPUT_STANDS_STILL)
-            elif fast and not gain and not structure.is_lead[k]:
-                why = WhyUnanswered.FASTER_THAN_RECORD
-                samples = round(max(lag + dead, h) / h)
-                within_so_many = "one sample" if samples == 1 else f"{samples} samples"
-                found[index] = Unanswered(why, f"the loop answers within about {within_so_many}: {why.value}")
-            elif known is not None:
-                found[index] = known
-            elif not gain and no_gain:
-                found[index] = Unanswered.because(WhyUnanswered.GAIN_NOT_TOLD_FROM_ZERO)
-            elif s[k] > levels.TOO_UNCERTAIN * size and (not gain or model > 0 or s[k] > levels.NO_INFORMATION):
-                found[index] = _too_uncertain(estimate, index, levels.TOO_UNCERTAIN * size)
-    return found
-
-
-def _no_gain(estimate: OutputEstimate, gains: IntArray) -> bool:
-    """May the gain, or all gains of delayed terms, be zero? Of a single one its interval says so."""
-    if gains.size == 1:
-        low, high = estimate.intervals[gains[0]]
-        return bool(low <= 0 <= high)
-    told, values = estimate.covariance[np.ix_(gains, gains)], estimate.theta[gains]
-    return bool(chi2.sf(values @ inverse(told) @ values, gains.size) > levels.NO_GAIN)
-
-
-def _too_uncertain(estimate: OutputEstimate, index: int, most: float) -> Unanswered:
-    """Why a parameter is known to no better than `most`."""
-    by_noise_model = estimate.budget.parts.get(Source.NOISE_MODEL)
-    if by_noise_model is None or by_noise_model[index] <= most**2:
-        return Unanswered.because(WhyUnanswered.TOO_UNCERTAIN)
-    why = WhyUnanswered.DEPENDS_ON_NOISE_MODEL
-    here, moves = f"{estimate.theta[index]:.3g}", f"{np.sqrt(by_noise_model[index]):.2g}"
-    return Unanswered(why, f"{why.value}: {here}, which another one moves by {moves}, as the structure is too simple")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.signal import lfilter
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, Whitening, fit_row
 from trueplant.identify.linear_algebra import orthonormal
@@ -56,55 +57,110 @@ class Effects:
     """(n_valves, size) by how much the plant's parameters would be larger."""
 
 
-class ValveTest:
-    """The prediction errors of one output, ready for what valves in one of its inputs would change.
+@dataclass(frozen=True, eq=False)
+class RowErrors:
+    """The weighted prediction errors of one output, and what may still change them.
 
     The fit may stand on the positions of a stem already. What is expected of the plant makes errors besides: behind a
     wide band one beyond all bounds would be as likely to first order.
     """
 
-    def __init__(self, fit: RowFit, column: int) -> None:
-        self._fit, self._column = fit, column
-        self._m = next(m for m, spec in enumerate(fit.row.specs) if spec.column == column)
-        every = zip(fit.row.pieces, Whitening.of(fit), strict=True)
-        self._parts = [(piece, of_piece) for piece, of_piece in every if of_piece is not None]
-        self._free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
-        told = np.hstack([whitening.jacobian[self._free] for _, whitening in self._parts])
-        rivals = np.hstack([whitening(_rivals(fit, self._m, piece)) for piece, whitening in self._parts])
-        alone = np.zeros(self._free.size)
-        alone[self._free] = np.einsum("kn,kn->k", told, told)
+    fit: RowFit
+
+    @cached_property
+    def pieces(self) -> list[tuple[Piece, Whitening]]:
+        """Those that have prediction errors."""
+        every = zip(self.fit.row.pieces, Whitening.of(self.fit), strict=True)
+        return [(piece, whitening) for piece, whitening in every if whitening is not None]
+
+    @cached_property
+    def free(self) -> BoolArray:
+        """(size + order,) which of theta and A(q) may change."""
+        return np.concatenate([self.fit.free, np.ones(self.fit.ar.size, dtype=bool)])
+
+    @cached_property
+    def _linear(self) -> tuple[Array, Array]:
+        fit, free = self.fit, self.free
+        told = np.hstack([whitening.jacobian[free] for _, whitening in self.pieces])
+        alone = np.zeros(free.size)
+        alone[free] = np.einsum("kn,kn->k", told, told)
         distances, of_theta = expected(fit.row, fit.theta, alone[: fit.theta.size], fit.variance)
         slopes = np.hstack([of_theta, np.zeros((distances.size, fit.ar.size))])
-        jacobian = np.vstack([told.T, slopes[:, self._free]])
-        rivals = np.vstack([rivals.T, np.zeros((distances.size, len(rivals)))])
-        self._errors = np.concatenate([*(whitening.errors for _, whitening in self._parts), distances])
-        size = np.sqrt(np.einsum("nk,nk->k", jacobian, jacobian))
+        errors = np.concatenate([*(whitening.errors for _, whitening in self.pieces), distances])
+        return errors, np.vstack([told.T, slopes[:, free]])
+
+    @property
+    def errors(self) -> Array:
+        """(n,) of predictions and of what is expected."""
+        return self._linear[0]
+
+    @property
+    def jacobian(self) -> Array:
+        """(n, n_free) of them by what is free."""
+        return self._linear[1]
+
+    @cached_property
+    def basis(self) -> Array:
+        """(n, rank) of what that spans."""
+        return orthonormal(self.jacobian)
+
+    def fallen(self, m: int, valves: Sequence[Valve]) -> Array:
+        """(n_valves, n) by how much they are smaller with the positions of each stem for the input of element m."""
+        row, theta = self.fit.row, self.fit.theta
+        fallen = [whitening(responses_behind(row, theta, m, piece, valves)) for piece, whitening in self.pieces]
+        return np.hstack([*fallen, np.zeros((len(valves), 2 * theta.size))])
+
+    def promised(self, column: int, valves: Sequence[Valve]) -> Array:
+        """(n_valves,) by how much -2 log likelihood would fall to first order behind each of these in an input."""
+        m = next(m for m, spec in enumerate(self.fit.row.specs) if spec.column == column)
+        return promised(self.errors, self.basis, self.fit.left, lambda batch: self.fallen(m, batch), valves)
+
+
+def promised(
+    errors: Array, basis: Array, left: float, fallen: Callable[[Sequence[Valve]], Array], valves: Sequence[Valve]
+) -> Array:
+    """(n_valves,) by how much -2 log likelihood of errors (n,), as many as are `left` free of them, would fall.
+
+    `basis` (n, rank) is that of what may change them, `fallen` by how much they are smaller behind valves.
+    """
+    before = float(what_is_left(errors[None], basis)[0])
+    after = [what_is_left(errors - fallen(valves[k : k + BATCH]), basis) for k in range(0, len(valves), BATCH)]
+    return np.asarray(left * np.log(before / np.concatenate(after)))
+
+
+class ValveTest:
+    """The prediction errors of one output, ready for what valves in one of its inputs would change."""
+
+    def __init__(self, fit: RowFit, column: int) -> None:
+        self._own = own = RowErrors(fit)
+        self._m = next(m for m, spec in enumerate(fit.row.specs) if spec.column == column)
+        rivals = np.hstack([whitening(_rivals(fit, self._m, piece)) for piece, whitening in own.pieces])
+        rivals = np.vstack([rivals.T, np.zeros((2 * fit.theta.size, len(rivals)))])
+        size = np.sqrt(np.einsum("nk,nk->k", own.jacobian, own.jacobian))
         size[size == 0] = 1.0
-        self._renewed = np.linalg.pinv(jacobian / size, rcond=levels.LOST) / size[:, None]
-        self._bases = bases = orthonormal(jacobian), orthonormal(np.hstack([jacobian, rivals]))
-        self._left = left = [float(what_is_left(self._errors[None], basis)[0]) for basis in bases]
+        self._renewed = np.linalg.pinv(own.jacobian / size, rcond=levels.LOST) / size[:, None]
+        self._bases = bases = own.basis, orthonormal(np.hstack([own.jacobian, rivals]))
+        self._left = left = [float(what_is_left(own.errors[None], basis)[0]) for basis in bases]
         more = bases[1].shape[1] - bases[0].shape[1]
         gained = fit.left * np.log(left[0] / left[1])
         # log odds that what else could explain the errors is needed, by the Bayesian criterion
-        self._needed = (gained - more * np.log(told.shape[1])) / 2
+        self._needed = (gained - more * np.log(own.errors.size - 2 * fit.theta.size)) / 2
 
     def of(self, valves: Sequence[Valve]) -> Effects:
+        own = self._own
         batches = [self._batch(valves[k : k + BATCH]) for k in range(0, len(valves), BATCH)]
         alone, beyond, moved = (np.concatenate(of_each) for of_each in zip(*batches, strict=True))
-        shifts = np.zeros((len(valves), self._free.size))
-        shifts[:, self._free] = moved
+        shifts = np.zeros((len(valves), own.free.size))
+        shifts[:, own.free] = moved
         evidence = np.logaddexp(alone / 2, self._needed + beyond / 2) - np.logaddexp(0.0, self._needed)
-        return Effects(alone, evidence, beyond, shifts[:, : self._fit.theta.size])
+        return Effects(alone, evidence, beyond, shifts[:, : own.fit.theta.size])
 
     def _batch(self, valves: Sequence[Valve]) -> tuple[Array, Array, Array]:
         """(m,) what each valve gains alone, (m,) beside all else, and (m, n_free) by how much it moves what is free."""
-        changes = []
-        for piece, whitening in self._parts:
-            changes.append(whitening(responses_behind(self._fit.row, self._fit.theta, self._m, piece, valves)))
-        changes.append(np.zeros((len(valves), 2 * self._fit.theta.size)))
-        changed = np.hstack(changes)
-        after = [what_is_left(self._errors - changed, basis) for basis in self._bases]
-        alone, beyond = (self._fit.left * np.log(before / one) for before, one in zip(self._left, after, strict=True))
+        own = self._own
+        changed = own.fallen(self._m, valves)
+        after = [what_is_left(own.errors - changed, basis) for basis in self._bases]
+        alone, beyond = (own.fit.left * np.log(before / one) for before, one in zip(self._left, after, strict=True))
         return alone, beyond, changed @ self._renewed.T
 
 
