@@ -22,8 +22,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import numpy as np
 from scipy.signal import lfilter
 
-from trueplant.identify import identify_matrix, specs_of
-from trueplant.identify.output import unanswered
+from trueplant.identify import identify_matrix, specs_of, unanswered
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.record.types import Segment
