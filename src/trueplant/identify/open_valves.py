@@ -128,14 +128,13 @@ def likeliest(plant: Plant, bands: Mapping[int, Sequence[Valve]]) -> dict[int, V
 
     One after the other, each beside those before, and then each beside all others until nothing gains any more.
     """
-    first = {column: float(np.max(plant.promised(column, own))) for column, own in bands.items() if len(bands) > 1}
-    columns = sorted(bands, key=lambda column: -first.get(column, 0.0))
-    placed: dict[int, Valve] = {}
+    first, placed = {column: plant.promised(column, own) for column, own in bands.items()}, dict[int, Valve]()
+    columns = sorted(bands, key=lambda column: -float(np.max(first[column])))
     for _ in range(levels.VALVE_ROUNDS):
         before = dict(placed)
         for column in columns:
             tried = [Valve(), *_nearby(placed[column]), *bands[column]] if column in placed else bands[column]
-            promised = plant.promised(column, tried)
+            promised = plant.promised(column, tried) if placed else first[column]
             valve = tried[int(np.argmax(promised))]
             if np.max(promised) <= 0 or valve == placed.get(column):
                 continue
