@@ -69,6 +69,28 @@ def test_a_structure_that_is_left_open_counts_with_the_richer_one(seed: int, mon
     assert not covers(found(segment), 0.65)
 
 
+def test_so_does_an_element_beside_it_whose_structure_suffices(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two set-points that move together: what the one element may lack would change the other."""
+    rng = np.random.default_rng(5)
+    r, v = np.tile(random_switching(rng, 400, 2, 60.0)[:, :1], 2), coloured(rng, 400, 2, [1, -0.8], [1], 0.005)
+    across = "0.2 exp(-5 s)/(150 s + 1)"
+    plant = TransferMatrix.of([[OVEN, across], [across, "0.65 exp(-2 s)/(180 s + 1)"]], "s")
+    both = Controller.diagonal([PID(Kc=4.0, Ti=40.0, sample_time=1.0)] * 2)
+    segment = segment_of(simulate(plant, both, r, 1.0, v=v))
+    elements = ["0.8 exp(-2 s)/(200 s + 1)", "0.25 exp(-5 s)/(180 s + 1)"]
+    model = TransferMatrix.of([elements, elements[::-1]], "s")
+    specs = {(0, 0): MODEL, (0, 1): Spec(1, MODEL.structure, (0.25, 180.0, 5.0))}
+
+    def row() -> OutputEstimate:
+        return identify_matrix([segment], model, specs, structures=True)[0]
+
+    estimate = row()
+    assert estimate.structure_p[1] < 0.05 < estimate.structure_p[0]
+    assert not estimate.rejected and covers(estimate, 0.65)
+    monkeypatch.setattr("trueplant.identify.structures.with_richer", lambda estimate, *_: estimate)
+    assert not covers(row(), 0.65)
+
+
 def test_what_a_long_record_shows_stays_known() -> None:
     estimate = found(record(0, 8000, 0.05, "0.65 (30 s + 1) exp(-0.5 s)/((150 s + 1)(8 s + 1))"))
     assert 0 in estimate.rejected and covers(estimate, 0.65)

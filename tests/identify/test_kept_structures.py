@@ -10,7 +10,7 @@ import pytest
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Spec, identify_matrix
-from trueplant.identify.kept_structures import with_richer
+from trueplant.identify.kept_structures import Told, counting, with_richer
 from trueplant.identify.moments import directions, moments
 from trueplant.identify.output import OutputEstimate
 from trueplant.loop import PID, Controller, simulate
@@ -90,11 +90,13 @@ def test_the_true_gain_and_time_are_covered_whatever_the_plant_is(plant: str) ->
         assert (Source.STRUCTURE in estimate.budget.parts) is bool(estimate.kept)
 
 
-def of(name: str, p: list[float], errors: list[float]) -> Any:
-    structure = Structure.parse(name)
-    row = Stub(specs=[Spec(0, structure)], slices=[slice(0, len(p))])
-    fit = Stub(standard_errors_by_data=np.zeros(len(p)))
-    return Stub(row=row, theta=np.array(p), covariance=np.diag(np.square(errors)), fit=fit)
+def of(name: str, p: list[float], errors: list[float], copies: int = 1) -> Any:
+    """An estimate of a row of that many elements, all alike."""
+    size = copies * len(p)
+    slices = [slice(first, first + len(p)) for first in range(0, size, len(p))]
+    row = Stub(specs=[Spec(m, Structure.parse(name)) for m in range(copies)], slices=slices)
+    fit = Stub(standard_errors_by_data=np.zeros(size))
+    return Stub(row=row, theta=np.tile(p, copies), covariance=np.diag(np.tile(np.square(errors), copies)), fit=fit)
 
 
 @pytest.mark.holds("identify.RICHER_MEANT")
@@ -106,7 +108,7 @@ def test_a_richer_structure_is_as_likely_meant_as_what_comes_nearest(monkeypatch
     )
     own = of("fopdt", [2.0, 10.0, 3.0], [0.1, 0.5, 0.1])
     other = of("sopdt", [3.0, 10.0, 6.0, 2.0], [0.4, 1.0, 1.0, 0.1])
-    shift, spread = with_richer(own, other, [0], 0.95)  # type: ignore[misc]
+    shift, spread = with_richer(own, other, 0.95)  # type: ignore[misc]
     assert shift == pytest.approx([0.5, 2.5, 0.0], rel=0.2)
     assert np.diag(spread) == pytest.approx([(0.4**2 - 0.1**2) / 2, (2.01 - 0.26) / 2, 0.0], rel=0.2)
 
@@ -114,5 +116,20 @@ def test_a_richer_structure_is_as_likely_meant_as_what_comes_nearest(monkeypatch
 def test_a_gain_is_not_known_beside_a_richer_structure_that_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("trueplant.identify.kept_structures.averaged", lambda *given: given[-1][1])
     own, other = of("fopdt", [2.0, 10.0, 3.0], [0.1, 0.5, 0.1]), of("integrator", [0.2, 2.0], [0.01, 0.1])
-    spread: Any = with_richer(own, other, [0], 0.95)
+    spread: Any = with_richer(own, other, 0.95)
     assert np.sqrt(np.diag(spread)) == pytest.approx([2.0, 13.0, 0.0])
+
+
+def test_elements_that_keep_their_structure_count_what_the_rest_of_the_row_may_have(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Beside two richer rows, as likely as 0.2 and 0.3, in which the second element has gains 3 and 1 and times 13."""
+    monkeypatch.setattr("trueplant.identify.kept_structures.averaged", lambda _own, *given: given)
+    own = of("fopdt", [2.0, 10.0, 3.0], [0.1, 0.5, 0.1], copies=2)
+    first, second = (Told.of(own.row, m, own.theta, own.covariance) for m in range(2))
+    rows = [[first, Told(0, np.array([gain, 13.0]), np.array([0.04, second.variances[1]]))] for gain in (3.0, 1.0)]
+    shifts, shares, _, source, spreads = counting(own, [first, second], rows, np.array([0.2, 0.3]), 0.95)  # type: ignore[misc]
+    assert (source, shares) == (Source.STRUCTURE, pytest.approx([0.5, 0.2, 0.3]))
+    assert shifts == pytest.approx(np.array([[0.0] * 6, [0.0] * 3 + [1.0, 0.0, 0.0], [0.0] * 3 + [-1.0, 0.0, 0.0]]))
+    assert np.diagonal(spreads, axis1=1, axis2=2)[1:, 3] == pytest.approx(0.03)
+    assert np.count_nonzero(spreads) == 2

@@ -2,8 +2,8 @@
 
 Whether the structure that the record asks for is the plant's nobody knows. What moves slower than the record lasts
 bends PV a little and says next to nothing of where PV would settle, and a structure that bends it as well says that
-for sure. So an element counts besides what one with a further lag and lead, somewhere near its own lag, would say, by
-the odds that it is the plant's: the ratio of marginal likelihoods (Laplace's approximation: Kass and Raftery 1995).
+for sure. So a row counts besides what it would say if the element had a further lag and lead, somewhere near its own
+lag, by the odds that it has: the ratio of marginal likelihoods (Laplace's approximation: Kass and Raftery 1995).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import softmax
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
@@ -21,22 +21,24 @@ from trueplant.identify.estimate import free_of_noise
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.kept_structures import Told, counting
 from trueplant.identify.likelihood import rise, with_element, with_parameters
+from trueplant.identify.minima import distinct
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.row import Spec
 
 
 def with_further_lags(estimate: OutputEstimate, columns: Collection[int], confidence: float) -> OutputEstimate:
-    """The estimate, no surer of the elements in these columns than a further lag and lead of each lets it be."""
+    """The estimate, no surer than a further lag and lead of each of the elements in these columns lets it be."""
     fit = of_a_part(estimate.fit)
     for m, spec in enumerate(fit.row.specs):
-        if spec.column in columns and (fits := further(fit, m)):
-            odds, richer = max(((log_odds(one, fit, m), one) for one in fits), key=lambda found: found[0])
-            apart = (
-                Told.of(fit.row, m, fit.theta, fit.covariance),
-                Told.of(richer.row, m, richer.theta, richer.covariance),
-            )
-            estimate = counting(estimate, {m: apart}, float(expit(odds)), confidence)
+        if spec.column in columns and (fits := distinct(further(fit, m))):
+            shares = softmax([0.0, *(log_odds(one, fit, m) for one in fits)])
+            estimate = counting(estimate, _told(fit), [_told(one) for one in fits], shares[1:], confidence)
     return estimate
+
+
+def _told(fit: RowFit) -> list[Told]:
+    """What a fit says of each element of its row."""
+    return [Told.of(fit.row, m, fit.theta, fit.covariance) for m in range(len(fit.row.specs))]
 
 
 def further(fit: RowFit, m: int) -> list[RowFit]:

@@ -8,7 +8,7 @@ counts both, as either may be meant.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,16 +21,10 @@ from trueplant.identify.row import Row
 from trueplant.result.budget import Source
 
 
-def with_richer(
-    estimate: OutputEstimate, richer: OutputEstimate, columns: Sequence[int], confidence: float
-) -> OutputEstimate:
-    """The estimate, no surer of the elements in these columns than the `richer` one of the same row lets it be."""
-    apart = {
-        m: (_by_data(estimate, m), _by_data(richer, [one.column for one in richer.row.specs].index(spec.column)))
-        for m, spec in enumerate(estimate.row.specs)
-        if spec.column in columns
-    }
-    return counting(estimate, apart, levels.RICHER_MEANT, confidence)
+def with_richer(estimate: OutputEstimate, richer: OutputEstimate, confidence: float) -> OutputEstimate:
+    """The estimate, no surer of any element than the `richer` one of the same row lets it be."""
+    own, other = ([_by_data(one, m) for m in range(len(one.row.specs))] for one in (estimate, richer))
+    return counting(estimate, own, [other], np.array([levels.RICHER_MEANT]), confidence)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,21 +46,23 @@ class Told:
 
 
 def counting(
-    estimate: OutputEstimate, apart: Mapping[int, tuple[Told, Told]], share: float, confidence: float
+    estimate: OutputEstimate, own: Sequence[Told], richer: Sequence[Sequence[Told]], shares: Array, confidence: float
 ) -> OutputEstimate:
-    """The estimate, where elements are of richer structures with the probability `share`.
+    """The estimate, where the row is one of several richer ones with the probabilities `shares` (n,).
 
-    `apart` has what the own structure and the richer one tell of each of them, by its place in the row.
+    `own` and each of `richer` have what a row tells of its elements, in order: of those that keep their structure too,
+    as what one of them lacked the others may have taken on.
     """
     size = estimate.theta.size
-    shifts, spreads = np.zeros((2, size)), np.zeros((2, size, size))
-    for m, (own, richer) in apart.items():
-        shift, variance = _apart(own, richer)
-        part = estimate.row.slices[m]
-        along = directions(estimate.row.specs[m].structure, estimate.theta[part])
-        shifts[1, part] = shift @ along
-        spreads[1, part, part] = (along.T * variance) @ along
-    return averaged(estimate, shifts, np.array([1 - share, share]), confidence, Source.STRUCTURE, spreads)
+    shifts, spreads = np.zeros((1 + len(richer), size)), np.zeros((1 + len(richer), size, size))
+    for m, (spec, part) in enumerate(zip(estimate.row.specs, estimate.row.slices, strict=True)):
+        along = directions(spec.structure, estimate.theta[part])
+        for k, row in enumerate(richer, start=1):
+            shift, variance = _apart(own[m], row[m])
+            shifts[k, part] = shift @ along
+            spreads[k, part, part] = (along.T * variance) @ along
+    probabilities = np.array([1 - shares.sum(), *shares])
+    return averaged(estimate, shifts, probabilities, confidence, Source.STRUCTURE, spreads)
 
 
 def _apart(own: Told, richer: Told) -> tuple[Array, Array]:

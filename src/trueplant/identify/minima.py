@@ -124,14 +124,14 @@ def open_minima(fit: RowFit, confidence: float) -> OpenMinima:
     part = of_a_part(fit)
     like = _with_lags_in_order(fit)
     starts = _starts(part)
-    found = _distinct([_labelled(part, like), *(_ended(part, start, like) for start in starts[: levels.MINIMA_ALIKE])])
+    found = distinct([_labelled(part, like), *(_ended(part, start, like) for start in starts[: levels.MINIMA_ALIKE])])
     if len(found) > 1:
-        found = _distinct([*found, *(_ended(part, start, like) for start in starts[levels.MINIMA_ALIKE :])])
+        found = distinct([*found, *(_ended(part, start, like) for start in starts[levels.MINIMA_ALIKE :])])
     # Along a flat valley the steps are short: what is still on its way is no minimum yet.
-    found = _distinct([one if one.converged else _ended(one, one.theta, like) for one in found])
+    found = distinct([one if one.converged else _ended(one, one.theta, like) for one in found])
     if part is not fit:
         others = [_ended(fit, one.theta, like) for one in found[: levels.MINIMA_POLISHED]]
-        found = _distinct([_labelled(fit, like), *others])
+        found = distinct([_labelled(fit, like), *others])
     # The memories are not gone through for those that are so high that their probability is 0 in any case.
     found = [one for one in found if np.exp(-rise(found[0], one) / 2) > 0]
     wide, quantile = inflated(found[0], confidence), float(norm.ppf(0.5 + confidence / 2))
@@ -187,7 +187,7 @@ def _with_lags_in_order(fit: RowFit) -> Array:
     return np.concatenate([fit.theta[part][spec.structure.sorted(fit.theta[part])] for spec, part in parts])
 
 
-def _distinct(fits: Sequence[RowFit]) -> list[RowFit]:
+def distinct(fits: Sequence[RowFit]) -> list[RowFit]:
     """The fits, deepest first, without those that are within their standard errors of a deeper one."""
     kept: list[RowFit] = []
     for fit in sorted(fits, key=lambda one: one.cost):

@@ -62,7 +62,7 @@ def with_structures(
     if not doubted:
         return estimate
     richer, _ = _replaced(estimate, again, doubted, tested, confidence)
-    return replace(with_richer(estimate, richer, [*doubted], confidence), kept=tuple(kept))
+    return replace(with_richer(estimate, richer, confidence), kept=tuple(kept))
 
 
 def _replaced(
