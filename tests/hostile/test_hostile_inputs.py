@@ -24,6 +24,7 @@ import tomlkit
 import trueplant
 from support.command import ENVIRONMENT, PROJECT, contents, refused
 from trueplant.cli import main
+from trueplant.project import Project
 from trueplant.record import levels
 
 # -- streams -----------------------------------------------------------------------------------------------------
@@ -377,7 +378,9 @@ def test_models_beyond_reason_are_answered_at_once(formula, folder, capsys):
     assert contents(folder) == before
 
 
-def test_more_than_can_be_estimated_is_said_at_once(folder, capsys):
+def test_more_than_can_be_estimated_is_said_at_once(folder, capsys, monkeypatch):
+    asked, wanted = [], Project.wanted
+    monkeypatch.setattr(Project, "wanted", lambda self, *place: asked.append(place) or wanted(self, *place))
     many = 40
     rng = np.random.default_rng(5)
     frame = {"t": np.arange(2000.0)}
@@ -396,6 +399,8 @@ def test_more_than_can_be_estimated_is_said_at_once(folder, capsys):
     assert [one["code"] for one in reasons] == ["too-large"]
     assert "1600 elements, up to 40 of one output, from 2,000 samples" in reasons[0]["message"]
     assert "estimate = false" in reasons[0]["message"]
+    # Each question looks through the whole model: one a time for every element is minutes.
+    assert 0 < len(asked) <= 4 * many**2
 
 
 def test_no_warning_of_a_library_reaches_a_user(folder):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -110,7 +111,7 @@ class Study:
             return ()
         return tuple(self.n_u + k for k in self.undeclared_holds)
 
-    @property
+    @cached_property
     def wanted(self) -> frozenset[Place]:
         """Elements of which the project does not say whether they are there."""
         return frozenset(place for place in np.ndindex(*self.model.shape) if self.project.wanted(*place))
