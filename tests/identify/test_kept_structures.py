@@ -126,7 +126,7 @@ def test_elements_that_keep_their_structure_count_what_the_rest_of_the_row_may_h
     """Beside two richer rows, as likely as 0.2 and 0.3, in which the second element has gains 3 and 1 and times 13."""
     monkeypatch.setattr("trueplant.identify.kept_structures.averaged", lambda _own, *given: given)
     own = of("fopdt", [2.0, 10.0, 3.0], [0.1, 0.5, 0.1], copies=2)
-    first, second = (Told.of(own.row, m, own.theta, own.covariance) for m in range(2))
+    first, second = Told.of(own.row, own.theta, own.covariance)
     rows = [[first, Told(0, np.array([gain, 13.0]), np.array([0.04, second.variances[1]]))] for gain in (3.0, 1.0)]
     shifts, shares, _, source, spreads = counting(own, [first, second], rows, np.array([0.2, 0.3]), 0.95)  # type: ignore[misc]
     assert (source, shares) == (Source.STRUCTURE, pytest.approx([0.5, 0.2, 0.3]))

@@ -32,13 +32,9 @@ def with_further_lags(estimate: OutputEstimate, columns: Collection[int], confid
     for m, spec in enumerate(fit.row.specs):
         if spec.column in columns and (fits := distinct(further(fit, m))):
             shares = softmax([0.0, *(log_odds(one, fit, m) for one in fits)])
-            estimate = counting(estimate, _told(fit), [_told(one) for one in fits], shares[1:], confidence)
+            own, *richer = (Told.of(one.row, one.theta, one.covariance) for one in (fit, *fits))
+            estimate = counting(estimate, own, richer, shares[1:], confidence)
     return estimate
-
-
-def _told(fit: RowFit) -> list[Told]:
-    """What a fit says of each element of its row."""
-    return [Told.of(fit.row, m, fit.theta, fit.covariance) for m in range(len(fit.row.specs))]
 
 
 def further(fit: RowFit, m: int) -> list[RowFit]:

@@ -23,8 +23,7 @@ from trueplant.result.budget import Source
 
 def with_richer(estimate: OutputEstimate, richer: OutputEstimate, confidence: float) -> OutputEstimate:
     """The estimate, no surer of any element than the `richer` one of the same row lets it be."""
-    own, other = ([_by_data(one, m) for m in range(len(one.row.specs))] for one in (estimate, richer))
-    return counting(estimate, own, [other], np.array([levels.RICHER_MEANT]), confidence)
+    return counting(estimate, _by_data(estimate), [_by_data(richer)], np.array([levels.RICHER_MEANT]), confidence)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +37,14 @@ class Told:
     """(2,)"""
 
     @classmethod
-    def of(cls, row: Row, m: int, theta: Array, covariance: Array) -> Told:
-        """Of element m of the row, at theta (size,) with its covariance (size, size)."""
-        structure, part = row.specs[m].structure, row.slices[m]
-        values, by = moments(structure, theta[part])
-        return cls(structure.integrators, values, np.einsum("ij,jk,ik->i", by, covariance[part, part], by))
+    def of(cls, row: Row, theta: Array, covariance: Array) -> list[Told]:
+        """Of each element of the row, at theta (size,) with its covariance (size, size)."""
+        told = []
+        for spec, part in zip(row.specs, row.slices, strict=True):
+            values, by = moments(spec.structure, theta[part])
+            variances = np.einsum("ij,jk,ik->i", by, covariance[part, part], by)
+            told.append(cls(spec.structure.integrators, values, variances))
+        return told
 
 
 def counting(
@@ -72,7 +74,7 @@ def _apart(own: Told, richer: Told) -> tuple[Array, Array]:
     return richer.values - own.values, np.maximum(richer.variances - own.variances, 0.0)
 
 
-def _by_data(estimate: OutputEstimate, m: int) -> Told:
+def _by_data(estimate: OutputEstimate) -> list[Told]:
     """With what the prior adds to the covariance taken off: it keeps finite what the record does not tell."""
     by_data = np.maximum(estimate.fit.standard_errors_by_data**2 - np.diag(estimate.covariance), 0.0)
-    return Told.of(estimate.row, m, estimate.theta, estimate.covariance + np.diag(by_data))
+    return Told.of(estimate.row, estimate.theta, estimate.covariance + np.diag(by_data))
