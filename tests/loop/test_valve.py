@@ -7,6 +7,7 @@ import pytest
 
 from trueplant.errors import LoopError
 from trueplant.loop import PID, Controller, Valve, alternating_steps, simulate
+from trueplant.loop.valve import positions_of
 from trueplant.lti import TransferMatrix
 
 PLANT = TransferMatrix.of([["2 exp(-2 s)/(10 s + 1)"]], "min")
@@ -38,6 +39,19 @@ def test_a_stem_waits_and_then_jumps_to_op():
     op = np.array([0.0, 0.5, 0.9, 1.2, 1.0, 0.3, 0.1])
     assert Valve(stick=1.0).positions(op).tolist() == [0.0, 0.0, 0.0, 1.2, 1.2, 1.2, 0.1]
     assert Valve().positions(op).tolist() == op.tolist()
+
+
+def test_several_valves_at_once_stand_where_each_does_alone():
+    """Each by a walk through Python's own numbers; OP wanders, and starts away from the stems."""
+    op = np.random.default_rng(5).standard_normal(400).cumsum()
+    valves = [Valve(), Valve(backlash=1.5), Valve(stick=0.8), Valve(0.7, 0.4), Valve(backlash=1e3)]
+    for valve, positions in zip(valves, positions_of(valves, op, start=2.0), strict=True):
+        at = 2.0
+        for sent, found in zip(op.tolist(), positions.tolist(), strict=True):
+            wanted = min(max(at, sent - valve.backlash / 2), sent + valve.backlash / 2)
+            at = wanted if abs(wanted - at) > valve.stick else at
+            assert found == at
+    assert np.all(positions == 2.0) and positions_of([], op, start=2.0).shape == (0, 400)
 
 
 def test_the_loop_sees_the_plant_behind_its_valve():

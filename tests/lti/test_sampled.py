@@ -58,7 +58,13 @@ def test_the_same_on_a_finer_grid(formula, hold):
 
 
 @pytest.mark.parametrize(
-    "formula", ["1/((2 s + 1)(6 s + 1))", "(-6400 s + 1600)/(s^4 + 5 s^3 + 408 s^2 + 416 s + 1600)"]
+    "formula",
+    [
+        "1/((2 s + 1)(6 s + 1))",
+        "(3 s + 1)/((2 s + 1)(6 s + 1)(s + 1))",
+        "(-6400 s + 1600)/(s^4 + 5 s^3 + 408 s^2 + 416 s + 1600)",
+        "1/((s^4 + 5 s^3 + 408 s^2 + 416 s + 1600)(0.2 s + 1))",
+    ],
 )
 def test_against_scipy_discretisation(formula):
     system = tf(formula)
@@ -98,10 +104,12 @@ def test_improper_systems_and_unknown_holds_are_refused():
 @pytest.mark.parametrize("samples", [60, 61, 65])
 def test_thinned_responses_are_those_of_every_sample(hold, samples):
     u = np.random.default_rng(samples).standard_normal(samples)
-    num, den = np.array([[0.0, 1.0, 3.0], [0.0, 0.0, 2.0]]), np.array([1.0, 0.7, 0.1])
-    whole = rows_response(num, den, 2.3, u, 0.5, hold)
-    for every in (1, 2, 6):
-        assert np.array_equal(rows_response(num, den, 2.3, u, 0.5, hold, every), whole[:, ::every])
+    for states in range(6):
+        num, den = np.zeros((2, states + 1)), np.poly(-0.3 * np.arange(1, states + 1))
+        num[0, -2:], num[1, -1] = [1.0, 3.0][-states - 1 :], 2.0
+        whole = rows_response(num, den, 2.3, u, 0.5, hold)
+        for every in (1, 2, 6):
+            assert np.array_equal(rows_response(num, den, 2.3, u, 0.5, hold, every), whole[:, ::every])
 
 
 @pytest.mark.parametrize("dead_time", [1e300, np.inf, np.nan, -2.5])

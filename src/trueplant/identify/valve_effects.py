@@ -15,7 +15,7 @@ from trueplant.identify.fit import RowFit, Whitening, fit_row
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
-from trueplant.loop.valve import Valve
+from trueplant.loop.valve import Valve, positions_of
 
 BATCH = 8
 """Valves that are gone through at a time: what they change in long records stays in the cache."""
@@ -188,8 +188,8 @@ def what_is_left(errors: Array, basis: Array) -> Array:
 def responses_behind(row: Row, theta: Array, m: int, piece: Piece, valves: Sequence[Valve]) -> Array:
     """(n_valves, n) by how much the piece's response is larger where each valve's stem moves element m."""
     column = row.specs[m].column
-    op, now = piece.recorded[column], piece.inputs[column]
-    return np.array([_response(row, theta, m, piece, valve.positions(op, start=0.0) - now) for valve in valves])
+    moved = positions_of(valves, piece.recorded[column], start=0.0) - piece.inputs[column]
+    return np.array([_response(row, theta, m, piece, u) for u in moved])
 
 
 def _response(row: Row, theta: Array, m: int, piece: Piece, u: Array) -> Array:

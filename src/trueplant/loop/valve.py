@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,9 +28,15 @@ class Valve:
 
     def positions(self, op: Array, start: float | None = None) -> Array:
         """Stem positions (N,) for OP (N,); the stem starts at `start`, or where OP does."""
-        given = np.ascontiguousarray(op, dtype=float)
-        first = given[0] if start is None else start
-        return np.asarray(_positions(given, self.backlash, self.stick, float(first)))
+        (at,) = positions_of([self], op, op[0] if start is None else start)
+        return np.asarray(at)
+
+
+def positions_of(valves: Sequence[Valve], op: Array, start: float) -> Array:
+    """Stem positions (n_valves, N) of several valves for the same OP (N,): sooner than one after the other."""
+    backlash = np.array([valve.backlash for valve in valves], dtype=float)
+    stick = np.array([valve.stick for valve in valves], dtype=float)
+    return np.asarray(_positions(np.ascontiguousarray(op, dtype=float), backlash, stick, float(start)))
 
 
 @compiled(forceinline=True)
@@ -41,10 +48,12 @@ def stem(op: float, before: float, backlash: float, stick: float) -> float:
 
 
 @compiled
-def _positions(op: Array, backlash: float, stick: float, start: float) -> Array:
-    out = np.empty(op.size)
-    at = start
+def _positions(op: Array, backlash: Array, stick: Array, start: float) -> Array:
+    """(n_valves, N): what all the valves do in one sample is done at a time."""
+    out, at = np.empty((backlash.size, op.size)), np.full(backlash.size, start)
     for k in range(op.size):
-        at = stem(op[k], at, backlash, stick)
-        out[k] = at
+        for i in range(at.size):
+            at[i] = stem(op[k], at[i], backlash[i], stick[i])
+        for i in range(at.size):
+            out[i, k] = at[i]
     return out

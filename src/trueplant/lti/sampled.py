@@ -122,8 +122,8 @@ def discretise(a: Array, b: Array, h: float, phi: float, linear: bool) -> tuple[
 def _states(ad: Array, taps: Array, late: Array, size: int, every: int) -> Array:
     """(n, size) states, from rest, at each `every`-th sample."""
     n, length = ad.shape[0], late.size - 2
-    if n == 1 or n == 2:
-        few: Array = _few_states(ad, taps, late, size, every)
+    if 0 < n <= 4:
+        few: Array = _two_states(ad, taps, late, size, every) if n <= 2 else _four_states(ad, taps, late, size, every)
         return few
     states = np.empty((n, size))
     x, new = np.zeros(n), np.zeros(n)
@@ -140,7 +140,7 @@ def _states(ad: Array, taps: Array, late: Array, size: int, every: int) -> Array
 
 
 @compiled
-def _few_states(ad: Array, taps: Array, late: Array, size: int, every: int) -> Array:
+def _two_states(ad: Array, taps: Array, late: Array, size: int, every: int) -> Array:
     """The same of one or two states, which stay in registers: elements with one lag are most of all work."""
     last, length = ad.shape[0] - 1, late.size - 2
     states = np.empty((ad.shape[0], size))
@@ -153,6 +153,29 @@ def _few_states(ad: Array, taps: Array, late: Array, size: int, every: int) -> A
             v = taps[0, 0] * late[k + 2] + taps[1, 0] * late[k + 1] + taps[2, 0] * late[k]
             w = taps[0, last] * late[k + 2] + taps[1, last] * late[k + 1] + taps[2, last] * late[k]
             x, z = v + a * x + b * z, w + c * x + d * z
+    return states
+
+
+@compiled
+def _four_states(ad: Array, taps: Array, late: Array, size: int, every: int) -> Array:
+    """The same of three or four: elements with two lags, and their derivatives."""
+    n, length = ad.shape[0], late.size - 2
+    states = np.empty((n, size))
+    a, b = np.zeros((4, 4)), np.zeros((3, 4))
+    a[:n, :n], b[:, :n] = ad, taps
+    w = x = y = z = 0.0
+    for seen in range(size):
+        states[0, seen], states[1, seen], states[2, seen] = w, x, y
+        if n == 4:
+            states[3, seen] = z
+        for k in range(seen * every, min((seen + 1) * every, length)):
+            new, now, old = late[k + 2], late[k + 1], late[k]
+            w, x, y, z = (
+                b[0, 0] * new + b[1, 0] * now + b[2, 0] * old + a[0, 0] * w + a[0, 1] * x + a[0, 2] * y + a[0, 3] * z,
+                b[0, 1] * new + b[1, 1] * now + b[2, 1] * old + a[1, 0] * w + a[1, 1] * x + a[1, 2] * y + a[1, 3] * z,
+                b[0, 2] * new + b[1, 2] * now + b[2, 2] * old + a[2, 0] * w + a[2, 1] * x + a[2, 2] * y + a[2, 3] * z,
+                b[0, 3] * new + b[1, 3] * now + b[2, 3] * old + a[3, 0] * w + a[3, 1] * x + a[3, 2] * y + a[3, 3] * z,
+            )
     return states
 
 
