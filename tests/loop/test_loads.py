@@ -288,3 +288,20 @@ def test_settings_that_cannot_be_are_named():
         Ramp(3.0, 3.0, 1.0)
     with pytest.raises(LoopError, match="not by both"):
         Coloured(1.0, time_constant=2.0, a=(1.0, -0.5))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"record_every": 0}, "record_every must be a whole number from 1 on"),
+        ({"record_every": 1.5}, "record_every must be"),
+        ({"seed": "a"}, "seed must be a whole number from 0 on"),
+        ({"noise": -1.0}, "noise must not be below 0"),
+        ({"quantisation": -0.1}, "quantum must not be below 0"),
+    ],
+)
+def test_numbers_that_cannot_be_are_refused(given, said):
+    with pytest.raises(LoopError, match=said):
+        simulate(TransferMatrix.of([["1/(s + 1)"]]), None, np.zeros((9, 1)), 1.0, u=np.zeros((9, 1)), **given)
+    with pytest.raises(LoopError, match="time of a step"):
+        Step(np.nan, 1.0)

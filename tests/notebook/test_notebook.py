@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import control
 import numpy as np
@@ -177,6 +178,12 @@ def test_what_cannot_be_meant_is_said():
             tp.run(simulated(), loops=none, model=MODEL)
     with pytest.raises(tp.UsageError, match="name output and input by their loops"):
         tp.run(simulated(), loops=LOOPS, model={("TIC101", "TIC102"): "1/(s + 1)"})
+    with pytest.raises(tp.UsageError, match="the element 'TIC101', .*name output and input by their loops"):
+        tp.run(simulated(), loops=LOOPS, model={"TIC101": "1/(s + 1)"})
+    with pytest.raises(tp.UsageError, match="controller of TIC101 is a PID or the keys"):
+        tp.run(simulated(), loops=[replace(LOOPS[0], controller="PI"), *LOOPS[1:]], model=MODEL)
+    with pytest.raises(tp.UsageError, match="list of frames is empty"):
+        tp.run([], loops=LOOPS, model=MODEL)
     with pytest.raises(tp.UsageError, match="the model is 1 by 1, and there are 2 loops"):
         tp.run(simulated(), loops=LOOPS, model=tp.TransferMatrix.of([["1/(s + 1)"]]))
     with pytest.raises(tp.UsageError, match="a project says them itself"):

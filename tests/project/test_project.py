@@ -217,6 +217,7 @@ MISTAKES = {
     "name twice": ('name = "vapour"', 'name = "top"', "line 12: .*twice"),
     "disturbance named as an input": ('name = "ambient"', 'name = "gas"', "line 23: .*twice"),
     "column twice": ('pv = "pv2"', 'pv = "pv1"', "line 13: .*pv1"),
+    "set-point that is its PV": ('sp = "sp1"', 'sp = "pv1"', 'line 8: .*"pv1" is the PV of this loop'),
     "unknown structure": ('structure = "fopdt"', 'structure = "fodpt"', "line 33: .*fodpt"),
     "limits the wrong way round": ("limits = [0, 400]", "limits = [400, 0]", "line 9: .*low below high"),
     "one limit": ("limits = [0, 400]", "limits = [400]", "line 9: .*pair"),

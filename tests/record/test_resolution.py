@@ -125,7 +125,7 @@ def test_a_round_setpoint_is_as_fine_as_its_pv_is_written() -> None:
     whole = screened(stamps(rng, False), sp, lambda x: np.round(x, 0), rng)
     assert moves(whole) == 0
     (said,) = [f for f in whole.findings if f.kind == "constant"]
-    assert said.message == "set-point of T never moves by more than the record resolves (1); taken as constant."
+    assert said.message == "set-point of T moves by 1, no more than the record resolves; taken as constant."
     assert moves(screened(stamps(rng, False), 21.0 + 2 * (sp > 21), lambda x: np.round(x, 0), rng)) == 1
 
 

@@ -70,6 +70,11 @@ def test_stamps_that_are_cut_are_said_with_what_to_export(step: float, notation:
     assert found.samples == 60 - record.t.size
 
 
+def test_times_in_numbers_that_were_cut_are_said_too() -> None:
+    (found,) = (n for n in read_record(frame(np.floor(np.arange(60) / 2)), ONE).notes if n.kind is Kind.DUPLICATE)
+    assert re.search("30 rows .*50 % of all, and the times may lack digits", found.message), found.message
+
+
 @pytest.mark.parametrize(("repeated", "advised"), [(14, False), (16, True)])
 def test_stamps_that_repeat_now_and_then_are_not_called_coarse(repeated: int, advised: bool) -> None:
     assert 14 < levels.REPEATED_TIMES * 60 < 16

@@ -71,3 +71,15 @@ def test_one_loop_without_any_model_is_estimated_from_the_data_alone(tmp_path):
     result = single(tmp_path, record, "0", structure="fopdt")
     assert result.elements[0].verdict == "changed"
     assert abs(result.elements[0].parameters[0].plant - 2) < 4 * result.elements[0].parameters[0].std_error
+
+
+def test_times_that_were_cut_are_said_beside_the_answer(tmp_path):
+    """Every second row is left out; nothing of it where each has a time of its own."""
+    found = one_loop(3, samples=1500)
+    for times in (found.t, np.floor(found.t / 2)):
+        notes = [
+            note
+            for note in single(tmp_path, dataclasses.replace(found, t=times)).notes
+            if note.code == "repeated-times"
+        ]
+        assert [("50 % of all" in note.message) for note in notes] == ([] if times is found.t else [True])

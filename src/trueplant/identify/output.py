@@ -204,7 +204,7 @@ def identify_output(
     row = _row(segments, output, specs, held, sampling)
     if row is None:
         return None
-    time_scale = time_scale or max(p.span for p in row.pieces) / 20
+    time_scale = time_scale or row.guessed_time_scale
     full, minima = _fitted(estimate_row(row, time_scale, options), confidence)
     fit = minima.best
     if fit.count <= fit.row.nuisance_count:

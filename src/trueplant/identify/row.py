@@ -150,6 +150,11 @@ class Row:
         """Sum of squares of the output, of each piece about its mean."""
         return float(sum(y[ok] @ y[ok] for y, ok in map(self.measured, range(len(self.pieces)))))
 
+    @property
+    def guessed_time_scale(self) -> float:
+        """How long an element takes to answer of which nothing is known."""
+        return max(piece.span for piece in self.pieces) / 20
+
     def without_unseen(self, theta: Array) -> Row:
         """The row without the outputs that still answer to inputs from before a record that starts in motion.
 

@@ -111,7 +111,8 @@ def _wider(spec: Spec, structure: Structure, guess: Array) -> Spec:
 def sufficient_p(fit: RowFit, confidence: float) -> Array:
     """(n_specs,) p-values that the structure of each element suffices.
 
-    By the likelihood ratio against a structure with one lag and one lead more, which may have a complex pair.
+    By the likelihood ratio against a structure with one lag and one lead more, which may have a complex pair; of one
+    that answers at once, with one lag more.
     """
     if free_of_noise(fit):
         return np.ones(len(fit.row.specs))
@@ -120,22 +121,25 @@ def sufficient_p(fit: RowFit, confidence: float) -> Array:
 
 def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
     structure, p = fit.row.specs[m].structure, fit.theta[fit.row.slices[m]]
-    lag, lags = _scale(structure, p), np.sort(p[structure.is_lag])
-    if lag <= 0 or not any(np.any(piece.inputs[fit.row.specs[m].column]) for piece in fit.row.pieces):
+    scale, lags = time_scale(fit, m), np.sort(p[structure.is_lag])
+    if not any(np.any(piece.inputs[fit.row.specs[m].column]) for piece in fit.row.pieces):
         return 1.0
-    if structure.lags:
+    if structure.relative_degree == 0:
+        wanted = replace(structure, lags=structure.lags + 1)
+    elif structure.lags:
         wanted = replace(structure, lags=structure.lags - 1, pairs=structure.pairs + 1, leads=structure.leads + 1)
     else:
         wanted = replace(structure, lags=1, leads=structure.leads + 1)
 
     def start(further: float) -> Array:
-        if structure.lags:
-            return _start(structure, p, wanted, lags[:-1], _pair(lags[-1], further))
-        return _start(structure, p, wanted, np.array([further]))
+        if wanted.pairs > structure.pairs:
+            return _start(structure, p, wanted, scale, lags[:-1], _pair(lags[-1], further))
+        return _start(structure, p, wanted, scale, np.append(lags, further))
 
-    near = _from_cancelled(fit, m, wanted, start)
-    far = _fitted(fit, m, wanted, [start(share * lag) for share in levels.SECOND_LAGS])
-    return suffices_p(fit, _best([polished(_best(near)), polished(_best(far))]), m, confidence)
+    rivals = [polished(_best(_fitted(fit, m, wanted, [start(share * scale) for share in levels.SECOND_LAGS])))]
+    if wanted.leads > structure.leads:
+        rivals.append(polished(_best(_from_cancelled(fit, m, wanted, start))))
+    return suffices_p(fit, _best(rivals), m, confidence)
 
 
 def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Structure, Array] | None:
@@ -143,17 +147,18 @@ def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Stru
 
     None where no richer structure is better beyond chance.
     """
-    declared = fit.row.specs[m].structure
+    declared, p, scale = fit.row.specs[m].structure, fit.theta[fit.row.slices[m]], time_scale(fit, m)
     starts: dict[Structure, list[Array]] = {}
-    for structure, start in richer(declared, fit.theta[fit.row.slices[m]]):
+    for structure, start in richer(declared, p, scale):
         starts.setdefault(structure, []).append(start)
     found = {structure: polished(_best(_fitted(fit, m, structure, own))) for structure, own in starts.items()}
-    both, p = replace(declared, lags=declared.lags + 1, leads=declared.leads + 1), fit.theta[fit.row.slices[m]]
+    both = replace(declared, lags=declared.lags + 1, leads=declared.leads + 1)
 
     def including(further: float) -> Array:
-        return _start(declared, p, both, np.append(p[declared.is_lag], further))
+        return _start(declared, p, both, scale, np.append(p[declared.is_lag], further))
 
-    found[both] = _best([found[both], polished(_best(_from_cancelled(fit, m, both, including)))])
+    if both in found:
+        found[both] = _best([found[both], polished(_best(_from_cancelled(fit, m, both, including)))])
     taken, best = declared, fit
     criterion = dict(zip(found, _criteria([*found.values()]), strict=True))
     # Real lags come before complex pairs: a pair that is damped enough describes two lags as well.
@@ -180,34 +185,45 @@ def with_real_lags(structure: Structure, p: Array) -> tuple[Structure, Array]:
     )
 
 
-def richer(structure: Structure, p: Array) -> Iterator[tuple[Structure, Array]]:
-    """Next richer structures with parameters to begin a search from, several of each.
+def richer(structure: Structure, p: Array, scale: float) -> Iterator[tuple[Structure, Array]]:
+    """Next richer structures with parameters to begin a search from, several of each, about this time scale.
 
     They differ in what a search over time scale, dead time, gain and leads does not find: the ratios of the lags, and
-    the damping.
+    the damping. None of them answers at once: what OP owes to the PV of the same sample would pass for the plant.
     """
-    lag, lags = _scale(structure, p), np.sort(p[structure.is_lag])
+    lags = np.sort(p[structure.is_lag])
     for share in levels.SECOND_LAGS:
         wanted = replace(structure, lags=structure.lags + 1)
-        yield wanted, _start(structure, p, wanted, np.append(lags, share * lag))
+        yield wanted, _start(structure, p, wanted, scale, np.append(lags, share * scale))
+        if structure.relative_degree == 0:
+            continue
         wanted = replace(wanted, leads=structure.leads + 1)
-        yield wanted, _start(structure, p, wanted, np.append(lags, share * lag))
+        yield wanted, _start(structure, p, wanted, scale, np.append(lags, share * scale))
+    if structure.integrators:
+        wanted = replace(structure, lags=structure.lags + 1, integrators=structure.integrators - 1)
+        for share in levels.CANCELLED_LAGS:
+            start = _start(structure, p, wanted, scale, np.append(lags, share * scale))
+            start[wanted.is_gain] *= share * scale
+            yield wanted, start
     if structure.relative_degree > 1:
         wanted = replace(structure, leads=structure.leads + 1)
-        yield wanted, _start(structure, p, wanted, lags)
+        yield wanted, _start(structure, p, wanted, scale, lags)
     if structure.lags:
         wanted = replace(structure, lags=max(structure.lags - 2, 0), pairs=structure.pairs + 1)
         for damping in levels.PAIR_DAMPINGS:
-            yield wanted, _start(structure, p, wanted, lags[: wanted.lags], (2 / lag, damping))
+            yield wanted, _start(structure, p, wanted, scale, lags[: wanted.lags], (2 / scale, damping))
     if structure.lags and not structure.integrators and structure.relative_degree > 0:
         wanted = replace(structure, lags=structure.lags - 1, integrators=1)
-        start = _start(structure, p, wanted, lags[:-1])
+        start = _start(structure, p, wanted, scale, lags[:-1])
         start[wanted.is_gain] /= lags[-1]
         yield wanted, start
 
 
-def _scale(structure: Structure, p: Array) -> float:
-    return structure.lag(p) or structure.longest_dead_time(p)
+def time_scale(fit: RowFit, m: int) -> float:
+    """How long element m takes to answer; of one that answers at once, what is guessed of one without a model."""
+    structure, p = fit.row.specs[m].structure, fit.theta[fit.row.slices[m]]
+    own = structure.lag(p) or structure.longest_dead_time(p)
+    return own if own > 0 else fit.row.guessed_time_scale
 
 
 def _pair(one: float, other: float) -> tuple[float, float]:
@@ -216,11 +232,14 @@ def _pair(one: float, other: float) -> tuple[float, float]:
     return 1 / root, (one + other) / (2 * root)
 
 
-def _start(structure: Structure, p: Array, wanted: Structure, lags: Array, pair: tuple[float, ...] = ()) -> Array:
+def _start(
+    structure: Structure, p: Array, wanted: Structure, scale: float, lags: Array, pair: tuple[float, ...] = ()
+) -> Array:
     """Parameters of another structure, with these lags, and this natural frequency and damping ratio for a new pair."""
-    leads = np.append(p[structure.is_lead], _scale(structure, p) / 2)[: wanted.leads]
+    leads = np.append(p[structure.is_lead], scale / 2)[: wanted.leads]
     frequencies, dampings = np.append(p[structure.is_frequency], pair[:1]), np.append(p[structure.is_damping], pair[1:])
-    return wanted.parameters(p[structure.is_gain], lags, frequencies, dampings, leads, p[structure.is_dead_time])
+    dead_times = structure.dead_times(p) if wanted.has_dead_time else 0.0
+    return wanted.parameters(p[structure.is_gain], lags, frequencies, dampings, leads, dead_times)
 
 
 def _fitted(fit: RowFit, m: int, structure: Structure, starts: Sequence[Array]) -> list[RowFit]:
@@ -246,8 +265,8 @@ def _from_cancelled(fit: RowFit, m: int, wanted: Structure, start: Callable[[flo
 
     `start` gives the parameters with a further lag.
     """
-    structure, fits = fit.row.specs[m].structure, []
-    for further in _scale(structure, fit.theta[fit.row.slices[m]]) * np.array(levels.CANCELLED_LAGS):
+    fits = []
+    for further in time_scale(fit, m) * np.array(levels.CANCELLED_LAGS):
         begun = start(further)
         begun[np.flatnonzero(wanted.is_lead)[-1]] = further
         fits.append(_briefly(fit, m, wanted, begun))

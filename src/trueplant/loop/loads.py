@@ -66,6 +66,10 @@ class Step(Load):
     time: float
     size: Sizes
 
+    def __post_init__(self) -> None:
+        if np.isnan(self.time):
+            raise LoopError("the time of a step must be a number")
+
     def sampled(self, grid: Grid, n: int, rng: np.random.Generator) -> Array:
         return step_disturbance(grid.steps, grid.h, self.time, channels(self.size, n, "size"))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,6 +62,8 @@ def _measurement(
     streams = np.random.default_rng(seed).spawn(2)
     noisy, outliers = signal_of(noise, shape, "noise"), np.zeros(shape)
     if noise is not None and np.ndim(noise) < 2:
+        if np.any(noisy < 0):
+            raise LoopError("a standard deviation of noise must not be below 0")
         noisy = noisy * streams[0].standard_normal(shape)
     if spikes is not None:
         probability, size = spikes
@@ -152,12 +155,17 @@ def simulate(
         raise LoopError(f"r must have shape (N, {n_y}), not {setpoints.shape}")
     if not (np.isfinite(h) and h > 0):
         raise LoopError(f"the step h must be above 0, not {h:g}")
+    for name, value, least in (("record_every", record_every, 1), ("seed", seed, 0)):
+        if not isinstance(value, Integral) or value < least:
+            raise LoopError(f"{name} must be a whole number from {least} on, not {value!r}")
     steps = setpoints.shape[0]
     setpoints = signal_of(setpoints, (steps, n_y), "r")
     start_u = np.broadcast_to(np.asarray(u0, dtype=float), (n_u,)).copy()
     start_y = np.broadcast_to(np.asarray(y0, dtype=float), (n_y,)).copy()
     noisy, outliers = _measurement(noise, spikes, (steps, n_y), seed)
     quantum = signal_of(quantisation, (1, n_y), "quantisation")[0]
+    if np.any(quantum < 0):
+        raise LoopError("a quantum must not be below 0")
     if (d is None) != (Gd is None):
         raise LoopError("a measured disturbance needs both d and Gd")
     grid, n_d = Grid(steps, h, record_every), 0 if Gd is None else Gd.shape[1]

@@ -108,5 +108,7 @@ def _project(
     if is_project:
         return Project.load(data), None
     frames = list(data) if isinstance(data, (list, tuple)) else [data]
+    if not frames:
+        raise UsageError("the list of frames is empty: give one frame for each experiment")
     names = ["frame"] if len(frames) == 1 else [f"frame {k + 1}" for k in range(len(frames))]
     return project_of(names, loops, model, time, time_unit, tables), frames

@@ -116,12 +116,13 @@ def _elements(loops: Sequence[Loop], model: Model | None) -> list[dict[str, Any]
     given = model if isinstance(model, Mapping) else _of_matrix(loops, model)
     inputs = {loop.name: loop.input for loop in loops}
     found = []
-    for (output, source), system in given.items():
-        if output not in inputs or source not in inputs:
+    for place, system in given.items():
+        if not (isinstance(place, tuple) and len(place) == 2 and inputs.keys() >= set(place)):
             raise UsageError(
-                f"the model names the element ({output!r}, {source!r}), and the loops are {', '.join(inputs)}: name "
-                "output and input by their loops"
+                f"the model names the element {place!r}, and the loops are {', '.join(inputs)}: name output and input "
+                "by their loops, (output, input)"
             )
+        output, source = place
         element = dict(system) if isinstance(system, Mapping) else _element(system)
         found.append({"output": output, "input": inputs[source]} | element)
     return found
@@ -171,8 +172,13 @@ def _element(system: Any) -> dict[str, Any]:
 def _law(loop: Loop) -> dict[str, Any]:
     place = {"input": loop.input, "output": loop.name}
     law = loop.controller
+    if isinstance(law, Mapping):
+        return place | dict(law)
     if not isinstance(law, PID):
-        return place | dict(law or {})
+        raise UsageError(
+            f"the controller of {loop.name} is a PID or the keys of [[controller]], as in "
+            f'{{"Kc": 1.5, "Ti": 8}}, and not {law!r}'
+        )
     if law.pv_transform is not None:
         raise UsageError(f"the controller of {loop.name} has a pv_transform: give its keys, with pv_transform as text")
     keys = {key: getattr(law, key) for key, usual in LAW_KEYS.items() if getattr(law, key) != usual}

@@ -62,6 +62,9 @@ def _check_names(project: Declaration) -> None:
             if name in seen:
                 raise problem(f'"{name}" is there twice: every signal has a name of its own', table, k, "name")
             seen.add(name)
+    for k, entry in enumerate(project.outputs):
+        if entry.sp == entry.pv:
+            raise problem(f'column "{entry.sp}" is the PV of this loop: name that of its set-point', "output", k, "sp")
     columns = [("output", k, "pv", entry.pv) for k, entry in enumerate(project.outputs)]
     columns += [("input", k, "op", entry.op) for k, entry in enumerate(project.inputs)]
     used: set[str] = set()

@@ -16,6 +16,7 @@ from trueplant.record.types import Finding, Kind
 
 _COARSE = ((86400.0, "days", "the clock"), (3600.0, "hours", "minutes"), (60.0, "minutes", "seconds"))
 """Stamps that are whole so many seconds: what they hold, and what they lack."""
+_NUMBERS = "the times may lack digits: if rows were recorded more often, export them with all of theirs."
 
 
 def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[Finding, ...]]:
@@ -66,9 +67,12 @@ def put_in_order(table: Table, times: Times) -> tuple[NDArray[np.int64], tuple[F
         first = int(rows[np.argmin(keep)])
         count = int(np.sum(~keep))
         message = f"{counted(count, 'row')} with the time of the row before left out (first: {table.where(first)})."
-        if times.start is not None and count > levels.REPEATED_TIMES * rows.size:
-            message = f"{message} These are {100 * count / rows.size:.0f} % of all, and {_finer(t[rows])}"
-        notes.append(Finding(Kind.DUPLICATE, "time", message, samples=count, excludes=True))
+        coarse = count > levels.REPEATED_TIMES * rows.size
+        if coarse:
+            finer = _NUMBERS if times.start is None else _finer(t[rows])
+            message = f"{message} These are {100 * count / rows.size:.0f} % of all, and {finer}"
+        share = count / rows.size if coarse else None
+        notes.append(Finding(Kind.DUPLICATE, "time", message, samples=count, excludes=True, value=share))
         rows = rows[keep]
     return rows, tuple(notes)
 

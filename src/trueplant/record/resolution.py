@@ -109,7 +109,7 @@ def without_rounding(record: Record) -> Settled:
             recorded, moving = (z.copy() if z is x else z for z in (recorded, moving))
             recorded[:, k], moving[:, k] = at_rest if constant else settled(column), at_rest
             if constant:
-                message = f"{name} never moves by more than the record resolves ({np.ptp(v):.2g}); taken as constant."
+                message = f"{name} moves by {np.ptp(v):.2g}, no more than the record resolves; taken as constant."
                 found.append(Finding(Kind.CONSTANT, name, message, samples=int(v.size), value=float(v[0])))
         return recorded, recorded if np.array_equal(recorded, moving, equal_nan=True) else moving
 

@@ -39,6 +39,7 @@ class Code(StrEnum):
     SETPOINT_RANK = "setpoint-rank", "the set-points move in the same proportion"
     MANUAL = "manual", "a loop was in manual in a record of closed loops, or looks so"
     COMPRESSED = "compressed", "a historian stored only part of a signal"
+    REPEATED_TIMES = "repeated-times", "many rows bear the time of the row before, as if the times had been cut"
     CONTROLLER = "controller", "a declared controller does not reproduce OP"
     SCAN = "scan", "OP was written between the recorded samples"
     HOLD = "hold", "how a measured disturbance runs between its samples"

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from support.simulated import coloured, random_switching, segment_of, wood_berry
-from trueplant import Project, Result, run
+from trueplant import Loop, Project, Result, run
 from trueplant.record import Segment
 from trueplant.study.data.setpoints import computed_setpoints
 from trueplant.tracking.track import track
@@ -214,3 +214,19 @@ def test_one_of_two_is_said_and_the_other_answers(tmp_path):
     verdicts = {(e.output, e.input): e.verdict for e in result.elements}
     assert verdicts == {("flow", "valve"): "unchanged", ("flow2", "valve2"): "not identifiable"}
     assert "no set-point or measured disturbance that moves shows in" in result.elements[-1].reason
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_setpoint_that_is_a_copy_of_pv_moves_nothing(seed: int) -> None:
+    """Under another tag, with the disturbance alone to move the loop; as one that moves, and with a sample missing."""
+    v = coloured(np.random.default_rng(seed), SAMPLES, 1, [1, -0.9], [1], 1.0)
+    record = inside("filtered", seed)
+    y = record["pv"] + v[:, 0]
+    columns = {
+        "time": np.arange(SAMPLES),
+        "sp": y,
+        "op": record["op"],
+        "pv": np.where(np.arange(SAMPLES) == 99, np.nan, y),
+    }
+    result = run(columns, loops=[Loop("T", pv="pv", sp="sp", op="op")], model={("T", "T"): "2 exp(-3 s)/(10 s + 1)"})
+    assert result.status == "refused" and "follows PV" in result.reasons[0].message

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace as Stub
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from support.simulated import segment_of
 from trueplant.loop import PID, Controller, Kind, Sum
@@ -132,6 +134,33 @@ def test_a_law_has_become_another_one_if_three_windows_show_it(windows: int, tol
     found = law_judged.judged([stretch(-gain * y, y)], LAW, 0, 1.0)
     assert found is not None
     assert (law_judged.parted(found) is not None) is told
+
+
+@pytest.mark.parametrize(
+    ("at", "gain", "ti", "seed"), [(1800, 0.6, 0.6, 0), (1800, 0.6, 0.6, 1), (1230, 0.6, 1.0, 2), (900, 1.0, 0.5, 0)]
+)
+def test_a_law_that_has_become_another_one_is_parted_by_its_own_sums(
+    at: int, gain: float, ti: float, seed: int
+) -> None:
+    """Backward sums write OP; over both laws together forward ones may miss it least."""
+    k = np.arange(2400)
+    r = np.where(k // 120 % 2, 1.0, 0.0)
+    y = lfilter([0.05], [1, -0.95], np.roll(r, 4)) + 0.05 * np.random.default_rng(seed).standard_normal(k.size)
+    gains, times = np.where(k < at, 1.0, gain), np.where(k < at, 20.0, 20.0 * ti)
+    e = r - y
+    u = np.cumsum(gains * (np.diff(e, prepend=e[0]) + e / times))
+    law = Controller.diagonal([PID(Kc=1.0, Ti=20.0, sample_time=1.0)])
+    found = law_judged.judged([replace(stretch(u, y), r=r[:, None])], law, 0, float(np.std(u)))
+    assert found is not None
+    told = law_judged.parted(found)
+    assert told is not None and told.declared_first and told.at == pytest.approx(at, abs=20)
+    assert [one.value for one in told.ratios] == pytest.approx([gain, ti], rel=1e-3)
+
+
+def test_a_law_without_any_control_error_is_parted_nowhere() -> None:
+    """As where the set-point is a copy of PV."""
+    found = law_judged.judged([stretch(noise(400), np.zeros(400))], LAW, 0, 1.0)
+    assert found is None or law_judged.parted(found) is None
 
 
 @pytest.mark.holds("study.ROUNDING_LEFT")

@@ -12,7 +12,7 @@ from scipy.stats import f as f_distribution
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify.noise import whitened_valid
-from trueplant.record import Segment
+from trueplant.record import Kind, Segment
 from trueplant.result import Code, Reason
 from trueplant.study import levels
 from trueplant.study.data.setpoints import unexplained
@@ -314,6 +314,16 @@ def mostly_filled_in(study: Study, k: int) -> dict[str, float]:
     """Signals of experiment k of which a historian left little, with the share that it filled in on straight lines."""
     compressed = [f for f in study.screened[k].findings if f.kind == "compressed" and f.value is not None]
     return {f.signal: 1 - f.value for f in compressed if f.value is not None and 1 - f.value > levels.FILLED_IN}
+
+
+def repeated_time_notes(study: Study) -> list[Reason]:
+    """Said where so many rows repeat a time that they may have been recorded oftener than the times tell."""
+    return [
+        Reason(Code.REPEATED_TIMES, f"{found.message} Until then no time constant can be trusted", s.record.name)
+        for s in study.screened
+        for found in s.findings
+        if s.refusal is None and found.kind is Kind.DUPLICATE and found.value is not None
+    ]
 
 
 def compression_notes(study: Study) -> list[Reason]:

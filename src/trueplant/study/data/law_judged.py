@@ -80,6 +80,8 @@ class Judged:
     """Samples of a window."""
     integral: Sum | None
     """How the integral is summed up, where the record tells."""
+    tried: tuple[Windows, ...]
+    """By every way of summing up that makes a difference."""
 
     @property
     def off(self) -> tuple[Ratio, ...]:
@@ -126,16 +128,16 @@ def judged(stretches: Sequence[Stretch], controller: Controller, i: int, scale: 
     others = [other for sums, other in missed.items() if sums[0] is not best[0]]
     clear = levels.LAW_SURE**2 * max(fit.rms**2, windows.op_rounding)
     told = best[0] if others and min(others) - missed[best] > clear else None
-    found = _with(windows, fit, cuts, scale, told)
+    found = _with(windows, fit, cuts, scale, told, tuple(tried.values()))
     if found.off:
         # where no sum makes the declared law right, none can be told: the gains are those of backward sums
         usual = (Sum.BACKWARD, best[1])
-        plain = _with(tried[usual], fits[usual], cuts, scale, None)
+        plain = _with(tried[usual], fits[usual], cuts, scale, None, tuple(tried.values()))
         return plain if plain.off else found
     return found
 
 
-def _with(windows: Windows, fit: Fit, cuts: Cuts, scale: float, told: Sum | None) -> Judged:
+def _with(windows: Windows, fit: Fit, cuts: Cuts, scale: float, told: Sum | None, tried: tuple[Windows, ...]) -> Judged:
     freedom = float(windows.freedom.sum())
     rounding = levels.LAW_ROUNDED * float(np.sqrt(windows.op_rounding + windows.pv_rounding() / freedom))
     return Judged(
@@ -147,6 +149,7 @@ def _with(windows: Windows, fit: Fit, cuts: Cuts, scale: float, told: Sum | None
         rounding=rounding,
         longest=cuts.longest,
         integral=told,
+        tried=tried,
     )
 
 
@@ -188,16 +191,23 @@ class Parted:
 
 
 def parted(found: Judged) -> Parted | None:
-    """The moment at which the declared law became another one, or another one the declared law; None if neither."""
-    return _parted(found, True) or _parted(found, False)
+    """The moment at which the declared law became another one, or another one the declared law; None if neither.
+
+    By the sums that leave least: those which suit a whole record best are neither law's own.
+    """
+    for declared_first in (True, False):
+        ways = [_parted(windows, found.allowed, declared_first) for windows in found.tried]
+        if told := [way for way in ways if way is not None]:
+            return min(told, key=lambda way: way[0])[1]
+    return None
 
 
-def _parted(found: Judged, declared_first: bool) -> Parted | None:
-    """Parted where the declared law on one side and the best gains on the other miss OP least together."""
-    windows = found.windows
+def _parted(windows: Windows, allowed: float, declared_first: bool) -> tuple[float, Parted] | None:
+    """Parted where the declared law on one side and the best gains on the other miss OP least together, and by how much
+    in squares."""
     n, m = len(windows), len(windows.labels)
     cuts = np.arange(levels.LAW_BEFORE, n - levels.LAW_BEFORE + 1)
-    if not cuts.size:
+    if not cuts.size or not np.any(windows.gram):
         return None
     way = slice(None) if declared_first else slice(None, None, -1)
     missed = np.concatenate([[0.0], np.cumsum(windows.missed()[way])])
@@ -207,11 +217,14 @@ def _parted(found: Judged, declared_first: bool) -> Parted | None:
     )
     G = gram[cuts] + np.finfo(float).eps * np.trace(gram[0]) * np.eye(m)
     gains = np.linalg.solve(G, moment[cuts][..., None])[..., 0]
-    best = int(cuts[np.argmin(missed[cuts] + power[cuts] - np.sum(gains * moment[cuts], axis=1))])
+    left = missed[cuts] + power[cuts] - np.sum(gains * moment[cuts], axis=1)
+    best = int(cuts[np.argmin(left)])
     at = best if declared_first else n - best
     sides = slice(0, at), slice(at, None)
     declared, other = (windows.fit(side) for side in (sides if declared_first else sides[::-1]))
     ratios = ratios_of(windows.labels, declared)
-    right = not any(r.off for r in ratios) and all_known(ratios) and declared.rms <= found.allowed
+    right = not any(r.off for r in ratios) and all_known(ratios) and declared.rms <= allowed
     changed = ratios_of(windows.labels, other)
-    return Parted(float(windows.start[at]), declared_first, changed) if right and any(r.off for r in changed) else None
+    if not right or not any(r.off for r in changed):
+        return None
+    return float(left.min()), Parted(float(windows.start[at]), declared_first, changed)

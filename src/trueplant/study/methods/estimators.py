@@ -266,7 +266,7 @@ def _direct(task: Task, i: int) -> Found:
     row = Row(specs, pieces_of(task.segments, i, task.held[i]))
     if not row.pieces:
         raise Refused(f"output {i + 1} was not measured in any segment: see what screening left out, and why")
-    fit = estimate_row(row, max(piece.span for piece in row.pieces) / 20)
+    fit = estimate_row(row, row.guessed_time_scale)
     return {(i, j): (fit.theta[part], fit.covariance[part, part]) for j, part in zip(columns, row.slices, strict=True)}
 
 

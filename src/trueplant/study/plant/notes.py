@@ -15,7 +15,12 @@ from trueplant.lti.structure import structure_of
 from trueplant.result import Code, ControllerCheck, Reason
 from trueplant.study import levels
 from trueplant.study.data.by_hand import hand_notes
-from trueplant.study.data.excitation import compression_notes, manual_notes, setpoint_rank_note
+from trueplant.study.data.excitation import (
+    compression_notes,
+    manual_notes,
+    repeated_time_notes,
+    setpoint_rank_note,
+)
 from trueplant.study.data.scan import faster_scan
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
@@ -31,7 +36,7 @@ def controller_notes(consistency: Sequence[ControllerCheck]) -> list[Reason]:
 
 def notes_of(study: Study, found: Identified, consistency: Sequence[ControllerCheck]) -> list[Reason]:
     """What the reader should know although an answer was possible."""
-    notes = [*setpoint_rank_note(study), *manual_notes(study), *compression_notes(study)]
+    notes = [*setpoint_rank_note(study), *manual_notes(study), *repeated_time_notes(study), *compression_notes(study)]
     notes += [
         *time_unit_note(study, found),
         *hand_notes(study, consistency),

@@ -33,6 +33,8 @@ def _shape(found: Found) -> str:
     lags = theta[structure.is_lag]
     if structure.integrators > before.integrators:
         return "a ramp that does not end (it integrates)"
+    if structure.integrators < before.integrators:
+        return "a new level (it does not integrate)"
     if structure.leads > before.leads:
         leads = theta[structure.is_lead]
         if leads.min() < 0:
