@@ -21,7 +21,6 @@ MANY_PARAMETERS: dict[str, str] = {
     "loop/kernel.py:run_loop": "compiled code takes arrays, not classes",
     "loop/law.py:entry_output": "compiled code takes arrays, not classes",
     "loop/simulate.py:simulate": "called from notebooks: each is a signal or setting that most calls leave out",
-    "lti/sampled.py:_run": "compiled code takes arrays, not classes",
     "tune/propose.py:propose": "called from notebooks: what is promised is given by name, and mostly left as it is",
 }
 """Exceptions by "file:function", each with its reason."""

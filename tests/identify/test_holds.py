@@ -85,7 +85,7 @@ def test_the_right_one_is_found(kind):
     for seed in range(4):
         found, estimate = estimated(record(kind, seed))
         assert found.hold == ("zoh" if kind in HELD else "linear"), seed
-        assert estimate.row.pieces[0].hold == ("zoh", found.hold)
+        assert estimate.row.pieces[0].hold == ("written", found.hold)
         # straight lines through a smooth signal can cost the element its structure
         assert estimate.rejected or abs(estimate.theta[5] - 2.3) < 0.15, seed
         assert not (estimate.rejected and kind in HELD), seed

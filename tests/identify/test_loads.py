@@ -22,7 +22,7 @@ from trueplant.identify import (
 )
 from trueplant.identify.fit import Whitening
 from trueplant.identify.load_gains import likeliest_load
-from trueplant.identify.loads import find_loads, loaded, step_with_setpoints
+from trueplant.identify.loads import find_loads
 from trueplant.identify.noise import whiten
 from trueplant.loop import PID, Controller, Step, simulate
 from trueplant.lti import Structure, TransferMatrix
@@ -214,19 +214,3 @@ def test_rounding_holds_no_loads():
     assert estimate.fit.ar.size == 0
     assert not find_loads({1: estimate.fit})
     assert np.allclose(estimate.theta, [2.2, 6.6, 0.6, 2.547, 3.5, 0.13], rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("times", "told"),
-    [([], False), ([300.0], False), ([300.0, 751.0], True), ([450.0, 980.0, 1350.0], False), ([300.0, 450.0], False)],
-)
-def test_loads_that_step_with_the_setpoints_are_told_from_others(times, told):
-    """Set-points move at 300, 750 and 1,200 of 1,500 samples: one load may be beside a move by chance, not all of two.
-
-    By hand: nine of 1,500 samples are beside a move, so that the chances are 0.006, and 0.000036 of two at once.
-    """
-    segment = record(0)
-    fit = estimated(segment).fit
-    for time in times:
-        fit = replace(fit, row=loaded(fit.row, (0, Load(0, time))))
-    assert step_with_setpoints({0: fit}, [segment]) is told

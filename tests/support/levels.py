@@ -7,7 +7,7 @@ NO_THRESHOLDS = {
         identify.DEAD_TIME_UNSEEN identify.NOT_WHITE identify.UNDERMODELLED identify.STRUCTURE_SHARE identify.NO_GAIN
         identify.RUNS_DISAGREE identify.VALVE identify.HOLD identify.UNEVEN identify.WORSE identify.MISSING_ELEMENT
         identify.MISSING_TRIED identify.SHARED_DISTURBANCE identify.SUBSPACE_INSIDE identify.LOAD_STEP identify.SPIKE
-        identify.LOADS_BESIDE_MOVES detect.SCATTERED
+        detect.SCATTERED
         study.EXCITED study.REACHED study.OUTSIDE_BAND study.MISDESCRIBED study.CAUSES study.GRADED_WHITE
     """,
     "rounding": """

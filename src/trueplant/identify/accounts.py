@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from trueplant.identify.estimate import Options
 from trueplant.identify.first import regulating_or_not, with_left_out
 from trueplant.identify.holds import FoundHold, find_holds, held_fits, with_holds
-from trueplant.identify.loads import Fits, criterion, find_loads, step_with_setpoints, with_loads
+from trueplant.identify.loads import Fits, criterion, find_loads, with_loads
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.row import Spec
 from trueplant.identify.spikes import set_aside, without_spikes
@@ -98,7 +98,7 @@ class Rivals:
     def likeliest(self, segments: Sequence[Segment], estimates: Mapping[int, OutputEstimate]) -> Account:
         """The likeliest account that these estimates, without loads, lead to."""
         begun = self._with_holds(segments, estimates)
-        loaded = self._loaded(begun)
+        loaded = find_loads(begun.fits) if self.looks_for_loads else {}
         if not self.asked.pinned:
             return self._likeliest(begun, loaded)
         # Whether these are loads is asked beside structures that suffice, whichever are kept.
@@ -111,14 +111,10 @@ class Rivals:
         accounts = [self._with_structures(begun)]
         if loaded:
             accounts.append(self._with_structures(self._beside(begun, loaded)))
-        if accounts[0].structures != begun.structures and (others := self._loaded(accounts[0])):
+        looked_for = self.looks_for_loads and accounts[0].structures != begun.structures
+        if looked_for and (others := find_loads(accounts[0].fits)):
             accounts.append(self._with_structures(self._beside(accounts[0], others)))
         return min(accounts, key=lambda one: criterion(one.fits)) if len(accounts) > 1 else accounts[0]
-
-    def _loaded(self, account: Account) -> Fits:
-        """Likelier fits that take loads along; none where there are none that are not the controller's own doing."""
-        loaded = find_loads(account.fits) if self.looks_for_loads else {}
-        return {} if loaded and step_with_setpoints(loaded, account.segments) else loaded
 
     def beside_spikes(self, account: Account) -> Account:
         """The account beside those spikes of PV that show beside its own plants, where these are others than before."""

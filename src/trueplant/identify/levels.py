@@ -335,8 +335,6 @@ ARX_HORIZON = 4
 """Its step responses are followed for that many times its lags."""
 LOAD_STEP = 0.05
 """Chance over a whole record that a load is taken along that is none, were the noise model known."""
-LOADS_BESIDE_MOVES = 1e-3
-"""Significance from which loads that step when set-points do are taken for the controller's answer."""
 LOAD_ROUNDS = 4
 """Loads and noise model in turn, at most."""
 SAMPLES_PER_LOAD = 100

@@ -13,8 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
-from scipy.stats import binom, chi2
+from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
@@ -74,23 +73,6 @@ def with_loads(segments: Sequence[Segment], fits: Fits) -> tuple[Segment, ...]:
         replace(segment, loads=tuple(load for experiment, load in places if experiment == segment.experiment))
         for segment in segments
     )
-
-
-def step_with_setpoints(fits: Fits, segments: Sequence[Segment]) -> bool:
-    """Do the loads of these fits step when set-points do, oftener than chance would let them?
-
-    What a set-point does to PV besides through OP is how the controller answers to it: a fit that needs such loads has
-    found the controller, the other way round, for the plant.
-    """
-    steps, beside, samples, close = _places(fits), 0, 0, 0
-    for segment in segments:
-        moved = np.zeros(len(segment), dtype=bool)
-        moved[1:] = np.any(np.diff(segment.setpoints, axis=0) != 0, axis=1)
-        moved = maximum_filter1d(moved, 3)
-        samples, close = samples + moved.size, close + int(moved.sum())
-        at = [round((load.time - segment.t[0]) / segment.h) for k, load in steps if k == segment.experiment]
-        beside += sum(bool(moved[k]) for k in at if 0 <= k < moved.size)
-    return bool(binom.sf(beside - 1, len(steps), close / samples) < levels.LOADS_BESIDE_MOVES)
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,9 @@ def pieces_of(
         inputs = np.column_stack([whole.u, whole.d])
         sent = None if whole.sent is None else np.column_stack([whole.sent, whole.d]) - inputs[0]
         inputs = np.ascontiguousarray((inputs - inputs[0]).T)
-        hold = whole.holds
+        # a controller reads PV and then writes OP
+        written = tuple("written" if hold == "zoh" else hold for hold in whole.hold)
+        hold = written + whole.holds[len(written) :]
         y = np.where(valid, whole.y[:, output], 0.0)
         for element in held:
             y = y - sampled_response(element.system, inputs[element.column], whole.h, hold[element.column])

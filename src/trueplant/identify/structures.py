@@ -189,7 +189,7 @@ def richer(structure: Structure, p: Array, scale: float) -> Iterator[tuple[Struc
     """Next richer structures with parameters to begin a search from, several of each, about this time scale.
 
     They differ in what a search over time scale, dead time, gain and leads does not find: the ratios of the lags, and
-    the damping. None of them answers at once: what OP owes to the PV of the same sample would pass for the plant.
+    the damping. None of them answers at once: those have no dead time that could be found.
     """
     lags = np.sort(p[structure.is_lag])
     for share in levels.SECOND_LAGS:

@@ -10,7 +10,7 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.compiled import compiled
-from trueplant.lti.sampled import rows_of
+from trueplant.lti.sampled import Hold, rows_of
 
 Counts = tuple[int, int, int, int, int, int]
 
@@ -99,7 +99,7 @@ def gradient_polynomials(p: Array, counts: Counts) -> tuple[Array, Array]:
 
 
 @compiled
-def response(p: Array, counts: Counts, u: Array, h: float, linear: bool, every: int) -> Array:
+def response(p: Array, counts: Counts, u: Array, h: float, hold: Hold, every: int) -> Array:
     """Sampled response (n,) to u (N,), from rest, at each `every`-th sample."""
     delayed = counts[0]
     num, den = polynomials(p, counts)
@@ -108,7 +108,7 @@ def response(p: Array, counts: Counts, u: Array, h: float, linear: bool, every: 
     total = np.zeros((u.size + every - 1) // every)
     for k in range(delayed):
         dead_time = p[p.size - delayed + k] if counts[5] else 0.0
-        total += rows_of(p[k] * padded, den / den[0], dead_time, u, h, linear, every)[0]
+        total += rows_of(p[k] * padded, den / den[0], dead_time, u, h, hold, every)[0]
     return total
 
 
@@ -124,11 +124,11 @@ def delayed_term(p: Array, counts: Counts, rows: Array, k: int) -> tuple[Array, 
 
 
 @compiled
-def response_and_gradient(p: Array, counts: Counts, u: Array, h: float, linear: bool, every: int) -> Array:
+def response_and_gradient(p: Array, counts: Counts, u: Array, h: float, hold: Hold, every: int) -> Array:
     """(1 + n_p, n): the `response`, and its derivative by every parameter."""
     rows, den = gradient_polynomials(p, counts)
     num, dead_time = delayed_term(p, counts, rows, 0)
-    first: Array = rows_of(num, den, dead_time, u, h, linear, every)
+    first: Array = rows_of(num, den, dead_time, u, h, hold, every)
     delayed = counts[0]
     if delayed == 1:
         return first
@@ -136,7 +136,7 @@ def response_and_gradient(p: Array, counts: Counts, u: Array, h: float, linear: 
     last = out.shape[0] - counts[5]
     for k in range(delayed):
         num, dead_time = delayed_term(p, counts, rows, k)
-        of_term = rows_of(num, den, dead_time, u, h, linear, every) if k > 0 else first
+        of_term = rows_of(num, den, dead_time, u, h, hold, every) if k > 0 else first
         out[0] += of_term[0]
         out[1 + k] = of_term[1]
         out[1 + delayed : last] += of_term[2 : 2 + last - 1 - delayed]

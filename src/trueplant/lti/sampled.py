@@ -18,6 +18,16 @@ from trueplant.errors import FormulaError
 from trueplant.lti import levels
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 
+System = tuple[Array, Array, Array, Array]
+"""State matrix, taps, output matrix and direct terms of a sampled system."""
+Hold = tuple[bool, bool]
+"""Does the input run in straight lines between samples? Is it held, and written after the output was read?"""
+
+
+def flags_of(hold: str) -> Hold:
+    """A hold by its name, for compiled functions."""
+    return hold == "linear", hold == "written"
+
 
 @compiled
 def _multiply(a: Array, b: Array, out: Array) -> None:
@@ -180,7 +190,9 @@ def _four_states(ad: Array, taps: Array, late: Array, size: int, every: int) -> 
 
 
 @compiled
-def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear: bool, u: Array, every: int) -> Array:
+def _run(system: System, q: int, phi: float, before: float, u: Array, every: int) -> Array:
+    """`before` is the share that the input of one sample earlier has in what passes on without a lag."""
+    ad, taps, c, d = system
     n, m, length = ad.shape[0], c.shape[0], u.size
     late = np.zeros(length + 2)  # u[k - q - 1], u[k - q] and u[k - q + 1] stand at k, k + 1 and k + 2
     for k in range(max(q + 1, 0), min(length + 2, length + q + 1)):
@@ -188,7 +200,6 @@ def _run(ad: Array, taps: Array, c: Array, d: Array, q: int, phi: float, linear:
     size = (length + every - 1) // every
     states = _states(ad, taps, late, size, every)
     y = np.zeros((m, size))
-    before = phi if linear else (1.0 if phi > 0.0 else 0.0)
     for i in range(m):
         for j in range(n):
             for seen in range(size):
@@ -210,15 +221,17 @@ def split_dead_time(dead_time: float, h: float) -> tuple[int, float]:
 
 
 @compiled
-def rows_of(num: Array, den: Array, dead_time: float, u: Array, h: float, linear: bool, every: int) -> Array:
+def rows_of(num: Array, den: Array, dead_time: float, u: Array, h: float, hold: Hold, every: int) -> Array:
     """Compiled `rows_response`; NaN where the dead time is no number, as it has no place among the samples."""
+    linear, written_after = hold
     if np.isnan(dead_time):
         return np.full((num.shape[0], (u.size + every - 1) // every), np.nan)
     a, b, c, d = realise(num, den)
     # what is later than the record is as good as never, and would not fit into a whole number
     q, phi = split_dead_time(min(dead_time, (u.size + 1) * h), h)
     ad, taps = discretise(a, b, h, phi, linear)
-    y: Array = _run(ad, taps, c, d, min(q, u.size + 1), phi, linear, u, every)
+    before = phi if linear else (1.0 if phi > 0.0 or written_after else 0.0)
+    y: Array = _run((ad, taps, c, d), min(q, u.size + 1), phi, before, u, every)
     return y
 
 
@@ -228,11 +241,11 @@ def rows_response(
     """Responses (m, N) of m numerators (m, n + 1) over one monic denominator (n + 1,) to u (N,), from rest.
 
     Of the N samples only each `every`-th is returned, the first among them. Before its first sample u is zero: pass
-    deviations from the operating point.
+    deviations from the operating point. Holds are those of `sampled_response`.
     """
     rows, common = np.ascontiguousarray(num, dtype=float), np.ascontiguousarray(den, dtype=float)
     signal = np.ascontiguousarray(u, dtype=float)
-    y: Array = rows_of(rows, common, float(dead_time), signal, float(h), hold == "linear", every)
+    y: Array = rows_of(rows, common, float(dead_time), signal, float(h), flags_of(hold), every)
     return y
 
 
@@ -252,8 +265,9 @@ def sampled_response(
     """Output at the sample instants for an input sampled at h, from rest, exact for the hold of each input.
 
     u is (N,) for a transfer function, (N, n_u) for a matrix; the result is (N,) or (N, n_y). `hold` is
-    "zoh" (constant from one sample to the next) or "linear", one for all inputs or one each. A jump of a
-    held input that reaches the output without lag or dead time is seen in the same sample.
+    "zoh" (constant from one sample to the next), "linear", or "written", one for all inputs or one each. A jump of a
+    held input that reaches the output without lag or dead time is seen in the same sample; one of an input that is
+    written after the output was read, as OP is after PV, in the next.
 
     Raises FormulaError for improper systems.
     """
@@ -261,8 +275,8 @@ def sampled_response(
     if isinstance(system, TransferFunction):
         if not isinstance(hold, str):
             (hold,) = hold
-        if hold not in ("zoh", "linear"):
-            raise FormulaError(f'hold must be "zoh" or "linear", not {hold!r}')
+        if hold not in ("zoh", "linear", "written"):
+            raise FormulaError(f'hold must be "zoh", "linear" or "written", not {hold!r}')
         y = np.zeros(values.size)
         for num, den, dead_time in proper_terms(system):
             y += rows_response(num, den, dead_time, values, h, hold)[0]

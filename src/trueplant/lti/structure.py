@@ -18,6 +18,7 @@ from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.errors import FormulaError
 from trueplant.lti import element
 from trueplant.lti.element import Counts
+from trueplant.lti.sampled import Hold, flags_of
 from trueplant.lti.transfer import Term, TransferFunction
 
 _BASES = {"gain": (0, 0), "fopdt": (1, 0), "sopdt": (2, 0), "integrator": (0, 1), "pair": (0, 0)}
@@ -197,15 +198,20 @@ class Structure:
     def dead_times(self, p: Array) -> Array:
         return p[self._slices()[4]] if self.has_dead_time else np.zeros(self.delayed)
 
+    def _flags(self, hold: str) -> Hold:
+        # of those with a dead time only the derivative by it passes on at once: the slope of the response in the sample
+        linear, written = flags_of(hold)
+        return linear, written and not self.has_dead_time
+
     def response(self, p: Array, u: Array, h: float, hold: str = "zoh", every: int = 1) -> Array:
         """Sampled response to u (N,) from rest at each `every`-th sample: `sampled_response` of `transfer`."""
-        y: Array = element.response(_contiguous(p), self._counts, _contiguous(u), h, hold == "linear", every)
+        y: Array = element.response(_contiguous(p), self._counts, _contiguous(u), h, self._flags(hold), every)
         return y
 
     def response_and_gradient(self, p: Array, u: Array, h: float, hold: str = "zoh", every: int = 1) -> Array:
         """(1 + n_p, n): the `response`, and its derivative by every parameter."""
         rows: Array = element.response_and_gradient(
-            _contiguous(p), self._counts, _contiguous(u), h, hold == "linear", every
+            _contiguous(p), self._counts, _contiguous(u), h, self._flags(hold), every
         )
         return rows
 
