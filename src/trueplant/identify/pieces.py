@@ -135,9 +135,10 @@ def pieces_of(
         inputs = np.column_stack([whole.u, whole.d])
         sent = None if whole.sent is None else np.column_stack([whole.sent, whole.d]) - inputs[0]
         inputs = np.ascontiguousarray((inputs - inputs[0]).T)
-        # a controller reads PV and then writes OP
-        written = tuple("written" if hold == "zoh" else hold for hold in whole.hold)
-        hold = written + whole.holds[len(written) :]
+        hold = whole.holds
+        if whole.closed:  # a controller reads PV and then writes OP
+            written = ("written" if of_op == "zoh" else of_op for of_op in whole.hold)
+            hold = (*written, *hold[len(whole.hold) :])
         y = np.where(valid, whole.y[:, output], 0.0)
         for element in held:
             y = y - sampled_response(element.system, inputs[element.column], whole.h, hold[element.column])

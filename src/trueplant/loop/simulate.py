@@ -219,7 +219,7 @@ def _open(
     """OP within its limits, measured PV and continuous output from the operating point on, without a controller."""
     op = np.clip(u, around.limits[:, 0], around.limits[:, 1])
     at = np.column_stack([valve.positions(op[:, i], around.u0[i]) for i, valve in enumerate(valves)])
-    moved = sampled_response(plant, at - around.u0 + around.behind, h, "written") + around.smooth
+    moved = sampled_response(plant, at - around.u0 + around.behind, h) + around.smooth
     measured = around.y0 + moved + around.added
     rounded = np.round(measured / np.where(around.quantum > 0, around.quantum, 1.0)) * around.quantum
     return op, np.where(around.quantum > 0, rounded, measured) + around.spikes, moved

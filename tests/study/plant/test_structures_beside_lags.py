@@ -54,5 +54,3 @@ def test_what_is_written_after_pv_is_read_acts_in_the_next_sample() -> None:
     assert np.allclose(whole[1:], lag[1:] + 0.4 * u[:-1], atol=1e-12)
     same = sampled_response(tf("2 exp(-0.3 s)/(5 s + 1)"), u, 0.5)
     assert np.array_equal(sampled_response(tf("2 exp(-0.3 s)/(5 s + 1)"), u, 0.5, "written"), same)
-    opened = simulate(TransferMatrix.of([["2"]], "min"), None, np.zeros((50, 1)), 0.5, u=u[:, None])
-    assert np.array_equal(opened.y[1:, 0], 2 * u[:-1])
