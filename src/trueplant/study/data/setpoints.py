@@ -27,7 +27,7 @@ def computed_setpoints(segments: Sequence[Segment]) -> BoolArray:
 
 def _follows(segments: Sequence[Segment], i: int, few: bool) -> bool:
     """Is set-point i a function of the PVs, sought among few regressors (for few moves) or many?"""
-    if segments and all(_copies(s.r[:, i], s.y[:, i]) for s in segments):
+    if segments and all(_copies(s.r[:, i], s.y[:, i], s.u) for s in segments):
         return True
     parts = [_rows(s, i, few) for s in segments if np.isfinite(s.r[:, i]).all()]
     parts = [p for p in parts if p is not None]
@@ -51,9 +51,11 @@ def _follows(segments: Sequence[Segment], i: int, few: bool) -> bool:
     return share < levels.UNEXPLAINED and largest < levels.SURPRISE * float(np.sqrt(energy))
 
 
-def _copies(r: Array, y: Array) -> bool:
+def _copies(r: Array, y: Array, u: Array) -> bool:
+    """Is the set-point nothing but PV, though OPs move, which they would not without a control error?"""
     known = np.isfinite(y)
-    return bool(known.any() and np.ptp(r[known]) > 0 and np.array_equal(r[known], y[known]))
+    moves = known.any() and np.ptp(r[known]) > 0 and np.any(np.ptp(u, axis=0) > 0)
+    return bool(moves and np.array_equal(r[known], y[known]))
 
 
 def _rows(segment: Segment, i: int, few: bool) -> tuple[Array, Array, Array, Array] | None:
