@@ -56,7 +56,7 @@ def in_shell(folder: Path, line: str) -> tuple[int, str, str]:
 )
 def test_streams_change_neither_status_nor_result(line, status, said, folder):
     (folder / "changed.toml").write_text(PROJECT.replace("2 exp(-2 s)", "1 exp(-2 s)"))
-    (folder / "still.toml").write_text(PROJECT.replace('pv = "pv"', 'pv = "sp"').replace('op = "op"', 'op = "still"'))
+    (folder / "still.toml").write_text(PROJECT.replace('op = "op"', 'op = "still"'))
     lines = (folder / "record.csv").read_text().splitlines()
     still = [f"{one},{'still' if k == 0 else '5'}" for k, one in enumerate(lines)]
     (folder / "record.csv").write_text("\n".join(still) + "\n")

@@ -80,7 +80,7 @@ class Judged:
     """Samples of a window."""
     integral: Sum | None
     """How the integral is summed up, where the record tells."""
-    tried: tuple[Windows, ...]
+    tried: tuple[Windows, ...] = ()
     """By every way of summing up that makes a difference."""
 
     @property
@@ -128,16 +128,16 @@ def judged(stretches: Sequence[Stretch], controller: Controller, i: int, scale: 
     others = [other for sums, other in missed.items() if sums[0] is not best[0]]
     clear = levels.LAW_SURE**2 * max(fit.rms**2, windows.op_rounding)
     told = best[0] if others and min(others) - missed[best] > clear else None
-    found = _with(windows, fit, cuts, scale, told, tuple(tried.values()))
+    found = _with(windows, fit, cuts, scale, told)
     if found.off:
         # where no sum makes the declared law right, none can be told: the gains are those of backward sums
         usual = (Sum.BACKWARD, best[1])
-        plain = _with(tried[usual], fits[usual], cuts, scale, None, tuple(tried.values()))
-        return plain if plain.off else found
-    return found
+        plain = _with(tried[usual], fits[usual], cuts, scale, None)
+        found = plain if plain.off else found
+    return replace(found, tried=tuple(tried.values()))
 
 
-def _with(windows: Windows, fit: Fit, cuts: Cuts, scale: float, told: Sum | None, tried: tuple[Windows, ...]) -> Judged:
+def _with(windows: Windows, fit: Fit, cuts: Cuts, scale: float, told: Sum | None) -> Judged:
     freedom = float(windows.freedom.sum())
     rounding = levels.LAW_ROUNDED * float(np.sqrt(windows.op_rounding + windows.pv_rounding() / freedom))
     return Judged(
@@ -149,7 +149,6 @@ def _with(windows: Windows, fit: Fit, cuts: Cuts, scale: float, told: Sum | None
         rounding=rounding,
         longest=cuts.longest,
         integral=told,
-        tried=tried,
     )
 
 
