@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from trueplant.detect import detectable_change, least_known
+from trueplant.detect.detectable import worth_knowing_of
 from trueplant.lti import Structure
 
 FOPDT = Structure.parse("fopdt")
@@ -41,6 +42,20 @@ def test_what_is_known_together_counts_together():
     covariance = np.zeros((5, 5))
     covariance[:2, :2], covariance[3:, 3:] = pair(2.0, 0.05 * 2.0), pair(4.0, 2 * 0.05 * 15.0)
     assert detectable_change(structure, theta, covariance, 1, 0.05, 10.0) == pytest.approx(share)
+
+
+def test_a_lag_that_the_model_has_at_0_is_measured_as_a_dead_time():
+    """0.3 of the lag of 0.1 and the dead time of 20, while the model says nothing of the lag: 3 times the lag."""
+    theta, covariance, told = (
+        np.array([2.0, 0.1, 20.0]),
+        np.diag([0.001, 0.3, 0.001]) ** 2,
+        norm.isf(0.025) + norm.ppf(0.8),
+    )
+    for model, share in (((2.0, 0.0, 20.0), 0.3 / 20.1), ((2.0, 0.2, 20.0), 3.0), ((), 3.0)):
+        found = detectable_change(FOPDT, theta, covariance, 1, 0.05, 0.1, model=model)
+        assert found == pytest.approx(told * share)
+    worth = [worth_knowing_of(FOPDT, theta, model, 0.2, 0.1) for model in ((2.0, 0.0, 20.0), (2.0, 0.1, 20.0))]
+    assert worth[0] == pytest.approx([0.4, 4.02, 4.02]) and worth[1] == pytest.approx([0.4, 0.02, 4.02])
 
 
 def test_nothing_known_is_infinite():

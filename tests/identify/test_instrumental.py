@@ -47,14 +47,14 @@ def open_record(y, u, t, hold="zoh"):
 # -- filters --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("hold", ["zoh", "linear"])
+@pytest.mark.parametrize("hold", ["zoh", "linear", "written"])
 @pytest.mark.parametrize("dead_time", [0.0, 0.3, 0.53])
 def test_irregular_filter_is_the_uniform_one_on_a_uniform_grid(hold, dead_time):
     rng = np.random.default_rng(0)
     t = 0.1 * np.arange(400)
     u = np.r_[0.0, rng.standard_normal(399)]
     uniform = samples_of([open_record(np.zeros(400), u, t, hold)], 0)[0]
-    num, den = np.array([[0.0, 1.0, 2.0], [0.5, 1.0, 0.0]]), np.array([1.0, 0.7, 3.0])
+    num, den = np.array([[0.0, 1.0, 2.0], [0.5, 1.0, 0.0], [1.0, 0.0, 0.5]]), np.array([1.0, 0.7, 3.0])
     expected = rows_response(num, den, dead_time, uniform.inputs[0], 0.1, hold)
     response = replace(uniform, h=None).respond(num, den, dead_time, uniform.inputs[0], hold)
     np.testing.assert_allclose(response, expected, atol=1e-11)

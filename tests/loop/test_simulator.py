@@ -93,6 +93,15 @@ def test_output_is_the_plant_applied_to_the_recorded_op(dead_time):
     assert np.max(np.abs(sim.y[:, 0] - lfilter(b.ravel(), a, delayed))) < 1e-11
 
 
+@pytest.mark.parametrize(("dead_time", "samples"), [(0.0, 1), (0.1, 2), (0.25, 3), (0.3, 4)])
+def test_pv_is_read_before_op_is_written_whatever_the_dead_time(dead_time, samples):
+    """A gain: what was written at the instant itself, or a whole dead time before, is seen in the next sample."""
+    plant = TransferMatrix.of([[f"2 exp(-{dead_time} s)"]])
+    sim = simulate(plant, Controller.diagonal([PID(Kc=0.02, Ti=0.2, sample_time=0.1)]), unit_steps(200), 0.1)
+    np.testing.assert_allclose(sim.y[samples:, 0], 2 * sim.u[:-samples, 0], atol=1e-12)
+    assert np.all(sim.y[:samples] == 0)
+
+
 def test_fractional_dead_time_of_an_integrator_in_closed_form():
     # one step of OP: slope K after the dead time, at instants that do not meet it
     plant = TransferMatrix.of([["0.5 exp(-0.77 s)/s"]])

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from trueplant.errors import FormulaError
 from trueplant.lti import tf
+from trueplant.lti.sampled import sampled_response
 from trueplant.lti.structure import Structure, structure_of
 
 NAMES = [
@@ -94,6 +95,24 @@ def test_multiple_poles_stay_real():
     structure, p = structure_of(tf("1/(s + 1)^4"))
     assert structure.lags == 4
     assert np.allclose(p, [1, 1, 1, 1, 1, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("formula", "name", "p"),
+    [
+        ("2 exp(-1.5 s)", "fopdt", [2, 0, 1.5]),
+        ("2 (3 s + 1) exp(-4 s)/(5 s + 1)", "sopdt+lead", [2, 5, 0, 3, 4]),
+        ("2 exp(-s) - 1.5 exp(-4 s)", "fopdt+delayed", [2, -1.5, 0, 1, 4]),
+        ("2", "gain", [2]),
+    ],
+)
+def test_what_answers_at_once_but_late_has_a_lag_of_0(formula, name, p):
+    structure, found = structure_of(tf(formula))
+    assert structure == Structure.parse(name) and np.allclose(found, p)
+    assert np.allclose(structure.transfer(found)(S), tf(formula)(S), rtol=1e-7)
+    u = np.random.default_rng(0).standard_normal(200)
+    response = structure.response(found, u, 0.7, "written")
+    np.testing.assert_allclose(response, sampled_response(tf(formula), u, 0.7, "written"), atol=1e-6)
 
 
 def test_complex_pair_by_frequency_and_damping():

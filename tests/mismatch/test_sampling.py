@@ -14,10 +14,12 @@ from trueplant.mismatch import hold_response, sampled_frequency_response
 W = np.array([0.05, 0.4, 1.3, 3.0])
 
 
-@pytest.mark.parametrize("hold", ["zoh", "linear"])
+@pytest.mark.parametrize("hold", ["zoh", "linear", "written"])
 @pytest.mark.parametrize(
     "formula",
     [
+        "2",
+        "3 exp(-1.5 s)",
         "2 exp(-0.73 s)/(3 s + 1)",
         "4 (1 - 1.1 exp(-0.47 s)) exp(-0.2 s)/((2 s + 1)(6 s + 1))",
         "(s + 3) exp(-0.5 s)/(s + 1)",

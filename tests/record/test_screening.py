@@ -107,6 +107,21 @@ def test_sharp_answers_without_noise_are_no_spikes() -> None:
         assert "spike" not in kinds(screened(data))
 
 
+@pytest.mark.parametrize("late", [1, 8])
+@pytest.mark.parametrize("width", [1, 3])
+def test_a_pv_that_follows_a_short_move_of_its_setpoint_does_not_spike(width: int, late: int) -> None:
+    """A loop that answers within a sample: the same excursions are spikes where the set-point rests, or moves less."""
+    data = loop(noise=0.05)
+    at = np.arange(57, N - 20, 187)
+    places = np.concatenate([at + k for k in range(width)])
+    data["pv"] = 50 + np.random.default_rng(1).normal(0, 0.05, N)
+    data["pv"][places + late] += 4.0
+    rest, pulses = np.full(N, 50.0), np.zeros(N)
+    pulses[places] = 4.0
+    for sp, found in ((rest + pulses, []), (rest, ["spike"]), (rest + 0.4 * pulses, ["spike"])):
+        assert [one for one in kinds(screened(data | {"sp": sp})) if one != "frozen"] == found
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_white_noise_has_no_spikes(seed: int) -> None:
     data = loop(n=20000)

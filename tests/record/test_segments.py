@@ -156,7 +156,7 @@ def test_a_measured_disturbance_comes_to_the_grid_as_it_runs(hold: str | None) -
         LAYOUT.outputs, LAYOUT.inputs, (Channel("amb", "amb", hold=hold),), time_unit="s", project_time_unit="s"
     )
     (segment,) = screen(read_record(data, layout), layout).segments
-    assert segment.holds == ("zoh", hold or "linear")
+    assert segment.holds == ("written", hold or "linear")
     if hold == "zoh":
         # what acts until the next instant of the grid, from a grid 1,000 times as fine
         fine = segment.t[:-1, None] + segment.h * (np.arange(1000) + 0.5) / 1000

@@ -17,9 +17,13 @@ def worth_knowing_of(
 ) -> Array:
     """(n,) The change of each parameter that is worth knowing: a share of gain and lag, of dead time plus `lag`.
 
-    Of the plant's `theta` (n,) or the model's values, whichever are larger.
+    Of the plant's `theta` (n,) or the model's values, whichever are larger. A lag that the model has at 0 is measured
+    as a dead time is.
     """
     more = np.maximum(np.abs([value or 0.0 for value in model]) - np.abs(theta), 0.0)
+    more = more + np.where(
+        structure.is_lag & np.array([value == 0 for value in model]), structure.longest_dead_time(theta), 0.0
+    )
     return np.asarray(share * (structure.sizes(theta, lag) + more))
 
 
@@ -31,6 +35,7 @@ def detectable_change(
     level: float,
     lag: float,
     scale: float | None = None,
+    model: Sequence[float | None] = (),
 ) -> float:
     """The largest, over net gain, lag and dead time, of the changes that would just have been found.
 
@@ -38,20 +43,28 @@ def detectable_change(
     an integrator too) for the mean dead time. Just found is what
     a two-sided test at `level` over so many `elements` (Bonferroni) would find in levels.POWER of all records; the
     standard errors are those of these sums, so that parameters which can only be told together do no harm.
-    `scale` stands for the net gain of an element that the model lacks. Infinite where nothing is known.
+    `scale` stands for the net gain of an element that the model lacks. Where the `model` (n,) has its lags at 0, they
+    are measured as the dead time is. Infinite where nothing is known.
     """
     told = norm.isf(level / (2 * max(elements, 1))) + norm.ppf(levels.POWER)
-    return float(told * max(_relative_errors(structure, theta, covariance, lag, scale).values(), default=np.inf))
+    return float(told * max(_relative_errors(structure, theta, covariance, lag, scale, model).values(), default=np.inf))
 
 
-def least_known(structure: Structure, theta: Array, covariance: Array, lag: float) -> str:
+def least_known(
+    structure: Structure, theta: Array, covariance: Array, lag: float, model: Sequence[float | None] = ()
+) -> str:
     """Which of "gain", "lag" and "dead time" a change would have to be largest of to be found, in those shares."""
-    errors = _relative_errors(structure, theta, covariance, lag, None)
+    errors = _relative_errors(structure, theta, covariance, lag, None, model)
     return max(errors, key=lambda name: errors[name], default="")
 
 
 def _relative_errors(
-    structure: Structure, theta: Array, covariance: Array, lag: float, scale: float | None
+    structure: Structure,
+    theta: Array,
+    covariance: Array,
+    lag: float,
+    scale: float | None,
+    model: Sequence[float | None],
 ) -> dict[str, float]:
     """Standard errors of net gain, lag and mean dead time as the shares that `detectable_change` tells."""
     by_lag = np.where(structure.is_lag, 1.0, 0.0)
@@ -59,9 +72,11 @@ def _relative_errors(
     by_dead_time = structure.is_dead_time / max(int(structure.is_dead_time.sum()), 1)
     gain = abs(float(theta[structure.is_gain].sum())) if scale is None else scale
     slow = lag + float(by_dead_time @ theta)
+    of_lags = [value for value, is_lag in zip(model, structure.is_lag, strict=False) if is_lag]
+    at_once = len(of_lags) > 0 and all(value == 0 for value in of_lags)
     quantities = {
         "gain": (structure.is_gain.astype(float), gain),
-        "lag": (by_lag, structure.lag(theta)),
+        "lag": (by_lag, slow if at_once else structure.lag(theta)),
         "dead time": (by_dead_time, slow),
     }
     if not np.isfinite(covariance).all():

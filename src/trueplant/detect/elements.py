@@ -224,7 +224,8 @@ def _detectable(estimate: OutputEstimate, found: Found, elements: int, level: fl
         piece = max(estimate.row.pieces, key=lambda piece: piece.y.size)
         moves = float(piece.input_spread[found.spec.column])
         scale = piece.spread / moves if moves > 0 else 0.0
-    return detectable_change(found.spec.structure, found.theta, found.joint, elements, level, found.lag, scale)
+    of = found.spec.structure
+    return detectable_change(of, found.theta, found.joint, elements, level, found.lag, scale, found.model)
 
 
 def _other_p(estimate: OutputEstimate, found: Found, doubting: bool = False, enough: float = 0.0) -> float | None:

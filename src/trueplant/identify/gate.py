@@ -88,7 +88,8 @@ def _model_row(row: Row, model: TransferMatrix, output: int) -> tuple[Row, Array
     if not known:
         return None
     theta = np.concatenate([values for _, _, values in known])
-    return replace(row, specs=tuple(Spec(j, structure) for j, structure, _ in known)), theta
+    own = replace(row, specs=tuple(Spec(j, structure) for j, structure, _ in known))
+    return own, np.clip(theta, *own.bounds())
 
 
 def _parts(estimate: OutputEstimate) -> list[_Part]:

@@ -136,9 +136,6 @@ def pieces_of(
         sent = None if whole.sent is None else np.column_stack([whole.sent, whole.d]) - inputs[0]
         inputs = np.ascontiguousarray((inputs - inputs[0]).T)
         hold = whole.holds
-        if whole.closed:  # a controller reads PV and then writes OP
-            written = ("written" if of_op == "zoh" else of_op for of_op in whole.hold)
-            hold = (*written, *hold[len(whole.hold) :])
         y = np.where(valid, whole.y[:, output], 0.0)
         for element in held:
             y = y - sampled_response(element.system, inputs[element.column], whole.h, hold[element.column])

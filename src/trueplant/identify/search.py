@@ -21,12 +21,17 @@ from trueplant.lti.structure import Structure
 
 
 def initial_theta(row: Row, time_scale: float) -> Array:
-    """The models' parameters; elements without one get the time scale, unit gain and no dead time."""
+    """The models' parameters; elements without one get the time scale, unit gain and no dead time.
+
+    From a lag of 0 no search gets away: it begins with the shortest part of the dead time that is tried.
+    """
     parts = []
     for spec in row.specs:
         guess = spec.initial if spec.guess is None else spec.guess
         if guess is not None:
-            parts.append(np.array(guess, dtype=float))
+            p = np.array(guess, dtype=float)
+            none = spec.structure.is_lag & (p == 0)
+            parts.append(np.where(none, levels.STRETCH.min() * spec.structure.longest_dead_time(p), p))
             continue
         lags = time_scale / np.arange(1, spec.structure.lags + 1)
         parts.append(spec.structure.parameters(1.0, lags, 2.0 / time_scale, 0.7, time_scale / 10, 0.0))

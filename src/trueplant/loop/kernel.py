@@ -18,14 +18,13 @@ from trueplant.lti.transfer import TransferMatrix
 class Terms(NamedTuple):
     """All delayed terms of a plant, discretised for an input held over the step; first axis: term.
 
-    x[k+1] = A x[k] + b0 u[k-q] + b1 u[k-q-1], output C x[k] + d u[k-q-late].
+    x[k+1] = A x[k] + b0 u[k-q] + b1 u[k-q-1], output C x[k] + d u[k-q-1]: OP is written after PV was read.
     """
 
     i: IntArray
     j: IntArray
     order: IntArray
     q: IntArray
-    late: IntArray
     A: Array
     b0: Array
     b1: Array
@@ -45,21 +44,20 @@ def terms_of(plant: TransferMatrix, h: float) -> Terms:
                 a, b, c, d = realise(num, np.array(term.den))
                 q, phi = split_dead_time(term.dead_time, h)
                 ad, taps = discretise(a, b, h, phi, False)
-                found.append((i, j, q, int(phi > 0), ad, taps[1], taps[2], c[0], d[0]))
-    n, width = len(found), max([1, *(f[5].size for f in found)])
+                found.append((i, j, q, ad, taps[1], taps[2], c[0], d[0]))
+    n, width = len(found), max([1, *(f[4].size for f in found)])
     terms = Terms(
         i=np.array([f[0] for f in found], dtype=np.int64),
         j=np.array([f[1] for f in found], dtype=np.int64),
-        order=np.array([f[5].size for f in found], dtype=np.int64),
+        order=np.array([f[4].size for f in found], dtype=np.int64),
         q=np.array([f[2] for f in found], dtype=np.int64),
-        late=np.array([f[3] for f in found], dtype=np.int64),
         A=np.zeros((n, width, width)),
         b0=np.zeros((n, width)),
         b1=np.zeros((n, width)),
         C=np.zeros((n, width)),
-        d=np.array([f[8] for f in found], dtype=float),
+        d=np.array([f[7] for f in found], dtype=float),
     )
-    for t, (_, _, _, _, ad, now, before, c, _) in enumerate(found):
+    for t, (_, _, _, ad, now, before, c, _) in enumerate(found):
         m = c.size
         terms.A[t, :m, :m], terms.b0[t, :m], terms.b1[t, :m], terms.C[t, :m] = ad, now, before, c
     return terms
@@ -115,7 +113,7 @@ def run_loop(
     extrapolated by half a step. Both are of second order, and what is recorded is the held OP.
     """
     # arrays taken out of their tuples once: within the loop that would cost more than the arithmetic, as would views
-    term_i, term_j, term_n, q, late, A, b0, b1, C, d = terms
+    term_i, term_j, term_n, q, A, b0, b1, C, d = terms
     law_i, law_j, every, sampled, ki, clamp, track, law_n, law_A, law_B, law_C, law_D = law
     steps, n_y = added.shape
     n_u, n_e, n_t = u0.size, law_i.size, term_i.size
@@ -133,7 +131,7 @@ def run_loop(
             j, last = term_j[t], pad + k - 1 - q[t]
             value = _term_output(t, term_n[t], A, b0, b1, C, x, spare, du[j, last], du[j, last - 1])
             if d[t] != 0.0:
-                value += d[t] * du[j, pad + k - max(q[t] + late[t], 1)]
+                value += d[t] * du[j, last]
             p[k, term_i[t]] += value
         for i in range(n_y):
             value = y0[i] + p[k, i] + added[k, i]

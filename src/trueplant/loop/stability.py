@@ -144,7 +144,7 @@ def _held_response(terms: Terms, shape: tuple[int, int], z: ComplexArray) -> Com
     value = np.zeros((z.size, *shape), dtype=complex)
     for t in range(terms.i.size):
         n = terms.order[t]
-        part = terms.d[t] * z ** -max(terms.q[t] + terms.late[t], 1.0) if terms.d[t] else np.zeros(z.size, complex)
+        part = terms.d[t] * z ** -(terms.q[t] + 1.0) if terms.d[t] else np.zeros(z.size, complex)
         if n:
             drive = terms.b0[t, :n] + terms.b1[t, :n] / z[:, None]
             states = np.linalg.solve(z[:, None, None] * np.eye(n) - terms.A[t, :n, :n], drive[:, :, None])[:, :, 0]

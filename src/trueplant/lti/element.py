@@ -10,6 +10,7 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.compiled import compiled
+from trueplant.lti import levels
 from trueplant.lti.sampled import Hold, rows_of
 
 Counts = tuple[int, int, int, int, int, int]
@@ -21,7 +22,7 @@ def _factors(p: Array, counts: Counts) -> Array:
     delayed, lags, pairs, leads, integrators, _ = counts
     factors = np.zeros((lags + pairs + leads + integrators, 3))
     factors[: lags + pairs + leads, 0] = 1.0
-    factors[:lags, 1] = p[delayed : delayed + lags]
+    factors[:lags, 1] = np.maximum(p[delayed : delayed + lags], levels.LEAST_LAG)
     for f in range(pairs):
         w, z = p[delayed + lags + 2 * f], p[delayed + lags + 2 * f + 1]
         factors[lags + f, 1], factors[lags + f, 2] = 2 * z / w, 1 / w**2

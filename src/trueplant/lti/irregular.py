@@ -6,7 +6,7 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.compiled import compiled
-from trueplant.lti.sampled import expm, proper_terms, realise
+from trueplant.lti.sampled import Hold, expm, flags_of, proper_terms, realise
 from trueplant.lti.transfer import TransferFunction
 
 
@@ -25,16 +25,17 @@ def rows_response_at(num: Array, den: Array, dead_time: float, u: Array, t: Arra
     """Responses (m, N) of m numerators (m, n + 1) over one monic denominator (n + 1,), likewise."""
     a, b, c, d = realise(np.ascontiguousarray(num, dtype=float), np.ascontiguousarray(den, dtype=float))
     instants, signal = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(u, dtype=float)
-    response: Array = _irregular(a, b, c, d, dead_time, hold == "linear", instants, signal)
+    response: Array = _irregular(a, b, c, d, dead_time, flags_of(hold), instants, signal)
     return response
 
 
 @compiled
-def _irregular(a: Array, b: Array, c: Array, d: Array, dead_time: float, linear: bool, t: Array, u: Array) -> Array:
+def _irregular(a: Array, b: Array, c: Array, d: Array, dead_time: float, hold: Hold, t: Array, u: Array) -> Array:
     """Response (m, N) at instants t that need not be uniform, advanced from one break of the delayed input to the next.
 
     States are x, the delayed input w and, where it runs linearly, its slope.
     """
+    linear, written = hold
     n, m, length = a.shape[0], c.shape[0], t.size
     y = np.zeros((m, length))
     x = np.zeros(n)
@@ -70,7 +71,8 @@ def _irregular(a: Array, b: Array, c: Array, d: Array, dead_time: float, linear:
                 p += 1
             else:
                 break
-        w, _ = _input(p, t[k] - dead_time, t, u, linear)
+        just_now = p >= 0 and t[p] + dead_time >= t[k] - tolerance
+        w, _ = _input(p - 1 if written and just_now else p, t[k] - dead_time, t, u, linear)
         for i in range(m):
             value = d[i] * w
             for j in range(n):

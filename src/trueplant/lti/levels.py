@@ -39,6 +39,8 @@ WHOLE_SAMPLE = 1e-9
 """A dead time this close to whole samples (relative to one) is taken as whole samples: decimal fractions such as
 0.3/0.1."""
 
+LEAST_LAG = 1e-9
+"""Time constant that stands for one of 0, in time units: to rounding the element answers a held input at once."""
 MOST_DRAW_ROUNDS = 500
 """Times that as many plants are drawn as were asked for, before it is said that almost none can be. Judgement."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.errors import FormulaError
-from trueplant.lti import element
+from trueplant.lti import element, levels
 from trueplant.lti.element import Counts
 from trueplant.lti.sampled import Hold, flags_of
 from trueplant.lti.transfer import Term, TransferFunction
@@ -245,7 +245,7 @@ class Structure:
         """Lower and upper bounds: time constants, frequencies and damping above 0, dead times not below 0."""
         _, lags, pairs, _, dead = self._slices()
         low = np.full(len(self.names), -np.inf)
-        low[lags] = low[pairs] = 1e-9
+        low[lags] = low[pairs] = levels.LEAST_LAG
         low[dead] = 0.0
         return low, np.full(len(self.names), np.inf)
 
@@ -309,6 +309,9 @@ def _contiguous(x: Array) -> Array:
 def structure_of(system: TransferFunction) -> tuple[Structure, Array]:
     """Structure and parameters of a transfer function.
 
+    One that answers at once, but late, has a lag of 0 more: by samples of a held input, lag and dead time can only be
+    told together.
+
     Raises FormulaError where it does not have the form of this module (other sums of delayed terms, zero
     pairs, poles in the right half-plane): such an element can be used, but not estimated.
     """
@@ -343,6 +346,8 @@ def structure_of(system: TransferFunction) -> tuple[Structure, Array]:
         delayed=len(terms),
     )
     taus = np.sort(-1 / real)[::-1]
+    if structure.relative_degree == 0 and any(t.dead_time > 0 for t in terms):
+        structure, taus = replace(structure, lags=structure.lags + 1), np.append(taus, 0.0)
     pairs = np.column_stack([np.abs(upper), -upper.real / np.abs(upper)]).ravel()
     leads = np.sort(-1 / zeros.real)[::-1]
     # Each root r contributes (s - r) = -r (s/(-r) + 1), so the product of the -r belongs to the gain.

@@ -63,7 +63,7 @@ class FrequencyResponse:
 
 @dataclass(frozen=True)
 class Sampled:
-    """How u and y were sampled: the sample time, and the hold ("zoh", "linear") of each input."""
+    """How u and y were sampled: the sample time, and the hold of each input (`sampled_response`)."""
 
     h: float
     hold: tuple[str, ...]
@@ -145,6 +145,8 @@ def gathered(segments: Sequence[Segment]) -> tuple[float, tuple[str, ...], list[
     h, hold = segments[0].h, segments[0].hold
     if any(abs(s.h - h) > 1e-9 * h or s.hold != hold for s in segments):
         raise UsageError("segments of different sample times or holds cannot be combined: resample them to one")
+    if all(s.closed for s in segments):
+        hold = segments[0].holds[: len(hold)]
     notes: list[str] = []
     return h, hold, [s.u - s.u[0] for s in segments], [_bridged(s, notes) for s in segments], notes
 

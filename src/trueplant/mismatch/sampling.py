@@ -10,7 +10,7 @@ import numpy as np
 
 from trueplant.arrays import Array, ComplexArray
 from trueplant.errors import FormulaError
-from trueplant.lti.sampled import discretise, realise, split_dead_time
+from trueplant.lti.sampled import discretise, flags_of, realise, split_dead_time
 from trueplant.lti.transfer import TransferFunction, TransferMatrix
 
 
@@ -20,8 +20,8 @@ def hold_response(w: Array, h: float, hold: str = "zoh") -> ComplexArray:
     sinc = np.sinc(x / np.pi)
     if hold == "linear":
         return (sinc**2).astype(complex)
-    if hold != "zoh":
-        raise FormulaError(f'hold must be "zoh" or "linear", not {hold!r}')
+    if hold not in ("zoh", "written"):
+        raise FormulaError(f'hold must be "zoh", "linear" or "written", not {hold!r}')
     value: ComplexArray = sinc * np.exp(-1j * x)
     return value
 
@@ -30,11 +30,11 @@ def rows_frequency_response(
     num: Array, den: Array, dead_time: float, w: Array, h: float, hold: str = "zoh"
 ) -> ComplexArray:
     """Sampled responses (n_w, m) of m numerators (m, n + 1) over one monic denominator (n + 1,)."""
-    linear = hold == "linear"
+    linear, written = flags_of(hold)
     a, b, c, d = realise(np.ascontiguousarray(num, dtype=float), np.ascontiguousarray(den, dtype=float))
     q, phi = split_dead_time(dead_time, h)
     z = np.exp(1j * w * h)
-    direct = ((1 - phi) + phi / z) if linear else (1 / z if phi > 0 else np.ones_like(z))
+    direct = ((1 - phi) + phi / z) if linear else (1 / z if phi > 0 or written else np.ones_like(z))
     value = direct[:, None] * d[None, :]
     if a.size:
         ad, taps = discretise(a, b, h, phi, linear)
@@ -51,8 +51,10 @@ def sampled_frequency_response(
     """Exact response between samples of the held input and samples of the output, at w (n_w,) rad per time unit.
 
     (n_w,) for a transfer function, (n_w, n_y, n_u) for a matrix. Dead times may be any fraction of h; `hold` is
-    "zoh" or "linear", one for all inputs or one each. Raises FormulaError for improper systems. A plant with
-    integral action is infinite at w = 0: begin above it.
+    "zoh", "linear" or "written" (`sampled_response`), one for all inputs or one each. A plant with integral action is
+    infinite at w = 0: begin above it.
+
+    Raises FormulaError for improper systems.
     """
     w = np.atleast_1d(np.asarray(w, dtype=float))
     if isinstance(G, TransferMatrix):

@@ -215,6 +215,12 @@ SPIKE_HELD = 1.5
 SPIKE_SMOOTH = 2.0
 """A spike must be larger than its neighbours' own differences by this factor: a smooth peak is not. Judgement."""
 
+ANSWER_SAMPLES = 10
+"""Within which PV follows a set-point that is moved and put back within as few samples as a spike has. Judgement: a
+loop that takes longer shows no excursion as short as that."""
+ANSWER_SHARE = 0.5
+"""Of such an excursion of PV that the set-point's was at least. Judgement."""
+
 # -- one PV: frozen ------------------------------------------------------------------------------------------
 
 FROZEN_SAMPLES = 10

@@ -254,6 +254,7 @@ def _output(
     if stuck.any():
         bad |= log.struck(Kind.FROZEN, channel, f"{name} stood still for {_count(stuck)} while OP moved: frozen", stuck)
     spike[at] = sensor.spikes(v, every, q)
+    spike &= ~sensor.asked_for(spike, y, record.r[:, i])
     if spike.any():
         message = f"{name} has {counted(true_runs(spike)[0].size, 'short spike')}, {_count(spike)}"
         bad |= log.struck(Kind.SPIKE, channel, message, spike)

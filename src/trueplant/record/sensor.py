@@ -8,7 +8,7 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.record import levels
-from trueplant.record.runs import equal_runs, spread
+from trueplant.record.runs import equal_runs, spread, true_runs
 
 
 def update_every(y: Array) -> float:
@@ -83,6 +83,21 @@ def spikes(y: Array, every: float, q: float) -> BoolArray:
         found += [hit + i for i in range(m)]
     hits = np.unique(np.concatenate(found))
     return spread(begin[hits], length[hits], y.size)
+
+
+def asked_for(spike: BoolArray, y: Array, r: Array) -> BoolArray:
+    """Which of these excursions of y the set-point r made before it, about as far: a fast loop follows."""
+    at, length = equal_runs(r)
+    before, there, after = r[at[:-2]], r[at[1:-1]], r[at[2:]]
+    size = np.maximum(np.minimum(there - before, there - after), np.minimum(before - there, after - there))
+    short = (length[1:-1] <= levels.SPIKE_SAMPLES) & (size > 0)
+    asked = np.zeros(y.size + levels.ANSWER_SAMPLES)
+    asked[at[1:-1][short] + levels.ANSWER_SAMPLES] = size[short]
+    begin, last = true_runs(spike)
+    lately = np.lib.stride_tricks.sliding_window_view(asked, levels.ANSWER_SAMPLES + 1).max(axis=1)[begin]
+    gone = np.abs(y[begin] - y[begin - 1])
+    own = lately >= levels.ANSWER_SHARE * gone
+    return spread(begin[own], last[own], y.size)
 
 
 def _middle(a: Array, b: Array, c: Array) -> Array:

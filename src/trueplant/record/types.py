@@ -220,8 +220,9 @@ class Segment:
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """Of the inputs, followed by the measured disturbances."""
-        return self.hold + (self.d_hold or ("linear",) * self.d.shape[1])
+        """Of the inputs, followed by the measured disturbances. A controller writes OP after it read PV."""
+        written = ("written" if of_op == "zoh" and self.closed else of_op for of_op in self.hold)
+        return (*written, *(self.d_hold or ("linear",) * self.d.shape[1]))
 
     def part(self, first: int, end: int | None = None) -> Segment:
         """From one sample to before another."""

@@ -36,7 +36,7 @@ def second_opinion(segments: Sequence[Segment], plants: Mapping[str, TransferMat
     refused: dict[str, str] = {}
     for name, plant in plants.items():
         try:
-            tests[name] = black_box.first.test(plant, segments[0].hold)[0]
+            tests[name] = black_box.first.test(plant, segments[0].holds[: plant.shape[1]])[0]
         except TrueplantError as error:
             refused[name] = str(error)
     if not tests:

@@ -185,7 +185,7 @@ def _element(
     mismatch = to_formula(simplified(system - study.model[i, j])) if known else None
     of = ""
     if known and verdict.detectable is not None and not study.model[i, j].is_zero:
-        of = detect.least_known(found.spec.structure, found.theta, found.joint, found.lag)
+        of = detect.least_known(found.spec.structure, found.theta, found.joint, found.lag, found.model)
     sound = estimate.tests.whiteness_p > levels.GRADED_WHITE and not estimate.undermodelled
     return Element(
         output=study.project.output_names[i],
