@@ -11,7 +11,7 @@ There are two halves: 1 to build with, 2 to look at once. Answers are kept in th
 call goes on from there.
 
     python benchmarks/bench_random_plants.py [--half 1] [--first 0] [--records 400] [--file answers.jsonl] [--workers 2]
-        [--whole]
+        [--whole] [--scale 10]
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from random_plants import FACTORS, STRUCTURES, analysed, bounds, draw
+from random_plants import FACTORS, SCALE, STRUCTURES, analysed, bounds, draw
 
 from trueplant.detect import detectable_change
 
@@ -40,10 +40,10 @@ TELLS = 1.96 + 0.84
 WORTH_KNOWING = 0.2
 
 
-def answer(job: tuple[int, int, bool]) -> dict:
+def answer(job: tuple[int, int, bool, float]) -> dict:
     """One record as a line of the file."""
-    half, number, whole = job
-    case = draw(half, number)
+    half, number, whole, scale = job
+    case = draw(half, number, scale)
     begun = time.process_time()
     result = analysed(case, whole)
     spent = time.process_time() - begun
@@ -76,6 +76,7 @@ def answer(job: tuple[int, int, bool]) -> dict:
     return {
         "half": half,
         "number": number,
+        "scale": scale,
         "levels": case.levels,
         "status": result.status,
         "codes": list(result.codes),
@@ -200,13 +201,15 @@ def main() -> None:
     parser.add_argument("--file", type=Path)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--whole", action="store_true")
+    parser.add_argument("--scale", type=float, default=SCALE, help="minutes that all times are drawn around")
     options = parser.parse_args()
     lines = []
     if options.file and options.file.exists():
         lines = [json.loads(text) for text in options.file.read_text(encoding="utf-8").splitlines()]
+    lines = [line for line in lines if line.get("scale", SCALE) == options.scale]
     done = {(line["half"], line["number"]) for line in lines}
     numbers = range(options.first, options.first + options.records)
-    jobs = [(options.half, k, options.whole) for k in numbers if (options.half, k) not in done]
+    jobs = [(options.half, k, options.whole, options.scale) for k in numbers if (options.half, k) not in done]
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ[name] = "1"  # a process is a thread: there is one for each core
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:

@@ -49,7 +49,8 @@ STRUCTURES = ("fopdt", "sopdt", "sopdt+lead", "pair", "integrator+lag", "sopdt+d
 STRUCTURE_SHARES = (0.35, 0.15, 0.2, 0.1, 0.1, 0.1)
 RULES = ("simc", "improved-simc", "lambda", "imc", "amigo", "tyreus-luyben", "max-ki")
 SCALE = 10.0
-"""Minutes: what all times are drawn around."""
+"""Minutes: what all times are drawn around, unless another number is asked for. Samples are half a minute to two apart:
+around one minute most loops answer within a sample or two."""
 OPERATING_POINTS = (50.0, 351.5, -18.0, 1210.0)
 """Of PV and set-point of each loop: real ones are no deviations."""
 ORDER = 25
@@ -88,32 +89,35 @@ def levels_of(half: int, number: int) -> dict[str, str]:
     return found
 
 
-def draw(half: int, number: int) -> Case:
-    """The record of this number; plants that no rule can control, and loops that are unstable, are drawn again."""
+def draw(half: int, number: int, scale: float = SCALE) -> Case:
+    """The record of this number, its times drawn around `scale` minutes.
+
+    Plants that no rule can control, and loops that are unstable, are drawn again.
+    """
     levels = levels_of(half, number)
     for attempt in range(1000):
         rng = np.random.default_rng([half, number, attempt])
-        case = _drawn(half, number, levels, rng)
+        case = _drawn(half, number, levels, rng, scale)
         if case is not None:
             return case
     raise RuntimeError(f"nothing stable in 1000 draws for record {number} of half {half}")
 
 
-def _drawn(half: int, number: int, levels: dict[str, str], rng: np.random.Generator) -> Case | None:
+def _drawn(half: int, number: int, levels: dict[str, str], rng: np.random.Generator, scale: float) -> Case | None:
     n, h = int(levels["loops"]), float(rng.choice([0.5, 1.0, 2.0]))
     structures = [[Structure.parse(rng.choice(STRUCTURES, p=STRUCTURE_SHARES)) for _ in range(n)] for _ in range(n)]
-    model = [[_parameters(rng, structures[i][j], i == j) for j in range(n)] for i in range(n)]
+    model = [[_parameters(rng, structures[i][j], i == j, scale) for j in range(n)] for i in range(n)]
     truth = [[theta.copy() for theta in row] for row in model]
     if levels["plant"] == "changed":
         i = int(rng.integers(n))
         j = i if rng.random() < 0.6 else int(rng.integers(n))
-        truth[i][j] = _changed(rng, structures[i][j], truth[i][j])
+        truth[i][j] = _changed(rng, structures[i][j], truth[i][j], scale)
     declared, plant = _matrix(structures, model), _matrix(structures, truth)
     law = _law(rng, declared, h)
     if law is None:
         return None
     steps = int(rng.integers(1200, 2400))
-    r = _moves(rng, levels["moves"], steps, h, n)
+    r = _moves(rng, levels["moves"], steps, h, n, scale)
     try:
         if unstable_poles(declared, law) or unstable_poles(plant, law):
             return None
@@ -122,14 +126,14 @@ def _drawn(half: int, number: int, levels: dict[str, str], rng: np.random.Genera
         return None
     if np.max(np.abs(still.y)) > 4 * np.max(np.abs(r)):
         return None
-    return _record(Case(half, number, levels, structures, model, truth, law, still, None, r), plant, rng)
+    return _record(Case(half, number, levels, structures, model, truth, law, still, None, r), plant, rng, scale)
 
 
-def _parameters(rng: np.random.Generator, structure: Structure, diagonal: bool) -> Array:
+def _parameters(rng: np.random.Generator, structure: Structure, diagonal: bool, scale: float = SCALE) -> Array:
     """Parameters in the order of `Structure.names`; gains of elements off the diagonal are smaller."""
     size = rng.uniform(1.0, 3.0) * (1.0 if diagonal else rng.uniform(0.15, 0.5)) * rng.choice([-1.0, 1.0])
-    lag = SCALE * np.exp(rng.uniform(np.log(0.5), np.log(2.0)))
-    dead = SCALE * rng.uniform(0.1, 1.0)
+    lag = scale * np.exp(rng.uniform(np.log(0.5), np.log(2.0)))
+    dead = scale * rng.uniform(0.1, 1.0)
     theta = np.zeros(len(structure.names))
     gains = np.flatnonzero(structure.is_gain)
     theta[gains[0]] = size / lag if structure.integrators else size
@@ -147,7 +151,7 @@ def _parameters(rng: np.random.Generator, structure: Structure, diagonal: bool) 
     return theta
 
 
-def _changed(rng: np.random.Generator, structure: Structure, theta: Array) -> Array:
+def _changed(rng: np.random.Generator, structure: Structure, theta: Array, scale: float) -> Array:
     """One kind of its parameters changed: gains, lags, or dead times."""
     out, kind = theta.copy(), rng.choice(["gain", "lag", "dead time"])
     factor = float(np.exp(rng.choice([-1.0, 1.0]) * rng.uniform(np.log(1.2), np.log(1.7))))
@@ -155,7 +159,7 @@ def _changed(rng: np.random.Generator, structure: Structure, theta: Array) -> Ar
     if kind == "lag" and np.any(lags):
         out[lags] *= factor**1.5
     elif kind == "dead time":
-        out[structure.is_dead_time] += SCALE * rng.uniform(0.2, 0.6)
+        out[structure.is_dead_time] += scale * rng.uniform(0.2, 0.6)
     else:
         out[structure.is_gain] *= factor
     return out
@@ -190,9 +194,9 @@ def _delay(time: float) -> TransferFunction:
     return tp.tf(f"exp(-{time!r} s)")
 
 
-def _moves(rng: np.random.Generator, kind: str, steps: int, h: float, n: int) -> Array:
+def _moves(rng: np.random.Generator, kind: str, steps: int, h: float, n: int, scale: float) -> Array:
     """Set-points (steps, n) of about unit size that begin at rest."""
-    mean = rng.uniform(4.0, 8.0) * SCALE / h
+    mean = rng.uniform(4.0, 8.0) * scale / h
     size = rng.uniform(0.7, 1.5, n)
     if kind == "in turn":
         return alternating_steps(steps, h, mean * h, size)
@@ -212,7 +216,9 @@ def _moves(rng: np.random.Generator, kind: str, steps: int, h: float, n: int) ->
     return np.where(first[:, None] & (np.cumsum(flips & first[:, None], axis=0) % 2 == 1), size, 0.0)
 
 
-def _noise(rng: np.random.Generator, levels: dict[str, str], steps: int, h: float, spread: Array) -> Array:
+def _noise(
+    rng: np.random.Generator, levels: dict[str, str], steps: int, h: float, spread: Array, scale: float
+) -> Array:
     """(steps, n) disturbances of PV, their size relative to that of the moves."""
     n, kind = spread.size, levels["noise"]
     e = (
@@ -223,11 +229,11 @@ def _noise(rng: np.random.Generator, levels: dict[str, str], steps: int, h: floa
     if levels["besides"] == "correlated":
         common = rng.standard_normal((steps + 1000, 1))
         e = np.sqrt(0.8) * common + np.sqrt(0.2) * e
-    pole = np.exp(-h / (SCALE * rng.uniform(0.2, 1.5)))
+    pole = np.exp(-h / (scale * rng.uniform(0.2, 1.5)))
     relative = np.exp(rng.uniform(np.log(0.03), np.log(0.3), n)) * spread
     if kind == "random walk":
-        # so large that it moves as far in `SCALE` as the others do
-        walk = np.cumsum(e[1000:], axis=0) * relative * np.sqrt(h / SCALE)
+        # so large that it moves as far in `scale` as the others do
+        walk = np.cumsum(e[1000:], axis=0) * relative * np.sqrt(h / scale)
         return walk - walk[0]
     a, c = {
         "white": ([1.0], [1.0]),
@@ -240,12 +246,12 @@ def _noise(rng: np.random.Generator, levels: dict[str, str], steps: int, h: floa
     return v / scale * relative
 
 
-def _record(case: Case, plant: TransferMatrix, rng: np.random.Generator) -> Case | None:
+def _record(case: Case, plant: TransferMatrix, rng: np.random.Generator, scale: float) -> Case | None:
     """The case with a record under its disturbances."""
     still, n = case.simulation, case.size
     steps, h, kind = still.t.size, still.h, case.levels["actuator"]
     spread = np.std(still.y, axis=0)
-    v = _noise(rng, case.levels, steps, h, spread)
+    v = _noise(rng, case.levels, steps, h, spread, scale)
     loads = []
     if case.levels["besides"] == "load steps":
         for at in rng.integers(50, steps - 50, 3):

@@ -21,13 +21,18 @@ Array = np.ndarray
 FOPDT = Structure.parse("fopdt")
 
 
-def unanswered_of(lag: float, dead_time: float, errors: tuple[float, float, float]) -> dict[int, WhyUnanswered]:
-    """What is left unanswered of gain 2, lag and dead time, estimated with these standard errors from samples of 1."""
+def unanswered_of(
+    lag: float, dead_time: float, errors: tuple[float, ...], structure: Structure = FOPDT
+) -> dict[int, WhyUnanswered]:
+    """What is left unanswered of gain 2, lag and dead time, estimated with these standard errors from samples of 1.
+
+    Of another structure all lags are this one, and leads are twice as long.
+    """
     piece = Stub(h=1.0, inputs=np.ones((1, 5)))
-    row = Stub(pieces=[piece], specs=[Spec(0, FOPDT, (2.0, lag, dead_time))], slices=[slice(0, 3)])
-    row.lag = lambda m, p: FOPDT.lag(p)
-    fit = Stub(row=row, standard_errors_by_data=np.zeros(3))
-    theta = np.array([2.0, lag, dead_time])
+    theta = structure.parameters(2.0, lag, 1 / lag, 0.7, 2 * lag, dead_time)
+    row = Stub(pieces=[piece], specs=[Spec(0, structure, tuple(theta))], slices=[slice(0, theta.size)])
+    row.lag = lambda m, p: structure.lag(p)
+    fit = Stub(row=row, standard_errors_by_data=np.zeros(theta.size))
     estimate: Any = Stub(
         fit=fit,
         theta=theta,
@@ -46,6 +51,9 @@ def unanswered_of(lag: float, dead_time: float, errors: tuple[float, float, floa
 def test_a_loop_that_answers_within_two_and_a_half_samples_has_no_dynamics(lag, fast):
     found = unanswered_of(lag, 0.5, (0.01, 0.01, 0.01))
     assert found == (dict.fromkeys((1, 2), WhyUnanswered.FASTER_THAN_RECORD) if fast else {})
+    # a lead is no better known than the lags it stands against
+    found = unanswered_of(lag / 2, 0.5, (0.01,) * 5, Structure.parse("sopdt+lead"))
+    assert found == (dict.fromkeys((1, 2, 3, 4), WhyUnanswered.FASTER_THAN_RECORD) if fast else {})
 
 
 @pytest.mark.holds("identify.TOO_UNCERTAIN")

@@ -36,7 +36,7 @@ def unanswered(estimate: OutputEstimate) -> dict[int, Unanswered]:
             size = max(abs(p[k]), model, lag if structure.is_dead_time[k] else 0.0)
             if silent:
                 found[index] = Unanswered.because(WhyUnanswered.INPUT_STANDS_STILL)
-            elif fast and not gain and not structure.is_lead[k]:
+            elif fast and not gain:
                 why = WhyUnanswered.FASTER_THAN_RECORD
                 samples = round(max(lag + dead, h) / h)
                 within_so_many = "one sample" if samples == 1 else f"{samples} samples"
