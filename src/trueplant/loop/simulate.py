@@ -134,7 +134,7 @@ def simulate(
     controllers run at their scan, a multiple of h: nothing is approximated. Continuous ones are run with an OP
     held over each step at its value in the middle of the step, of second order in h: choose h well below the
     plant's and the controller's times, and thin out with record_every. PV is read before OP is written: an element
-    without a lag passes on what was written in the sample before, or by its dead time earlier.
+    without a lag passes on what was written a sample, and its dead time, before.
 
     u (N, n_u): the OP without a controller. v (N, n_y): disturbances at the output; d (N, n_d) with Gd: measured
     ones, which run between the instants as d_hold says ("zoh" or "linear", one for all or one each);

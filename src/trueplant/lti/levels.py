@@ -41,6 +41,7 @@ WHOLE_SAMPLE = 1e-9
 
 LEAST_LAG = 1e-9
 """Time constant that stands for one of 0, in time units: to rounding the element answers a held input at once."""
+
 MOST_DRAW_ROUNDS = 500
 """Times that as many plants are drawn as were asked for, before it is said that almost none can be. Judgement."""
 

@@ -94,7 +94,7 @@ def asked_for(spike: BoolArray, y: Array, r: Array) -> BoolArray:
     asked = np.zeros(y.size + levels.ANSWER_SAMPLES)
     asked[at[1:-1][short] + levels.ANSWER_SAMPLES] = size[short]
     begin, last = true_runs(spike)
-    lately = np.lib.stride_tricks.sliding_window_view(asked, levels.ANSWER_SAMPLES + 1).max(axis=1)[begin]
+    lately = np.lib.stride_tricks.sliding_window_view(asked, levels.ANSWER_SAMPLES + 1)[begin].max(axis=1)
     gone = np.abs(y[begin] - y[begin - 1])
     own = lately >= levels.ANSWER_SHARE * gone
     return spread(begin[own], last[own], y.size)
