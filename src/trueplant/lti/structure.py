@@ -198,10 +198,15 @@ class Structure:
     def dead_times(self, p: Array) -> Array:
         return p[self._slices()[4]] if self.has_dead_time else np.zeros(self.delayed)
 
+    def own_hold(self, hold: str) -> str:
+        """The hold by which its response and derivatives are to be sampled.
+
+        Of what has a dead time only the derivative by it passes on at once: the slope of the response in the sample.
+        """
+        return "zoh" if hold == "written" and self.has_dead_time else hold
+
     def _flags(self, hold: str) -> Hold:
-        # of those with a dead time only the derivative by it passes on at once: the slope of the response in the sample
-        linear, written = flags_of(hold)
-        return linear, written and not self.has_dead_time
+        return flags_of(self.own_hold(hold))
 
     def response(self, p: Array, u: Array, h: float, hold: str = "zoh", every: int = 1) -> Array:
         """Sampled response to u (N,) from rest at each `every`-th sample: `sampled_response` of `transfer`."""

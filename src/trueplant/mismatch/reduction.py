@@ -139,9 +139,7 @@ def _response(structure: Structure, p: Array, w: Array, h: float | None, hold: s
             rows = np.stack([np.polyval(row, s) for row in block.num], axis=1)
             rows = rows * (np.exp(-block.dead_time * s) / np.polyval(block.den, s))[:, None]
         else:
-            # of what has a dead time only the derivative by it passes on at once: its slope in the same sample
-            held = "zoh" if hold == "written" and structure.has_dead_time else hold
-            rows = rows_frequency_response(block.num, block.den, block.dead_time, w, h, held)
+            rows = rows_frequency_response(block.num, block.den, block.dead_time, w, h, structure.own_hold(hold))
         for k, column in enumerate(columns):
             out[:, column] += rows[:, k]
     return out
