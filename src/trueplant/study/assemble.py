@@ -174,7 +174,7 @@ def _notes(study: Study, checked: Checked, found: Found, elements: Sequence[Elem
     notes += found.compared.notes
     notes += cascade_notes(checked.cascades)
     notes += found.compared.outside_band if found.judged.answered else ()
-    notes += found.judged.causes
+    notes += _causes(found)
     notes += found.judged.restructured
     notes += band_notes(study, elements)
     notes += found.judged.powerless
@@ -184,3 +184,9 @@ def _notes(study: Study, checked: Checked, found: Found, elements: Sequence[Elem
         for plan in found.plans[:1]
     ]
     return grouped(notes)
+
+
+def _causes(found: Found) -> list[Reason]:
+    """But for those of a change that a declared disturbance explains as well."""
+    told = {note.where for note in found.compared.notes if note.code == Code.MISMATCH_OR_DISTURBANCE}
+    return [cause for cause in found.judged.causes if cause.code != Code.CAUSE_PLANT or cause.where not in told]

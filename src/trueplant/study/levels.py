@@ -26,6 +26,10 @@ ANSWER_PAST = 10
 """Lags tried, samples of PV's own past, samples looked at."""
 ANSWER_SAMPLES = 20_000
 """Lags tried, samples of PV's own past, samples looked at."""
+ANSWER_BOUND = 3.0
+"""Standard deviations for which a sample counts at most: 99 % of what normal errors tell is kept."""
+ANSWER_ROUNDS = 10
+"""Of weighing samples by what is left of them."""
 MOST_WORK = 1.2e8
 """Samples times the sum of the squares of the elements of each output: about an hour of one core (16 elements of one
 output took 16 s on 2,000 samples, 8 took 5 s)."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import f as f_distribution
+from scipy.stats import norm
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify.noise import whitened_valid
@@ -128,22 +129,48 @@ def _answer_p(outputs: Sequence[Array], sources: Sequence[Array], beside: Sequen
     bank of lags.
 
     outputs (N,), sources (N, n) and the others beside (N, m), one an element for each stretch; only samples whose past
-    was measured are asked.
+    was measured are asked. Asked twice: all samples alike, and those that the past tells badly by less, so that a trip
+    or another single upset does not hide what the rest of a record shows.
     """
     asked = Asked.of(outputs, sources, beside)
     if asked is None:
         return 1.0
-    joined, order = asked.columns, asked.order + asked.beside
-    joined = joined - joined.mean(axis=0)  # a mean of each stretch would bias what the output owes to its past
-    now, past, both = joined[:, 0], joined[:, 1 : order + 1], joined[:, 1:]
-    count = both.shape[1] - order
-    left = len(now) - 1 - both.shape[1]
-    own, rest = (float(np.sum(unexplained(now, columns, rcond=1e-10) ** 2)) for columns in (past, both))
-    if left < 1:
+    now, known = asked.columns[:, 0], 1 + asked.order + asked.beside
+    now = now - now.mean()
+    # a mean of each stretch would bias what the output owes to its past
+    columns = np.column_stack([np.ones(now.size), asked.columns[:, 1:]])
+    if now.size <= columns.shape[1]:
         return 1.0
+    alike = np.ones(now.size)
+    return min(1.0, 2 * min(_added_p(now, columns, known, w) for w in (alike, _weights(now, columns[:, :known]))))
+
+
+def _added_p(now: Array, columns: Array, known: int, weights: Array) -> float:
+    """p-value that `now` (n,) owes nothing to the columns (n, m) after those that are `known` (F-test)."""
+    root = np.sqrt(weights)
+    now, columns = root * now, root[:, None] * columns
+    count, left = columns.shape[1] - known, now.size - columns.shape[1]
+    own, rest = (float(np.sum(unexplained(now, x, rcond=1e-10) ** 2)) for x in (columns[:, :known], columns))
     if own <= 1e-20 * float(np.sum(now**2)):
         return 0.0  # free of noise
     return float(f_distribution.sf((own - rest) / count / max(rest / left, 1e-300), count, left))
+
+
+def _weights(now: Array, past: Array) -> Array:
+    """(n,) by which no sample counts for more than some standard deviations of what `past` leaves of `now`.
+
+    All alike where most samples are told to the last digit (Huber 1981).
+    """
+    weights = np.ones(now.size)
+    for _ in range(levels.ANSWER_ROUNDS):
+        scaled = past / np.maximum(np.linalg.norm(past, axis=0), 1e-300)
+        root = np.sqrt(weights)
+        errors = np.abs(now - scaled @ np.linalg.lstsq(root[:, None] * scaled, root * now, rcond=1e-10)[0])
+        most = levels.ANSWER_BOUND * float(np.median(errors)) / norm.isf(0.25)
+        if most <= 1e-10 * float(np.linalg.norm(now)):
+            return np.ones(now.size)
+        weights = np.minimum(1.0, (most / np.maximum(errors, most)) ** 2)
+    return weights
 
 
 @dataclass(frozen=True, eq=False)

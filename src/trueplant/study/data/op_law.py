@@ -22,8 +22,9 @@ def written_from_samples(records: Records, k: int, i: int, close: float = levels
     """Could a linear law have written input i of experiment k from the recorded samples, whatever its tuning?
 
     OP is regressed on its own past and on set-points and PVs now and before, where it is at no limit and not in manual:
-    those of the declared laws, or all where none is declared. A law that scans as the record does leaves no more than
-    rounding in most parts of the record. True also where nothing can be told: too few samples, or an OP that rests in
+    those of the declared laws, or all where none is declared. Measured disturbances are among them either way, as
+    nobody says that a controller acts on one. A law that scans as the record does leaves no more than rounding in most
+    parts of the record. True also where nothing can be told: too few samples, or an OP that rests in
     most of them, because it is written less often than it is recorded. `close` is the share of OP's movement that may
     be left.
     """
@@ -72,8 +73,9 @@ def _left(rows: Array, quanta: Array, close: float) -> float:
 def _columns(controller: Controller | None, segment: Segment, i: int) -> list[_Column]:
     """OP and what it may act on."""
     columns = [(segment.u[:, i], False)]
+    columns += [(x, True) for x in segment.d.T if np.isfinite(x).any()]
     if controller is None:
-        columns += [(x, True) for x in (*segment.r.T, *segment.d.T) if np.isfinite(x).any()]
+        columns += [(x, True) for x in segment.r.T if np.isfinite(x).any()]
         return columns + [(x, False) for x in segment.y.T if np.isfinite(x).any()]
     for (row, j), law in controller.entries.items():
         if row == i:

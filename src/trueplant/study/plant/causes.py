@@ -50,7 +50,8 @@ def _saturated(study: Study) -> list[Reason]:
     for screened in study.screened:
         if screened.refusal is not None or not screened.saturated.size:
             continue
-        for name, share in zip(study.project.input_names, screened.saturated.mean(axis=0), strict=True):
+        used = screened.usable_y.any(axis=1)
+        for name, share in zip(study.project.input_names, screened.saturated[used].mean(axis=0), strict=True):
             if share > levels.WORTH_SAYING_AT_LIMIT:
                 shares.append(f"{100 * share:.2g}")
                 places.append(f"{screened.record.name}, {name}")
@@ -58,7 +59,8 @@ def _saturated(study: Study) -> list[Reason]:
         return []
     message = (
         f"the actuator was saturated: OP stood at a limit in {_and(shares)} % of the samples. The estimate "
-        "takes OP as it was recorded, but meanwhile there was no control: the loop was not what its tuning makes of it"
+        "takes OP as it was recorded, within its limits, but meanwhile there was no control: the loop was not what its "
+        "tuning makes of it"
     )
     return [Reason(Code.CAUSE_VALVE_SATURATED, message, "; ".join(places))]
 
@@ -179,7 +181,7 @@ def _plant(
         if place in lacking:
             said = "the plant has an element here that the model lacks"
         elif place in own:
-            said = f"the plant itself has changed{_why_plant(place, own - lacking - dynamics, dynamics, unchanged)}"
+            said = _why_plant(study, place, own - lacking - dynamics, dynamics, unchanged)
         else:
             continue
         causes.append(Reason(Code.CAUSE_PLANT, said, _arrow(study, place)))
@@ -196,20 +198,41 @@ def _arrow(study: Study, place: Place) -> str:
 
 
 def _why_plant(
-    place: Place, gains: Collection[Place], dynamics: Collection[Place], unchanged: Collection[Place]
+    study: Study, place: Place, gains: Collection[Place], dynamics: Collection[Place], unchanged: Collection[Place]
 ) -> str:
-    """What speaks against the sensor and the valve of an element."""
+    """That the plant has changed, and what speaks against the sensor and the valve of an element."""
 
     def crossing(others: Collection[Place]) -> bool:
         return any(one != place and (one[0] == place[0] or one[1] == place[1]) for one in others)
 
     if place in dynamics:
-        return ": a sensor's span or a valve's gain would move the gain alone"
+        return _answers_otherwise(place, unchanged, _is_measured(study, place[1]))
+    said = "the plant itself has changed"
     if crossing(gains):
-        return ": several elements of a row or column have, and not by one factor as with a sensor or a valve"
+        return f"{said}: several elements of a row or column have, and not by one factor as with a sensor or a valve"
     if crossing(unchanged):
-        return ": no other element of its row and column that these data can judge moves with it"
-    return ": a sensor's span or a valve's gain would move gains alone" if crossing(dynamics) else ""
+        return f"{said}: no other element of its row and column that these data can judge moves with it"
+    return f"{said}: a sensor's span or a valve's gain would move gains alone" if crossing(dynamics) else said
+
+
+def _answers_otherwise(place: Place, unchanged: Collection[Place], measured: bool) -> str:
+    """Of changed dynamics: that these are the plant's, or its sensor's or actuator's.
+
+    A sensor acts on all elements of a row, an actuator (or the sensor of a `measured` disturbance) on all of a column.
+    """
+    in_row = any(one != place and one[0] == place[0] for one in unchanged)
+    in_column = any(one != place and one[1] == place[1] for one in unchanged)
+    if in_row and in_column:
+        return (
+            "the plant itself has changed: a sensor's span or a valve's gain would move the gain alone, and a sensor "
+            "or an actuator that answers otherwise would move the other elements of its row or column too"
+        )
+    beside = "the sensor of the disturbance" if measured else "the actuator (its positioner)"
+    suspects = ["the plant itself"]
+    suspects += [] if in_row else ["the sensor of PV (its damping, or fouling)"]
+    suspects += [] if in_column else [beside]
+    listed = f"{', '.join(suspects[:-1])} or {suspects[-1]}"
+    return f"not the gain alone has changed, as a sensor's span or a valve's gain would do it: it is {listed}"
 
 
 def _dynamics_changed(found: Found, element: Element) -> bool:

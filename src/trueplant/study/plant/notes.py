@@ -103,11 +103,12 @@ def _scan_note(study: Study) -> list[Reason]:
         "the declared controller writes OP more often than it was recorded"
         if faster_scan(study.records)
         else "OP does not follow from the recorded samples by any linear law: the controller writes it more often "
-        "than it was recorded, or acts on what was not recorded"
+        "than it was recorded, acts on what was not recorded, or is not linear"
     )
     text = (
         f"{why}. What OP did between two samples is not in the data, and every dead time is uncertain by half "
-        "a sample, which its interval includes. Export the record at the controller's scan"
+        "a sample, which its interval includes. Export the record at the controller's scan, or declare its sample_time "
+        "if this is it"
     )
     return [Reason(Code.SCAN, text)]
 
