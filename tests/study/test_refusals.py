@@ -227,6 +227,40 @@ def test_an_op_at_its_limit_now_and_then_is_used_and_said(tmp_path):
     assert f"at a limit for {100 * at:.3g} %" in finding["message"]
 
 
+def test_an_op_that_runs_on_beyond_its_limit_is_taken_as_far_as_what_it_moves(tmp_path):
+    """The valve is at its end, and a controller without anti-windup writes on; taken at its word, OP did nothing."""
+    simulation = one_loop(6, limits=np.array([[-0.5, 1.4]]))
+    columns = columns_of(simulation)
+    there = columns["op"] >= 1.4
+    columns["op"][there] += 0.8 * (columns["sp"] - columns["pv"])[there].clip(0)
+    assert 0.05 < float(np.mean(columns["op"] > 1.5)) < 0.4
+    result = answered(tmp_path, columns, limits=[-0.5, 1.4])
+    assert result.elements[0].verdict == "unchanged" and covers(result)
+    assert "within its limits" in notes(result, "cause-valve-saturated")[0]
+    beyond = answered(tmp_path, columns, limits=[-0.5, 20.0])
+    assert beyond.elements[0].verdict == "changed"
+
+
+def test_samples_that_were_left_out_are_not_said_to_have_been_at_a_limit(tmp_path):
+    columns = columns_of(one_loop(6, limits=np.array([[-9.0, 9.0]])))
+    columns["op"][900:1100] = 9.0
+    answered(tmp_path, columns, limits=[-9.0, 9.0])
+    text = (tmp_path / "project.toml").read_text()
+    (tmp_path / "project.toml").write_text(text + "\n[[data.exclude]]\nfrom = 880\nto = 1200\n")
+    assert notes(run(tmp_path / "project.toml"), "cause-valve-saturated") == []
+
+
+def test_a_trip_does_not_hide_what_the_set_points_show(tmp_path):
+    """OP is cut by hand for a tenth of the record, by many times what the controller moves it."""
+    columns = columns_of(one_loop(17, size=0.3, std=0.05))
+    cut = np.zeros((SAMPLES, 1))
+    cut[900:1100] = -40.0
+    columns["op"] += cut[:, 0]
+    columns["pv"] += simulate(LAG, None, np.zeros_like(cut), 1.0, u=cut).y[:, 0]
+    result = answered(tmp_path, columns)
+    assert result.status == "ok" and covers(result)
+
+
 def test_a_pv_that_is_frozen_all_the_time_is_refused(tmp_path):
     record = columns_of(one_loop(7))
     record["pv"][:] = 50.0

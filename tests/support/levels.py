@@ -33,7 +33,7 @@ NO_THRESHOLDS = {
         identify.NEIGHBOUR_INTERVALS identify.INSTRUMENT_SETTLED identify.PSEUDOLINEAR_ROUNDS identify.ARX_LAGS
         identify.ARX_HORIZON identify.LOAD_ROUNDS identify.SPIKE_ROUNDS
         detect.FIRST_PASS detect.CLOSER_PASS detect.CHANGE_ROUNDS detect.CHANGE_SETTLED
-        study.GAIN_STEPS study.LOWEST_OF_SLOWEST study.CORRECTIONS study.CORRECTED
+        study.ANSWER_ROUNDS study.GAIN_STEPS study.LOWEST_OF_SLOWEST study.CORRECTIONS study.CORRECTED
     """,
     "size": """
         identify.LEVEL_SAMPLES identify.GUESSED_FROM identify.WRITTEN_OUT identify.LARGEST_JACOBIAN

@@ -56,7 +56,7 @@ class Code(StrEnum):
     DISTURBANCE_MODEL = "disturbance-model", "a declared disturbance does not describe the record"
     CASCADE = "cascade", "what a slave loop does"
     METHODS = "methods", "a method and the fit disagree"
-    MARGINS = "margins", "a loop is unstable or close to it on the plant"
+    MARGINS = "margins", "a loop is unstable or has little margin on the plant"
     ROBUST_PERFORMANCE = "robust-performance", "the performance asked for does not hold on the plant"
     PAIRING = "pairing", "a relative gain is negative"
     DRAWN = "drawn", "plants that the data leave open are unstable"

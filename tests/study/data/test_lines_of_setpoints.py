@@ -81,6 +81,15 @@ def test_it_is_looked_for_in_twenty_thousand_samples_of_a_long_record() -> None:
     assert 14_000 < len(asked(60_000).columns) < 28_000
 
 
+@pytest.mark.holds("study.ANSWER_BOUND")
+def test_a_sample_counts_for_three_standard_deviations_at_most() -> None:
+    e = np.random.default_rng(4).standard_normal(20_000)
+    e[::500] = 100.0
+    weights = excitation._weights(e, np.ones((e.size, 1)))
+    assert 2.2 < float(np.max(np.sqrt(weights) * np.abs(e))) < 4.2
+    assert np.mean(weights < 1) < 0.02
+
+
 @pytest.mark.holds("study.MOVES_PER_REGRESSOR")
 @pytest.mark.parametrize(("moves", "computed"), [(10, False), (20, True)])
 def test_fourteen_moves_are_enough_to_say_that_a_setpoint_is_computed(moves: int, computed: bool) -> None:

@@ -8,14 +8,16 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import polars as pl
 import pytest
+from scipy.signal import lfilter
 
 from support.one_loop import declared
 from support.simulated import coloured, random_switching
 from trueplant import Project, run
 from trueplant import simulate as simulated
 from trueplant.loop import PID, Controller, Simulation, simulate
-from trueplant.lti import TransferMatrix, tf
+from trueplant.lti import TransferMatrix, sampled_response, tf
 from trueplant.project.tables import Unmeasured
 from trueplant.tracking.track import track
 
@@ -175,3 +177,36 @@ def test_set_points_that_kick_op_between_samples_pass_for_no_loads(tmp_path, see
     assert not any("stepped as an input" in note.message for note in result.notes)
     low, high = result.elements[0].parameters[0].ci
     assert low < -0.7 < high
+
+
+FORWARD = """
+time_unit = "s"
+data = {files = ["p.csv"], time = "t"}
+output = [{name = "y", pv = "pv", sp = "sp"}]
+input = [{name = "u", op = "op"}]
+disturbance = [{name = "feed", column = "d"}]
+model = [
+    {output = "y", input = "u", tf = "-2.6 exp(-6 s)/(40 s + 1)"},
+    {output = "y", input = "feed", tf = "1.2 exp(-3.5 s)/(15 s + 1)"},
+]
+controller = [{output = "y", input = "u", Kc = -1.0, Ti = 40.0}]
+"""
+
+
+def test_an_op_that_also_acts_on_a_measured_disturbance_follows_from_the_samples(tmp_path):
+    """Feedforward that nobody declared: what it adds to OP acts on the plant as OP does."""
+    rng = np.random.default_rng(6)
+    samples, plant = 1500, TransferMatrix.of([[MODEL]], "s")
+    d = coloured(rng, samples, 1, [1, -0.9], [1], 0.5)
+    forward = lfilter([0.4], [1, -0.3], d, axis=0)
+    feed = TransferMatrix.of([["1.2 exp(-3.5 s)/(15 s + 1)"]], "s")
+    v = sampled_response(plant, forward, 1.0, ("zoh",)) + sampled_response(feed, d, 1.0, ("zoh",))
+    v += coloured(rng, samples, 1, [1, -0.8], [1], 0.05)
+    law = PID(Kc=-1.0, Ti=40.0, sample_time=1.0)
+    s = simulate(plant, Controller.diagonal([law]), random_switching(rng, samples, 1, 60.0), 1.0, v=v)
+    columns = {"t": s.t, "sp": s.r[:, 0], "op": s.u[:, 0] + forward[:, 0], "pv": s.y[:, 0], "d": d[:, 0]}
+    pl.DataFrame(columns).write_csv(tmp_path / "p.csv")
+    result = run(Project.from_toml(FORWARD, tmp_path))
+    assert not any(note.code == "scan" for note in result.notes)
+    (of_op,) = [e.parameters for e in result.elements if e.input == "u"]
+    assert of_op[2].ci[0] < 6 < of_op[2].ci[1] and np.ptp(of_op[2].ci) < 0.5

@@ -353,11 +353,16 @@ def test_the_sticky_simulation_is_the_simulator(band):
 
 
 def test_what_several_actuators_did_is_one_sentence():
-    """Shares in the order of the places; no sentence for a share of 1 %."""
+    """Shares of what is used, in the order of the places; no sentence for a share of 1 %."""
     record = [SimpleNamespace(name=f"run{k}.csv") for k in range(2)]
-    saturated = [np.zeros((1000, 2), dtype=bool) for _ in range(2)]
+    saturated = [np.zeros((1200, 2), dtype=bool) for _ in range(2)]
+    used = np.arange(1200)[:, None] < [1000, 900]
     saturated[0][:250, 0] = saturated[0][:30, 1] = saturated[1][:400, 0] = saturated[1][:10, 1] = True
-    screened = [SimpleNamespace(refusal=None, saturated=s, record=r) for s, r in zip(saturated, record, strict=True)]
+    saturated[0][1000:] = True
+    screened = [
+        SimpleNamespace(refusal=None, saturated=s, record=r, usable_y=used)
+        for s, r in zip(saturated, record, strict=True)
+    ]
     study = SimpleNamespace(screened=screened, project=SimpleNamespace(input_names=("reflux", "steam")))
     (cause,) = _saturated(study)
     assert cause.where == "run0.csv, reflux; run0.csv, steam; run1.csv, reflux"

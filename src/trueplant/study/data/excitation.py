@@ -157,19 +157,23 @@ def _added_p(now: Array, columns: Array, known: int, weights: Array) -> float:
 
 
 def _weights(now: Array, past: Array) -> Array:
-    """(n,) by which no sample counts for more than some standard deviations of what `past` leaves of `now`.
+    """(n,) by which no sample counts for more than some standard deviations of what `past` (n, m) leaves of `now`, and
+    of the past itself, by which a trip would else say alone what PV owes to its past (Huber 1981; Mallows 1975).
 
-    All alike where most samples are told to the last digit (Huber 1981).
+    All alike where most samples are told to the last digit.
     """
-    weights = np.ones(now.size)
+    away = np.abs(past - np.median(past, axis=0))
+    usual = np.median(away, axis=0) / norm.isf(0.25)
+    far = np.max(away / np.where(usual > 0, usual, np.inf), axis=1) / levels.ANSWER_BOUND
+    begun = weights = np.maximum(far, 1.0) ** -2
+    scaled = past / np.maximum(np.linalg.norm(past, axis=0), 1e-300)
     for _ in range(levels.ANSWER_ROUNDS):
-        scaled = past / np.maximum(np.linalg.norm(past, axis=0), 1e-300)
         root = np.sqrt(weights)
         errors = np.abs(now - scaled @ np.linalg.lstsq(root[:, None] * scaled, root * now, rcond=1e-10)[0])
         most = levels.ANSWER_BOUND * float(np.median(errors)) / norm.isf(0.25)
         if most <= 1e-10 * float(np.linalg.norm(now)):
             return np.ones(now.size)
-        weights = np.minimum(1.0, (most / np.maximum(errors, most)) ** 2)
+        weights = begun * (most / np.maximum(errors, most)) ** 2
     return weights
 
 

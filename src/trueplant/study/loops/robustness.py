@@ -224,7 +224,9 @@ def _tuning_notes(table: LoopRobustness) -> list[Reason]:
     """What today's controller does on the plant."""
     notes = [
         Reason(
-            Code.MARGINS, "on the plant as estimated, today's controller leaves this loop unstable or close to it", name
+            Code.MARGINS,
+            "on the plant as estimated, today's controller leaves this loop unstable or with little margin",
+            name,
         )
         for name in table.worse
     ]
