@@ -142,24 +142,6 @@ def test_saturation_is_counted_and_kept_as_input() -> None:
     np.testing.assert_array_equal(result.segments[0].free[:, 0], ~result.saturated[:, 0])
 
 
-def test_beyond_a_declared_limit_op_is_taken_as_far_as_the_limit() -> None:
-    data = loop()
-    data["op"][300:700] = 130.0
-    data["op"][900:1000] = -5.0
-    result = screened(data)
-    (finding,) = [found for found in result.findings if found.kind == "saturated"]
-    assert "at a limit for 25 % of the record. In 500 samples (25 %) it was beyond" in finding.message
-    (segment,) = result.segments
-    assert (segment.u[300:700] == 100.0).all() and (segment.u[900:1000] == 0.0).all()
-    np.testing.assert_array_equal(segment.u[result.segments[0].free], data["op"][segment.free[:, 0]])
-    np.testing.assert_array_equal(result.record.u[:, 0], data["op"])
-
-
-def test_an_op_in_another_unit_than_its_limits_is_refused_as_that() -> None:
-    result = screened(loop(), limits={"Q": (0.0, 1.0)})
-    assert "OP of Q is at or beyond its declared limits all the time" in str(result.refusal)
-
-
 def test_undeclared_limits_are_guessed_with_care() -> None:
     layout = Layout(LAYOUT.outputs, (Channel("Q", "op"),), project_time_unit="s")
     data = loop()

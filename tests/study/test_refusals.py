@@ -236,9 +236,20 @@ def test_an_op_that_runs_on_beyond_its_limit_is_taken_as_far_as_what_it_moves(tm
     assert 0.05 < float(np.mean(columns["op"] > 1.5)) < 0.4
     result = answered(tmp_path, columns, limits=[-0.5, 1.4])
     assert result.elements[0].verdict == "unchanged" and covers(result)
-    assert "within its limits" in notes(result, "cause-valve-saturated")[0]
-    beyond = answered(tmp_path, columns, limits=[-0.5, 20.0])
-    assert beyond.elements[0].verdict == "changed"
+    said = [f["message"] for f in result.to_dict()["data"][0]["findings"] if f["kind"] == "saturated"]
+    assert said[-1].endswith("PV answers as if it had stayed at them: so it is taken.")
+    assert answered(tmp_path, columns, limits=[-0.5, 20.0]).elements[0].verdict == "changed"
+
+
+@pytest.mark.parametrize("limits", [[-0.2, 1.0], [2.0, 3.0]])
+def test_limits_that_op_was_not_held_to_change_nothing(tmp_path, limits):
+    """They are those of a test to be planned, or of another unit."""
+    columns = columns_of(one_loop(6))
+    assert np.mean(columns["op"] > 1.1) > 0.1
+    result = answered(tmp_path, columns, limits=limits)
+    assert result.elements[0].verdict == "unchanged" and covers(result)
+    said = [f["message"] for f in result.to_dict()["data"][0]["findings"] if f["kind"] == "saturated"]
+    assert said[-1].endswith("PV answers as if it had gone on: it is taken as recorded.")
 
 
 def test_samples_that_were_left_out_are_not_said_to_have_been_at_a_limit(tmp_path):

@@ -29,12 +29,6 @@ def why_refused(
     moves = np.nanmax(u, axis=0) - np.nanmin(u, axis=0) if np.isfinite(u).any(axis=0).all() else np.zeros(1)
     if not np.any(moves > 0):
         message = f"{record.name}: OP never moves, so the record says nothing about the plant; use one in which it does"
-        beyond = [f.signal for f in findings if f.kind is Kind.SATURATED and f.value == 1]
-        if beyond:
-            message = (
-                f"{record.name}: OP of {', '.join(beyond)} is at or beyond its declared limits all the time, so that "
-                "nothing moves the plant; give `limits` in the unit of OP, or use a record in which OP moves"
-            )
         return Refusal(Unusable.STILL, message)
     if np.max(np.sum(usable, axis=0)) < levels.FEWEST_USABLE:
         return _without_pv(record, layout, findings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -34,7 +34,6 @@ def screen(
     exclude: (from, to) in the record's time, left out by the user. limits: by name of input or output, instead of the
     layout's. PV samples that are missing, out of range, frozen or spikes are left out, but for the kinds that a channel
     keeps; while OP is at a limit or in manual it is still the true input, so that those samples stay, marked not free.
-    Beyond a declared limit OP did not reach the plant: the segments have the limit.
     """
     recorded, settled = record, without_rounding(record)
     record = settled.record
@@ -46,9 +45,6 @@ def screen(
     saturated = np.zeros(record.u.shape, dtype=bool)
     for j, channel in enumerate(layout.inputs):
         saturated[:, j] = _saturated(record, j, bounds[channel.name], channel, log)
-    record = _within(record, [bounds[channel.name] for channel in layout.inputs])
-    settled = replace(settled, record=record)
-    for j, channel in enumerate(layout.inputs):
         _report_input(record, j, channel, log)
         _report_compressed_op(record, j, channel, log)
     usable = np.isfinite(record.y) & ~excluded[:, None]
@@ -158,29 +154,20 @@ def _excluded(record: Record, exclude: Sequence[tuple[float, float]], log: _Log)
 
 def _saturated(record: Record, j: int, limits: tuple[float, float] | None, channel: Channel, log: _Log) -> BoolArray:
     u = record.u[:, j]
+    seems = limits is None
     if limits is None:
-        at, verb, more = _plateaus(record, j), "seems to have been", " Declare its limits to be sure."
+        at = _plateaus(record, j)
     else:
         tolerance = levels.OP_LIMIT * (limits[1] - limits[0])
-        at, verb, more = (u <= limits[0] + tolerance) | (u >= limits[1] - tolerance), "was", ""
-        beyond = (u < limits[0] - tolerance) | (u > limits[1] + tolerance)
-        if beyond.any():
-            more = (
-                f" In {_count(beyond)} it was beyond, where what it moves is taken to have stood at the limit: if it "
-                "went on, widen its limits."
-            )
+        at = (u <= limits[0] + tolerance) | (u >= limits[1] - tolerance)
     if at.any():
         share = float(np.mean(at))
-        message = f"OP of {channel.name} {verb} at a limit for {100 * share:.3g} % of the record.{more}"
+        verb = "seems to have been" if seems else "was"
+        message = f"OP of {channel.name} {verb} at a limit for {100 * share:.3g} % of the record."
+        if seems:
+            message += " Declare its limits to be sure."
         log.add(Kind.SATURATED, channel.name, message, at, value=share)
     return at
-
-
-def _within(record: Record, limits: Sequence[tuple[float, float] | None]) -> Record:
-    """The record with each OP as far as its declared limits let it act."""
-    low, high = np.transpose([(-np.inf, np.inf) if one is None else one for one in limits])
-    beyond = np.any(record.u < low) or np.any(record.u > high)
-    return replace(record, u=np.clip(record.u, low, high)) if beyond else record
 
 
 def _plateaus(record: Record, j: int) -> BoolArray:

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import f as f_distribution
-from scipy.stats import norm
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify.noise import whitened_valid
 from trueplant.record import Kind, Segment
+from trueplant.record.levels import NORMAL_MAD
 from trueplant.result import Code, Reason
 from trueplant.study import levels
 from trueplant.study.data.setpoints import unexplained
@@ -163,14 +163,15 @@ def _weights(now: Array, past: Array) -> Array:
     All alike where most samples are told to the last digit.
     """
     away = np.abs(past - np.median(past, axis=0))
-    usual = np.median(away, axis=0) / norm.isf(0.25)
+    usual = NORMAL_MAD * np.median(away, axis=0)
     far = np.max(away / np.where(usual > 0, usual, np.inf), axis=1) / levels.ANSWER_BOUND
-    begun = weights = np.maximum(far, 1.0) ** -2
+    begun: Array = np.maximum(far, 1.0) ** -2
+    weights = begun
     scaled = past / np.maximum(np.linalg.norm(past, axis=0), 1e-300)
     for _ in range(levels.ANSWER_ROUNDS):
         root = np.sqrt(weights)
         errors = np.abs(now - scaled @ np.linalg.lstsq(root[:, None] * scaled, root * now, rcond=1e-10)[0])
-        most = levels.ANSWER_BOUND * float(np.median(errors)) / norm.isf(0.25)
+        most = levels.ANSWER_BOUND * NORMAL_MAD * float(np.median(errors))
         if most <= 1e-10 * float(np.linalg.norm(now)):
             return np.ones(now.size)
         weights = begun * (most / np.maximum(errors, most)) ** 2

@@ -19,6 +19,7 @@ from trueplant.project.controllers import check_signs
 from trueplant.record import Record, Screened, read_record, screen
 from trueplant.record.twice import counted_once
 from trueplant.result import Code, Reason
+from trueplant.study.data.beyond_limits import as_it_acted
 from trueplant.study.data.declared import conversion_notes
 from trueplant.study.data.scan import hidden_dynamics, written_between
 from trueplant.study.data.setpoints import computed_setpoints
@@ -73,7 +74,8 @@ def _screened(project: Project, say: Progress, frames: Sequence[Any] | None) -> 
     for k, (plan, record) in enumerate(zip(plans, counted_once(records, excluded), strict=True)):
         limits = {name: lim for name, lim in zip(project.input_names, plan.limits, strict=True) if lim is not None}
         say(f"screening {plan.name}{_counted(k, len(plans))}")
-        found.append(screen(record, layout, experiment=k, exclude=excluded[k], limits=limits))
+        screened = screen(record, layout, experiment=k, exclude=excluded[k], limits=limits)
+        found.append(as_it_acted(screened, [limits.get(name) for name in project.input_names]))
     return tuple(found)
 
 

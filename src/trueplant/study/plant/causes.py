@@ -59,8 +59,8 @@ def _saturated(study: Study) -> list[Reason]:
         return []
     message = (
         f"the actuator was saturated: OP stood at a limit in {_and(shares)} % of the samples. The estimate "
-        "takes OP as it was recorded, within its limits, but meanwhile there was no control: the loop was not what its "
-        "tuning makes of it"
+        "takes OP as it was recorded, or within its limits where PV answers so, but meanwhile there was no control: "
+        "the loop was not what its tuning makes of it"
     )
     return [Reason(Code.CAUSE_VALVE_SATURATED, message, "; ".join(places))]
 
