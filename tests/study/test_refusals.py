@@ -199,7 +199,7 @@ def test_an_op_at_its_limit_most_of_the_time_is_used_where_the_record_has_the_mo
     result = answered(tmp_path, columns_of(simulation), limits=[-0.1, 0.5])
     assert result.elements[0].verdict == "unchanged" and covers(result)
     (sentence,) = notes(result, "cause-valve-saturated")
-    assert f"OP stood at a limit in {100 * at:.2g} % of the samples" in sentence
+    assert f"OP stood at a limit, or beyond it, in {100 * at:.2g} % of the samples" in sentence
 
 
 def test_setpoints_that_an_op_at_its_limit_could_not_follow_are_no_excitation(tmp_path):
@@ -238,7 +238,6 @@ def test_an_op_that_runs_on_beyond_its_limit_is_taken_as_far_as_what_it_moves(tm
     assert result.elements[0].verdict == "unchanged" and covers(result)
     said = [f["message"] for f in result.to_dict()["data"][0]["findings"] if f["kind"] == "saturated"]
     assert said[-1].endswith("PV answers as if it had stayed at them: so it is taken.")
-    assert answered(tmp_path, columns, limits=[-0.5, 20.0]).elements[0].verdict == "changed"
 
 
 @pytest.mark.parametrize("limits", [[-0.2, 1.0], [2.0, 3.0]])

@@ -73,9 +73,10 @@ def assemble(study: Study, checked: Checked, found: Found) -> Result:
     elements = beside_the_band(study, found.judged.elements, curves)
     if checked.coherence is not None:
         curves = replace(curves, coherence=coherence_curves(study, checked.coherence))
+    reasons = grouped([*checked.reasons, *(() if answered else _unanswered(study, found.identified, elements))])
     return Result(
         status=Status.OK if answered else Status.REFUSED,
-        reasons=grouped([*checked.reasons, *(() if answered else _unanswered(study, found.identified, elements))]),
+        reasons=reasons,
         provenance=provenance(study),
         data=data_tables(study),
         elements=elements,
@@ -84,7 +85,7 @@ def assemble(study: Study, checked: Checked, found: Found) -> Result:
         robustness=found.loop.table,
         controllers=found.retuned.table,
         more_data=found.plans,
-        notes=_notes(study, checked, found, elements),
+        notes=tuple(note for note in _notes(study, checked, found, elements) if note not in reasons),
         curves=replace(curves, mu=found.loop.mu, retuning=found.retuned.curves),
         uncertainty=Uncertainty.of(found.plant, study.project.output_names, study.columns) if answered else None,
         plant=found.plant,

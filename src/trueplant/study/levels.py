@@ -30,6 +30,15 @@ ANSWER_BOUND = 3.0
 """Standard deviations for which a sample counts at most: 99 % of what normal errors tell is kept."""
 ANSWER_ROUNDS = 10
 """Of weighing samples by what is left of them."""
+END = 1e-8
+"""Significance from which a valve is taken to be at its end where OP goes on, over the ends and inputs tried: small, as
+a bank of lags is no plant, and OP is to be taken at its word but for good reason."""
+END_SHARES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
+"""Shares of the record in which OP may be beyond an end that is tried, at either side."""
+END_STEPS = (0.1, 0.025, 0.006)
+"""Of OP's range, how far an end that was found is moved to and fro, in turn."""
+END_SAMPLES = 4000
+"""Samples at which ends are asked for."""
 MOST_WORK = 1.2e8
 """Samples times the sum of the squares of the elements of each output: about an hour of one core (16 elements of one
 output took 16 s on 2,000 samples, 8 took 5 s)."""

@@ -85,7 +85,7 @@ def test_it_is_looked_for_in_twenty_thousand_samples_of_a_long_record() -> None:
 def test_a_sample_counts_for_three_standard_deviations_at_most() -> None:
     e = np.random.default_rng(4).standard_normal(20_000)
     e[::500] = 100.0
-    weights = excitation._weights(e, np.ones((e.size, 1)))
+    weights = excitation.bounded_weights(e, np.ones((e.size, 1)))
     assert 2.2 < float(np.max(np.sqrt(weights) * np.abs(e))) < 4.2
     assert np.mean(weights < 1) < 0.02
 

@@ -142,7 +142,9 @@ def _answer_p(outputs: Sequence[Array], sources: Sequence[Array], beside: Sequen
     if now.size <= columns.shape[1]:
         return 1.0
     alike = np.ones(now.size)
-    return min(1.0, 2 * min(_added_p(now, columns, known, w) for w in (alike, _weights(now, columns[:, :known]))))
+    return min(
+        1.0, 2 * min(_added_p(now, columns, known, w) for w in (alike, bounded_weights(now, columns[:, :known])))
+    )
 
 
 def _added_p(now: Array, columns: Array, known: int, weights: Array) -> float:
@@ -156,7 +158,7 @@ def _added_p(now: Array, columns: Array, known: int, weights: Array) -> float:
     return float(f_distribution.sf((own - rest) / count / max(rest / left, 1e-300), count, left))
 
 
-def _weights(now: Array, past: Array) -> Array:
+def bounded_weights(now: Array, past: Array) -> Array:
     """(n,) by which no sample counts for more than some standard deviations of what `past` (n, m) leaves of `now`, and
     of the past itself, by which a trip would else say alone what PV owes to its past (Huber 1981; Mallows 1975).
 
@@ -186,8 +188,13 @@ class Asked:
     """(n, 1 + order + beside + lags times sources) of all stretches: the output, its past, that of others, the
     sources."""
     order: int
-    beside: int = 0
+    beside: int
     """Columns of others, now and before."""
+    taken: tuple[BoolArray, ...]
+    """Of each stretch, which of its samples from `order` on (in steps of `step`) are rows."""
+    step: int
+    poles: Array
+    """(lags,) of the bank, by sample."""
 
     @classmethod
     def of(
@@ -201,18 +208,30 @@ class Asked:
         asked, number = levels.ANSWER_LAGS * sources[0].shape[1], others[0].shape[1]
         order = _past([np.isfinite(y) for y in outputs], asked, number)
         poles = np.exp(-1 / np.geomspace(2.0, max(samples / step / 10, 4.0), levels.ANSWER_LAGS))
-        rows = []
+        rows, taken = list[Array](), list[BoolArray]()
         for y, d, x in zip(outputs, (one[::step] for one in others), sources, strict=True):
-            if y.size > order:
-                past = [y[order - k : y.size - k] for k in range(1, order + 1)]
-                past += [d[order - k : y.size - k] for k in range(order + 1)]
-                bank = [x[0] + lfilter([0.0, 1 - a], [1.0, -a], x[::step] - x[0], axis=0)[order:] for a in poles]
-                one = np.column_stack([y[order:], *past, *bank])
-                one = one[np.isfinite(one).all(axis=1)]
-                rows += [one] if len(one) else []
+            if y.size <= order:
+                taken.append(np.zeros(0, dtype=bool))
+                continue
+            past = [y[order - k : y.size - k] for k in range(1, order + 1)]
+            past += [d[order - k : y.size - k] for k in range(order + 1)]
+            one = np.column_stack([y[order:], *past, *_through(poles, x[::step], order)])
+            whole = np.asarray(np.isfinite(one).all(axis=1))
+            taken.append(whole)
+            rows += [one[whole]] if whole.any() else []
         if all(np.ptp(one[:, 0]) == 0 for one in rows):
             return None
-        return cls(np.vstack(rows), order, number * (order + 1))
+        return cls(np.vstack(rows), order, number * (order + 1), tuple(taken), step, poles)
+
+    def through(self, sources: Sequence[Array]) -> Array:
+        """(n, lags times sources) what other sources (N, m) look like in the rows, one an element for each stretch."""
+        every = (np.column_stack(_through(self.poles, x[:: self.step], self.order)) for x in sources)
+        return np.vstack([one[taken] for one, taken in zip(every, self.taken, strict=True)])
+
+
+def _through(poles: Array, x: Array, order: int) -> list[Array]:
+    """By pole (N - order, m), what each first-order lag makes of x (N, m)."""
+    return [x[0] + lfilter([0.0, 1 - a], [1.0, -a], x - x[0], axis=0)[order:] for a in poles]
 
 
 def _past(measured: Sequence[BoolArray], asked: int, beside: int) -> int:

@@ -19,11 +19,11 @@ from trueplant.project.controllers import check_signs
 from trueplant.record import Record, Screened, read_record, screen
 from trueplant.record.twice import counted_once
 from trueplant.result import Code, Reason
-from trueplant.study.data.beyond_limits import as_it_acted
 from trueplant.study.data.declared import conversion_notes
 from trueplant.study.data.scan import hidden_dynamics, written_between
 from trueplant.study.data.setpoints import computed_setpoints
 from trueplant.study.data.swapped import swapped_columns
+from trueplant.study.data.valve_ends import as_it_acted
 from trueplant.study.study import Progress, Records, Study, quiet
 
 
@@ -54,7 +54,11 @@ def prepare(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
         computed_alone=tuple(computed_setpoints([segment]) for segment in records.segments),
         hidden=hidden_dynamics(records),
         between=written_between(records),
-        notes=(*swapped_columns(records), *conversion_notes(project), *_check_loop(records, model)),
+        notes=(
+            *swapped_columns(records),
+            *conversion_notes(project),
+            *_check_loop(records, model),
+        ),
     )
 
 

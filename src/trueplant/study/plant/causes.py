@@ -58,9 +58,9 @@ def _saturated(study: Study) -> list[Reason]:
     if not places:
         return []
     message = (
-        f"the actuator was saturated: OP stood at a limit in {_and(shares)} % of the samples. The estimate "
-        "takes OP as it was recorded, or within its limits where PV answers so, but meanwhile there was no control: "
-        "the loop was not what its tuning makes of it"
+        f"the actuator was saturated: OP stood at a limit, or beyond it, in {_and(shares)} % of the samples. "
+        "The estimate takes OP as it was recorded, or within its limits where PV answers so, but meanwhile there was "
+        "no control: the loop was not what its tuning makes of it"
     )
     return [Reason(Code.CAUSE_VALVE_SATURATED, message, "; ".join(places))]
 
