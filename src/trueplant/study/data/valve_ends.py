@@ -38,6 +38,7 @@ def as_it_acted(screened: Screened, limits: Sequence[Limits | None]) -> Screened
         answers = Answers.of(screened.segments, j)
         if declared is not None and _beyond(screened.segments, j, declared):
             screened = _asked(screened, answers, declared)
+            answers = replace(answers, ops=tuple(s.u[:, j] for s in screened.segments))
         if (end := found_end(answers, len(limits))) is not None:
             screened = replace(screened, findings=(*screened.findings, _ended(screened, j, end)))
     return screened
