@@ -33,7 +33,8 @@ NO_THRESHOLDS = {
         identify.NEIGHBOUR_INTERVALS identify.INSTRUMENT_SETTLED identify.PSEUDOLINEAR_ROUNDS identify.ARX_LAGS
         identify.ARX_HORIZON identify.LOAD_ROUNDS identify.SPIKE_ROUNDS
         detect.FIRST_PASS detect.CLOSER_PASS detect.CHANGE_ROUNDS detect.CHANGE_SETTLED
-        study.ANSWER_ROUNDS study.END_SHARES study.END_STEPS study.GAIN_STEPS study.LOWEST_OF_SLOWEST
+        study.ANSWER_ROUNDS study.ANSWER_SETTLED study.END_SHARES study.END_STEPS study.GAIN_STEPS
+        study.LOWEST_OF_SLOWEST
         study.CORRECTIONS study.CORRECTED
     """,
     "size": """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# -- data/excitation -------------------------------------------------------------------------------------------------
+# -- data/excitation, valve_ends ------------------------------------------------------------------------------------
 
 EXCITED = 1e-3
 """Significance of the answer of PV to set-points, for a record to count as excited at all."""
@@ -29,11 +29,12 @@ ANSWER_SAMPLES = 20_000
 ANSWER_BOUND = 3.0
 """Standard deviations for which a sample counts at most: 99 % of what normal errors tell is kept."""
 ANSWER_ROUNDS = 10
-"""Of weighing samples by what is left of them."""
+"""Of weighing samples by what is left of them, at most."""
+ANSWER_SETTLED = 1e-3
+"""Change of weights at which they are settled."""
 END = 1e-8
-"""Significance from which a valve is taken to be at its end where OP goes on, over the ends and inputs tried: small, as
-a bank of lags is no plant, and OP is to be taken at its word but for good reason."""
-END_SHARES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
+"""Significance of a valve's end where OP goes on, over those and the inputs tried: small, as a bank of lags is no plant."""
+END_SHARES = (0.03, 0.1, 0.25, 0.45, 0.65)
 """Shares of the record in which OP may be beyond an end that is tried, at either side."""
 END_STEPS = (0.1, 0.025, 0.006)
 """Of OP's range, how far an end that was found is moved to and fro, in turn."""
@@ -64,14 +65,11 @@ COINCIDENT = 4.0
 ALONG = 0.5
 """Correlation of PV's changes with those of its set-point, beyond which it does where the set-point always moves."""
 
-# -- data/scan -------------------------------------------------------------------------------------------------------
+# -- data/scan, op_law -----------------------------------------------------------------------------------------------
 
 EXACT_LAW = 5e-4
 """Share of OP's movement that rounding apart is left where OP was written from the recorded samples: a law that also
 acts in between leaves little more, as most of what it answers to shows in the next sample."""
-
-# -- data/op_law -----------------------------------------------------------------------------------------------------
-
 LAW_PAST = 4
 """Samples that a law reaches back: two for integral and filtered derivative, two for a set-point filter."""
 LAW_SAMPLES = 50_000

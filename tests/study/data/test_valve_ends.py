@@ -68,7 +68,7 @@ def test_ends_are_asked_for_at_four_thousand_samples() -> None:
 
 
 def test_tried_are_ends_with_up_to_two_thirds_of_the_record_beyond() -> None:
-    assert max(levels.END_SHARES) == 0.7 and min(levels.END_SHARES) > 0
+    assert max(levels.END_SHARES) == 0.65 and min(levels.END_SHARES) > 0
     assert valve_ends._beyond([record(1, end=1.8)], 0, (-9.0, 1.8))
     assert not valve_ends._beyond([record(1, end=1.8)], 0, (-9.0, 9.0))
 

@@ -176,7 +176,9 @@ def bounded_weights(now: Array, past: Array) -> Array:
         most = levels.ANSWER_BOUND * NORMAL_MAD * float(np.median(errors))
         if most <= 1e-10 * float(np.linalg.norm(now)):
             return np.ones(now.size)
-        weights = begun * (most / np.maximum(errors, most)) ** 2
+        before, weights = weights, begun * (most / np.maximum(errors, most)) ** 2
+        if np.max(np.abs(weights - before)) < levels.ANSWER_SETTLED:
+            break
     return weights
 
 

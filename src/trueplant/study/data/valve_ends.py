@@ -119,23 +119,27 @@ def found_end(answers: Answers, inputs: int) -> Limits | None:
     op = np.concatenate(answers.ops)
     if not answers.outputs or not np.ptp(op) > 0:
         return None
-    bent = [(one - np.mean(op)) ** 2 for one in answers.ops]
-    without = answers.misfit([answers.ops, bent])
     shares = np.array(levels.END_SHARES)
     tried = [(-np.inf, float(end)) for end in np.quantile(op, 1 - shares)]
     tried += [(float(end), np.inf) for end in np.quantile(op, shares)]
+    least = float(chi2.isf(levels.END / len(tried) / inputs, 1))
     misfits = [answers.within(one) for one in tried]
-    if len(tried) * inputs * chi2.sf(max(without - min(misfits), 0.0), 1) >= levels.END:
+    if answers.misfit([answers.ops]) - min(misfits) < least:
         return None
-    return _refined(answers, tried[int(np.argmin(misfits))], float(np.ptp(op)))
+    end, ended = _refined(answers, tried[int(np.argmin(misfits))], float(np.ptp(op)))
+    bent = [(one - np.mean(op)) ** 2 for one in answers.ops]
+    return end if answers.misfit([answers.ops, bent]) - ended >= least else None
 
 
-def _refined(answers: Answers, limits: Limits, span: float) -> Limits:
-    """The end near this one that predicts best."""
+def _refined(answers: Answers, limits: Limits, span: float) -> tuple[Limits, float]:
+    """The end near this one that predicts best, and its misfit."""
+    found = {limits: answers.within(limits)}
     for width in levels.END_STEPS:
-        nearby = [(limits[0] + x, limits[1] + x) for x in width * span * np.linspace(-1, 1, 9)]
-        limits = min(nearby, key=answers.within)
-    return limits
+        for x in width * span * np.linspace(-1, 1, 9):
+            one = (limits[0] + float(x), limits[1] + float(x))
+            found[one] = answers.within(one)
+        limits = min(found, key=found.__getitem__)
+    return limits, found[limits]
 
 
 def _beyond(segments: Sequence[Segment], j: int, limits: Limits) -> bool:
