@@ -33,7 +33,7 @@ ANSWER_ROUNDS = 10
 ANSWER_SETTLED = 1e-3
 """Change of weights at which they are settled."""
 END = 1e-8
-"""Significance of a valve's end where OP goes on, over those and the inputs tried: small, as a bank of lags is no plant."""
+"""Significance of a valve's end, over those and the inputs tried: small, as a bank of lags is no plant."""
 END_SHARES = (0.03, 0.1, 0.25, 0.45, 0.65)
 """Shares of the record in which OP may be beyond an end that is tried, at either side."""
 END_STEPS = (0.1, 0.025, 0.006)
