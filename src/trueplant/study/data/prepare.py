@@ -54,11 +54,7 @@ def prepare(project: Project, say: Progress = quiet, frames: Sequence[Any] | Non
         computed_alone=tuple(computed_setpoints([segment]) for segment in records.segments),
         hidden=hidden_dynamics(records),
         between=written_between(records),
-        notes=(
-            *swapped_columns(records),
-            *conversion_notes(project),
-            *_check_loop(records, model),
-        ),
+        notes=(*swapped_columns(records), *conversion_notes(project), *_check_loop(records, model)),
     )
 
 
