@@ -202,7 +202,8 @@ def record(u: Array, r: Array | None = None) -> Simulation:
 @pytest.mark.parametrize(("share", "said"), [(0.015, False), (0.03, True)])
 def test_a_valve_at_its_limit_is_said_from_a_fiftieth_of_the_samples_on(share, said):
     at = (np.arange(1000) < 1000 * share)[:, None]
-    one = Stub(refusal=None, saturated=at, record=Stub(name="run"))
+    used = np.ones((1000, 1), dtype=bool)
+    one = Stub(refusal=None, saturated=at, usable_y=used, record=Stub(name="run"))
     study: Any = Stub(screened=[one], project=Stub(input_names=("u",)))
     assert bool(_saturated(study)) is said
 
