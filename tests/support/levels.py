@@ -8,7 +8,7 @@ NO_THRESHOLDS = {
         identify.RUNS_DISAGREE identify.VALVE identify.HOLD identify.UNEVEN identify.WORSE identify.MISSING_ELEMENT
         identify.MISSING_TRIED identify.SHARED_DISTURBANCE identify.SUBSPACE_INSIDE identify.LOAD_STEP identify.SPIKE
         detect.SCATTERED
-        study.EXCITED study.END study.REACHED study.OUTSIDE_BAND study.MISDESCRIBED study.CAUSES study.GRADED_WHITE
+        study.EXCITED study.REACHED study.OUTSIDE_BAND study.MISDESCRIBED study.CAUSES study.GRADED_WHITE
     """,
     "rounding": """
         identify.ROUNDING identify.LOST identify.EXACT identify.RIDGE identify.BETTER identify.FREE_RESPONSE_GONE
@@ -33,7 +33,7 @@ NO_THRESHOLDS = {
         identify.NEIGHBOUR_INTERVALS identify.INSTRUMENT_SETTLED identify.PSEUDOLINEAR_ROUNDS identify.ARX_LAGS
         identify.ARX_HORIZON identify.LOAD_ROUNDS identify.SPIKE_ROUNDS
         detect.FIRST_PASS detect.CLOSER_PASS detect.CHANGE_ROUNDS detect.CHANGE_SETTLED
-        study.ANSWER_ROUNDS study.ANSWER_SETTLED study.END_SHARES study.END_STEPS study.GAIN_STEPS
+        study.ANSWER_ROUNDS study.ANSWER_SETTLED study.GAIN_STEPS
         study.LOWEST_OF_SLOWEST
         study.CORRECTIONS study.CORRECTED
     """,
@@ -41,7 +41,7 @@ NO_THRESHOLDS = {
         identify.LEVEL_SAMPLES identify.GUESSED_FROM identify.WRITTEN_OUT identify.LARGEST_JACOBIAN
         identify.VARX_TESTED identify.PAPER_POINTS identify.ARX_MOST_SAMPLES
         detect.DRAWS detect.SHIFTS
-        study.END_SAMPLES study.OTHER_TIMES study.ROUNDING_DRAWS study.COHERENCE_LISTED study.COHERENCE_DRAWN
+        study.OTHER_TIMES study.ROUNDING_DRAWS study.COHERENCE_LISTED study.COHERENCE_DRAWN
         study.FREQUENCIES
         study.STABILITY_DRAWS study.NOISE_STEPS study.FINE_STEP study.MU_DRAWS study.MU_POINTS
         study.JUDGING_DRAWS study.BAND_DRAWS study.RESPONSE_POINTS study.TRIED_PLANTS study.TRIED_STEPS

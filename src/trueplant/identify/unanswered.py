@@ -29,7 +29,6 @@ class WhyUnanswered(Enum):
         "no set-point or measured disturbance that moves shows in its input or its output: what ties the two together "
         "may be the controller that answers PV, and not the plant"
     )
-    OP_CEASES_TO_ACT = "OP goes on where it seems to act no more"
     LOOP_SETTLED = "today's loop settled in the record, and would be unstable on this estimate"
 
     @property

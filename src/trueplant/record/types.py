@@ -110,8 +110,6 @@ class Kind(StrEnum):
     """The user leaves this stretch out."""
     SATURATED = "saturated"
     """OP was at a limit."""
-    END = "end"
-    """OP seems to have gone on where it ceased to act."""
     MANUAL = "manual"
     """OP was written by a person."""
     OUT_OF_RANGE = "out-of-range"

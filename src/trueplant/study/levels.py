@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# -- data/excitation, valve_ends ------------------------------------------------------------------------------------
+# -- data/excitation, bank -----------------------------------------------------------------------------------------
 
 EXCITED = 1e-3
 """Significance of the answer of PV to set-points, for a record to count as excited at all."""
@@ -32,14 +32,6 @@ ANSWER_ROUNDS = 10
 """Of weighing samples by what is left of them, at most."""
 ANSWER_SETTLED = 1e-3
 """Change of weights at which they are settled."""
-END = 1e-8
-"""Significance of a valve's end, over those and the inputs tried: small, as a bank of lags is no plant."""
-END_SHARES = (0.03, 0.1, 0.25, 0.45, 0.65)
-"""Shares of the record in which OP may be beyond an end that is tried, at either side."""
-END_STEPS = (0.1, 0.025, 0.006)
-"""Of OP's range, how far an end that was found is moved to and fro, in turn."""
-END_SAMPLES = 4000
-"""Samples at which ends are asked for."""
 MOST_WORK = 1.2e8
 """Samples times the sum of the squares of the elements of each output: about an hour of one core (16 elements of one
 output took 16 s on 2,000 samples, 8 took 5 s)."""

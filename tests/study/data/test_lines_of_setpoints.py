@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from support.simulated import segment_of
 from trueplant.record import Segment
-from trueplant.study.data import excitation, setpoints, timing
+from trueplant.study.data import bank, excitation, setpoints, timing
 
 Array = NDArray[np.float64]
 
@@ -63,8 +63,8 @@ def test_a_setpoint_that_always_moves_is_asked_at_its_last_twenty_thousand_moves
     assert found[0][-1] == -0.3 * y[-1] + 0.3 * y[-2]
 
 
-def asked(samples: int) -> excitation.Asked:
-    found = excitation.Asked.of([walk(samples)], [walk(samples)[:, None]])
+def asked(samples: int) -> bank.Asked:
+    found = bank.Asked.of([walk(samples)], [walk(samples)[:, None]])
     assert found is not None
     return found
 
@@ -85,7 +85,7 @@ def test_it_is_looked_for_in_twenty_thousand_samples_of_a_long_record() -> None:
 def test_a_sample_counts_for_three_standard_deviations_at_most() -> None:
     e = np.random.default_rng(4).standard_normal(20_000)
     e[::500] = 100.0
-    weights = excitation.bounded_weights(e, np.ones((e.size, 1)))
+    weights = bank.bounded_weights(e[:, None])
     assert 2.2 < float(np.max(np.sqrt(weights) * np.abs(e))) < 4.2
     assert np.mean(weights < 1) < 0.02
 

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.stats import f as f_distribution
 
 from trueplant.arrays import Array, BoolArray
-from trueplant.identify.noise import whitened_valid
 from trueplant.record import Kind, Segment
-from trueplant.record.levels import NORMAL_MAD
 from trueplant.result import Code, Reason
 from trueplant.study import levels
+from trueplant.study.data.bank import Asked, bounded_weights, weighed
 from trueplant.study.data.setpoints import unexplained
 from trueplant.study.study import Study
 
@@ -135,119 +132,22 @@ def _answer_p(outputs: Sequence[Array], sources: Sequence[Array], beside: Sequen
     asked = Asked.of(outputs, sources, beside)
     if asked is None:
         return 1.0
-    now, known = asked.columns[:, 0], 1 + asked.order + asked.beside
-    now = now - now.mean()
-    # a mean of each stretch would bias what the output owes to its past
-    columns = np.column_stack([np.ones(now.size), asked.columns[:, 1:]])
-    if now.size <= columns.shape[1]:
+    joined, order = asked.columns, asked.order + asked.beside
+    if len(joined) <= joined.shape[1]:
         return 1.0
-    alike = np.ones(now.size)
-    return min(
-        1.0, 2 * min(_added_p(now, columns, known, w) for w in (alike, bounded_weights(now, columns[:, :known])))
-    )
+    bounded = bounded_weights(joined[:, : order + 1])
+    return min(1.0, 2 * min(_added_p(joined, order, weights) for weights in (np.ones(len(joined)), bounded)))
 
 
-def _added_p(now: Array, columns: Array, known: int, weights: Array) -> float:
-    """p-value that `now` (n,) owes nothing to the columns (n, m) after those that are `known` (F-test)."""
-    root = np.sqrt(weights)
-    now, columns = root * now, root[:, None] * columns
-    count, left = columns.shape[1] - known, now.size - columns.shape[1]
-    own, rest = (float(np.sum(unexplained(now, x, rcond=1e-10) ** 2)) for x in (columns[:, :known], columns))
+def _added_p(joined: Array, order: int, weights: Array) -> float:
+    """p-value that the first column (n,) owes nothing to those after the first 1 + order (F-test)."""
+    joined = weighed(joined, weights)
+    now, past, both = joined[:, 0], joined[:, 1 : order + 1], joined[:, 1:]
+    count, left = both.shape[1] - order, len(now) - 1 - both.shape[1]
+    own, rest = (float(np.sum(unexplained(now, x, rcond=1e-10) ** 2)) for x in (past, both))
     if own <= 1e-20 * float(np.sum(now**2)):
         return 0.0  # free of noise
     return float(f_distribution.sf((own - rest) / count / max(rest / left, 1e-300), count, left))
-
-
-def bounded_weights(now: Array, past: Array) -> Array:
-    """(n,) by which no sample counts for more than some standard deviations of what `past` (n, m) leaves of `now`, and
-    of the past itself, by which a trip would else say alone what PV owes to its past (Huber 1981; Mallows 1975).
-
-    All alike where most samples are told to the last digit.
-    """
-    away = np.abs(past - np.median(past, axis=0))
-    usual = NORMAL_MAD * np.median(away, axis=0)
-    far = np.max(away / np.where(usual > 0, usual, np.inf), axis=1) / levels.ANSWER_BOUND
-    begun: Array = np.maximum(far, 1.0) ** -2
-    weights = begun
-    scaled = past / np.maximum(np.linalg.norm(past, axis=0), 1e-300)
-    for _ in range(levels.ANSWER_ROUNDS):
-        root = np.sqrt(weights)
-        errors = np.abs(now - scaled @ np.linalg.lstsq(root[:, None] * scaled, root * now, rcond=1e-10)[0])
-        most = levels.ANSWER_BOUND * NORMAL_MAD * float(np.median(errors))
-        if most <= 1e-10 * float(np.linalg.norm(now)):
-            return np.ones(now.size)
-        before, weights = weights, begun * (most / np.maximum(errors, most)) ** 2
-        if np.max(np.abs(weights - before)) < levels.ANSWER_SETTLED:
-            break
-    return weights
-
-
-@dataclass(frozen=True, eq=False)
-class Asked:
-    """An output beside its own past and what may have moved it, through a bank of lags."""
-
-    columns: Array
-    """(n, 1 + order + beside + lags times sources) of all stretches: the output, its past, that of others, the
-    sources."""
-    order: int
-    beside: int
-    """Columns of others, now and before."""
-    taken: tuple[BoolArray, ...]
-    """Of each stretch, which of its samples from `order` on (in steps of `step`) are rows."""
-    step: int
-    poles: Array
-    """(lags,) of the bank, by sample."""
-
-    @classmethod
-    def of(
-        cls, outputs: Sequence[Array], sources: Sequence[Array], beside: Sequence[Array] | None = None
-    ) -> Asked | None:
-        """None where the output never moves. All (N,) or (N, n), one an element for each stretch."""
-        others: Sequence[Array] = [x[:, :0] for x in sources] if beside is None else beside
-        samples = sum(y.size for y in outputs)
-        step = max(1, samples // levels.ANSWER_SAMPLES)
-        outputs = [y[::step] for y in outputs]
-        asked, number = levels.ANSWER_LAGS * sources[0].shape[1], others[0].shape[1]
-        order = _past([np.isfinite(y) for y in outputs], asked, number)
-        poles = np.exp(-1 / np.geomspace(2.0, max(samples / step / 10, 4.0), levels.ANSWER_LAGS))
-        rows, taken = list[Array](), list[BoolArray]()
-        for y, d, x in zip(outputs, (one[::step] for one in others), sources, strict=True):
-            if y.size <= order:
-                taken.append(np.zeros(0, dtype=bool))
-                continue
-            past = [y[order - k : y.size - k] for k in range(1, order + 1)]
-            past += [d[order - k : y.size - k] for k in range(order + 1)]
-            one = np.column_stack([y[order:], *past, *_through(poles, x[::step], order)])
-            whole = np.asarray(np.isfinite(one).all(axis=1))
-            taken.append(whole)
-            rows += [one[whole]] if whole.any() else []
-        if all(np.ptp(one[:, 0]) == 0 for one in rows):
-            return None
-        return cls(np.vstack(rows), order, number * (order + 1), tuple(taken), step, poles)
-
-    def through(self, sources: Sequence[Array]) -> Array:
-        """(n, lags times sources) what other sources (N, m) look like in the rows, one an element for each stretch."""
-        every = (np.column_stack(_through(self.poles, x[:: self.step], self.order)) for x in sources)
-        return np.vstack([one[taken] for one, taken in zip(every, self.taken, strict=True)])
-
-
-def _through(poles: Array, x: Array, order: int) -> list[Array]:
-    """By pole (N - order, m), what each first-order lag makes of x (N, m)."""
-    return [x[0] + lfilter([0.0, 1 - a], [1.0, -a], x - x[0], axis=0)[order:] for a in poles]
-
-
-def _past(measured: Sequence[BoolArray], asked: int, beside: int) -> int:
-    """Samples of an output's own past that are asked for: fewer where too few samples have so many before them.
-
-    `asked` are the columns beside it, `beside` the signals of which as much is asked for.
-    """
-    size = sum(one.size for one in measured)
-    for order in range(min(levels.ANSWER_PAST, size // 10), 0, -1):
-        there = sum(int(whitened_valid(order, one).sum()) for one in measured if one.size > order)
-        whole = sum(one.size - order for one in measured if one.size > order)
-        if there >= min(levels.FEWEST_PER_COEFFICIENT * ((order + 1) * (beside + 1) + asked), whole):
-            return order
-    return 0
 
 
 def _open_loop(segments: Sequence[Segment]) -> str:

@@ -19,11 +19,11 @@ from trueplant.project.controllers import check_signs
 from trueplant.record import Record, Screened, read_record, screen
 from trueplant.record.twice import counted_once
 from trueplant.result import Code, Reason
+from trueplant.study.data.beyond_limits import as_it_acted
 from trueplant.study.data.declared import conversion_notes
 from trueplant.study.data.scan import hidden_dynamics, written_between
 from trueplant.study.data.setpoints import computed_setpoints
 from trueplant.study.data.swapped import swapped_columns
-from trueplant.study.data.valve_ends import as_it_acted
 from trueplant.study.study import Progress, Records, Study, quiet
 
 

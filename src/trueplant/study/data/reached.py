@@ -14,7 +14,8 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.study import levels
-from trueplant.study.data.excitation import Asked, computed_somewhere, sources_of
+from trueplant.study.data.bank import Asked
+from trueplant.study.data.excitation import computed_somewhere, sources_of
 from trueplant.study.study import Study
 
 

@@ -1,14 +1,10 @@
-"""The last gate before an answer: estimates that predict worse than the model they are to replace are not given, nor
-those from an OP that seems to have gone on where it acted no more.
-"""
+"""The last gate before an answer: estimates that predict worse than the model they are to replace are not given."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
-from trueplant.identify import OutputEstimate, Validation, WhyUnanswered, Worse, worse_than_model
-from trueplant.record import Kind
+from trueplant.identify import Validation, WhyUnanswered, Worse, worse_than_model
 from trueplant.study.plant.identified import Identified
 from trueplant.study.study import Study
 
@@ -19,21 +15,7 @@ def through_the_gate(study: Study, identified: Identified) -> Identified:
     for i, worse in worse_than_model(estimates, study.model).items():
         text = _sentence(study, study.project.output_names[i], worse, estimates[i].validation)
         estimates[i] = estimates[i].without_answers(WhyUnanswered.MODEL_PREDICTS_BETTER, text)
-    for i, text in _beyond_an_end(study, estimates).items():
-        estimates[i] = estimates[i].without_answers(WhyUnanswered.OP_CEASES_TO_ACT, text)
     return replace(identified, estimates=estimates)
-
-
-def _beyond_an_end(study: Study, estimates: Mapping[int, OutputEstimate]) -> dict[int, str]:
-    """What screening found, by output that such an OP moves."""
-    ended = {
-        study.project.input_names.index(found.signal): found.message
-        for screened in study.screened
-        for found in (screened.findings if screened.refusal is None else ())
-        if found.kind is Kind.END
-    }
-    columns = {i: [spec.column for spec in estimate.row.specs] for i, estimate in estimates.items()}
-    return {i: ended[j] for i, own in columns.items() for j in own if j in ended}
 
 
 def _sentence(study: Study, name: str, worse: Worse, validation: Validation | None) -> str:
