@@ -33,16 +33,14 @@ NO_THRESHOLDS = {
         identify.NEIGHBOUR_INTERVALS identify.INSTRUMENT_SETTLED identify.PSEUDOLINEAR_ROUNDS identify.ARX_LAGS
         identify.ARX_HORIZON identify.LOAD_ROUNDS identify.SPIKE_ROUNDS
         detect.FIRST_PASS detect.CLOSER_PASS detect.CHANGE_ROUNDS detect.CHANGE_SETTLED
-        study.ANSWER_ROUNDS study.ANSWER_SETTLED study.GAIN_STEPS
-        study.LOWEST_OF_SLOWEST
-        study.CORRECTIONS study.CORRECTED
+        study.ANSWER_ROUNDS study.ANSWER_SETTLED study.GAIN_STEPS study.LOWEST_OF_SLOWEST study.CORRECTIONS
+        study.CORRECTED
     """,
     "size": """
         identify.LEVEL_SAMPLES identify.GUESSED_FROM identify.WRITTEN_OUT identify.LARGEST_JACOBIAN
         identify.VARX_TESTED identify.PAPER_POINTS identify.ARX_MOST_SAMPLES
         detect.DRAWS detect.SHIFTS
-        study.OTHER_TIMES study.ROUNDING_DRAWS study.COHERENCE_LISTED study.COHERENCE_DRAWN
-        study.FREQUENCIES
+        study.OTHER_TIMES study.ROUNDING_DRAWS study.COHERENCE_LISTED study.COHERENCE_DRAWN study.FREQUENCIES
         study.STABILITY_DRAWS study.NOISE_STEPS study.FINE_STEP study.MU_DRAWS study.MU_POINTS
         study.JUDGING_DRAWS study.BAND_DRAWS study.RESPONSE_POINTS study.TRIED_PLANTS study.TRIED_STEPS
         study.MOVED_POINTS study.PLAN_LENGTHS study.MATTERS_POINTS study.BURN_IN study.STEP_POINTS

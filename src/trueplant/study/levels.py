@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# -- data/excitation, bank -----------------------------------------------------------------------------------------
+# -- data/excitation, bank -------------------------------------------------------------------------------------------
 
 EXCITED = 1e-3
 """Significance of the answer of PV to set-points, for a record to count as excited at all."""
