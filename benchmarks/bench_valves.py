@@ -1,9 +1,12 @@
-"""Valves with backlash and stick-slip: how often they are named, how wide a band is found, what is known of the plant.
+"""Valves with backlash, stick-slip or an end that OP goes beyond: how often they are named, how wide a band is found,
+what is known of the plant.
 
 Simulated: one loop, K = 2, lag 10 min, dead time 3.3 min, h = 1 min, PI by SIMC, its set-point switching at random
-by 2 about every 40 min, AR(1) disturbance with a pole of 0.8. Bands are relative to the span of OP. Prints, for each
-valve and size of the disturbance, how often a valve of that kind is named, how often its band is within 20 %, and how
-often the intervals of gain, lag and dead time cover, with the valve where it is named.
+by 2 about every 40 min, AR(1) disturbance with a pole of 0.8. Bands are relative to the span of OP; an end lies where
+OP would be beyond it in a share of the samples if it were not there (as the controller goes on it is in more), and OP
+has limits a little wider than it would need. Prints, for each valve and size of the disturbance, how often a valve of
+that kind is named, how often its band, or the part of OP's range beyond its end, is within 20 %, and how often the
+intervals of gain, lag and dead time cover, with the valve where it is named.
 
     python benchmarks/bench_valves.py [--runs 200] [--samples 2000]
 """
@@ -45,6 +48,10 @@ CASES = {
     "backlash of 5 %": {"backlash": 0.05},
     "stick-slip of 2 %": {"stick": 0.02},
     "stick-slip of 5 %": {"stick": 0.05},
+    "upper end, 3 %": {"high": 0.03},
+    "upper end, 10 %": {"high": 0.1},
+    "upper end, 25 %": {"high": 0.25},
+    "lower end, 10 %": {"low": 0.1},
 }
 
 
@@ -54,8 +61,13 @@ def run(job: tuple[int, int, str, float]) -> tuple[bool, float, np.ndarray]:
     rng = np.random.default_rng(seed)
     r, v = random_switching(rng, samples, 1, 40.0), coloured(rng, samples, 1, [1, -0.8], [1], std)
     still = simulate(PLANT, LAW, r, 1.0, v=v)
-    given = {name: share * float(np.ptp(still.u)) for name, share in CASES[case].items()}
-    segments = (segment_of(simulate(PLANT, LAW, r, 1.0, v=v, valves=[Valve(**given)])),)
+    span, limits = (float(still.u.min()), float(still.u.max())), None
+    given = {name: share * (span[1] - span[0]) for name, share in CASES[case].items()}
+    if ends := given.keys() & {"low", "high"}:
+        (side,), (share,) = ends, CASES[case].values()
+        given = {side: float(np.quantile(still.u, share if side == "low" else 1 - share))}
+        limits = (span[0] - 1.0, span[1] + 1.0)
+    segments = (segment_of(simulate(PLANT, LAW, r, 1.0, v=v, valves=[Valve(**given)], limits=limits)),)
     estimates = identify_matrix(segments, PLANT, specs_of(PLANT))
     tried = try_valves(estimates, [0])
     if found := sticking(tried):
@@ -67,8 +79,16 @@ def run(job: tuple[int, int, str, float]) -> tuple[bool, float, np.ndarray]:
     covered = (low <= TRUTH) & (high >= TRUTH)
     if not given or not found:
         return bool(found), np.nan, covered
-    (name, size), (valve,) = next(iter(given.items())), found.values()
-    return getattr(valve.valve, name) > 0, getattr(valve.valve, name) / size, covered
+    name, (valve,) = next(iter(given)), found.values()
+    own, true = (_width(one, name, segments[0].u) for one in (valve.valve, Valve(**given)))
+    return own > 0, own / true, covered
+
+
+def _width(valve: Valve, name: str, op: np.ndarray) -> float:
+    """Of a band, or of the part of OP's range beyond an end; 0 of another kind of valve."""
+    if name in ("low", "high"):
+        return float(max(op.max() - valve.high, valve.low - op.min(), 0.0))
+    return float(getattr(valve, name))
 
 
 def main() -> None:

@@ -23,6 +23,7 @@ NO_THRESHOLDS = {
         identify.SECOND_LAGS identify.CANCELLED_LAGS identify.PAIR_DAMPINGS identify.RICHER_LAGS
         identify.POLISHED_STEPS identify.FIRST_SCALES identify.GUESSED_ORDER identify.MEMORIES
         identify.RUN_SPREADS identify.BACKLASHES identify.STICK_BANDS identify.VALVE_FACTORS identify.VALVE_ROUNDS
+        identify.BEYOND_ENDS identify.VALVES_PLACED
         identify.PROFILED_STEPS identify.PROFILE_PLACES identify.MINIMA_STARTS identify.MINIMA_SPREAD
         identify.MINIMA_SEED identify.MINIMA_ALIKE identify.MINIMA_POLISHED identify.TRIED_SETTLED
         identify.PROFILE_TOLERANCE identify.MISSING_LAGS_APART identify.MISSING_DEAD_TIMES

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from trueplant.result import Code, ElementVerdict, Result
+from trueplant.result import ElementVerdict, Result
 from trueplant.result.numbers import percentage
+from trueplant.result.reason import VALVES
 
 
 class Outcome(StrEnum):
@@ -105,7 +106,7 @@ def elements_of(result: Result) -> tuple[ElementRow, ...]:
 def findings_of(result: Result) -> tuple[Finding, ...]:
     """What is wrong with the loops of a result."""
     found = [Finding.PLANT] if result.mismatch else []
-    if any(note.code == Code.CAUSE_VALVE_STICKING for note in result.notes):
+    if any(note.code in VALVES for note in result.notes):
         found.append(Finding.VALVE)
     # a controller that could not be checked has a note too, and nothing is wrong with it
     if any(check.confirmed is False for check in result.methods.controller_consistency):

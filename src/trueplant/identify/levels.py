@@ -156,16 +156,22 @@ BACKLASHES = np.geomspace(0.002, 0.5, 58)
 """Widths of backlash that are tried, relative to the range of OP: 10 % from one to the next."""
 STICK_BANDS = np.geomspace(0.002, 0.5, 280)
 """Bands of stick-slip that are tried: 2 % from one to the next, as wide as its likelihood is."""
+BEYOND_ENDS = np.geomspace(0.001, 0.9, 36)
+"""Parts of what OP does in all, from either side of its range on, that an end of its valve may cut off: 20 % from one
+to the next."""
 VALVE = 1e-4
 """Significance from which a valve is taken not to follow OP, over the bands and inputs tried."""
 STICKS = 0.25
-"""Odds, before the record is looked at, that a valve does not follow OP: one in five. Audits of mills found more
+"""Odds, before the record is looked at, that a valve does not follow OP: one in five, and for each kind a third of
+that. Audits of mills found more
 (Bialkowski 1993: some 30 % of the loops vary because of their valves)."""
 HOLD = 0.01
 """Significance from which the likelihoods of two ways of a measured disturbance to run between its samples differ
 beyond chance: the wrong one is then taken in at most 0.5 % of records."""
 VALVE_FACTORS = np.concatenate([np.geomspace(0.5, 0.99, 36), [1.0], np.geomspace(1.01, 2.0, 36)])
 """By which a width that was found is varied again, the plant fitted behind it: 2 % from one to the next."""
+VALVES_PLACED = 18
+"""Valves of a kind that the plant is fitted behind, of those that promise more than chance would."""
 VALVE_ROUNDS = 8
 """Such variations in turn, at most; each begins where the one before ended."""
 PRIOR_SPREAD = 1.0

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from typing import Protocol
 
 import numpy as np
@@ -23,7 +22,7 @@ from trueplant.identify.fit import RowFit
 from trueplant.identify.joint_plant import JointPlant
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.valve_effects import RowErrors, behind
-from trueplant.identify.valves import FoundValve, bands_of, times
+from trueplant.identify.valves import FoundValve, Tries, tries_of
 from trueplant.loop.valve import Valve
 
 Fits = Mapping[int, RowFit]
@@ -82,21 +81,15 @@ def with_open_valves(
     Of valves that were found, whose positions the estimates stand on, the bands nearby are.
     """
     fits = {i: estimate.fit for i, estimate in estimates.items() if estimate.fit.count}
-    bands = {column: _bands(fits, column, valves.get(column)) for column in columns}
+    bands = {column: _tries(fits, column, valves.get(column)) for column in columns if _moved_by(fits, column)}
     return {
         i: replace(one, open_valves=partial(gain, fits, bands, i)) if i in fits else one for i, one in estimates.items()
     }
 
 
-def _bands(fits: Fits, column: int, found: FoundValve | None) -> list[Valve]:
-    moved = _moved_by(fits, column)
-    if not moved:
-        return []
-    return _nearby(found.valve) if found is not None else [*chain(*bands_of(fits[moved[0]], column))]
-
-
-def _nearby(valve: Valve) -> list[Valve]:
-    return [times(valve, factor) for factor in levels.VALVE_FACTORS]
+def _tries(fits: Fits, column: int, found: FoundValve | None) -> Tries:
+    tries = tries_of(fits[_moved_by(fits, column)[0]], column)
+    return tries if found is None else replace(tries, kinds=(tuple(tries.nearby(found.valve)),))
 
 
 def _columns(fit: RowFit) -> list[int]:
@@ -108,13 +101,13 @@ def _moved_by(fits: Fits, column: int) -> list[int]:
     return [i for i, fit in fits.items() if column in _columns(fit)]
 
 
-def gain(fits: Fits, bands: Mapping[int, Sequence[Valve]], output: int, beside: RowFit | JointPlant) -> float:
+def gain(fits: Fits, bands: Mapping[int, Tries], output: int, beside: RowFit | JointPlant) -> float:
     """By how much -2 log likelihood of a plant falls behind its likeliest valves, one output fitted as `beside`, or all
     together.
 
     Only those of the inputs that move this output, as the others are behind one fit of it as behind another.
     """
-    own = {column: bands[column] for column in _columns(fits[output]) if bands.get(column)}
+    own = {column: bands[column] for column in _columns(fits[output]) if column in bands and bands[column].kinds}
     if isinstance(beside, JointPlant):
         return max(beside.deviance - beside.behind(likeliest(beside, own)).deviance, 0.0)
     moved_too = {i for column in own for i in _moved_by(fits, column)}
@@ -123,17 +116,18 @@ def gain(fits: Fits, bands: Mapping[int, Sequence[Valve]], output: int, beside: 
     return max(plant.deviance - plant.behind(likeliest(part, own)).deviance, 0.0)
 
 
-def likeliest(plant: Plant, bands: Mapping[int, Sequence[Valve]]) -> dict[int, Valve]:
+def likeliest(plant: Plant, bands: Mapping[int, Tries]) -> dict[int, Valve]:
     """The valves that make the plant likeliest, by column; none where OP is likelier.
 
     One after the other, each beside those before, and then each beside all others until nothing gains any more.
     """
-    first, placed = {column: plant.promised(column, own) for column, own in bands.items()}, dict[int, Valve]()
+    first, placed = {column: plant.promised(column, own.valves) for column, own in bands.items()}, dict[int, Valve]()
     columns = sorted(bands, key=lambda column: -float(np.max(first[column])))
     for _ in range(levels.VALVE_ROUNDS):
         before = dict(placed)
         for column in columns:
-            tried = [Valve(), *_nearby(placed[column]), *bands[column]] if column in placed else bands[column]
+            own, now = bands[column], placed.get(column)
+            tried = own.valves if now is None else (Valve(), *own.nearby(now), *own.valves)
             promised = plant.promised(column, tried) if placed else first[column]
             valve = tried[int(np.argmax(promised))]
             if np.max(promised) <= 0 or valve == placed.get(column):

@@ -50,6 +50,8 @@ class Piece:
     deviations from the first of `inputs`."""
     spikes: Array | None = None
     """(N,) what was taken off y where PV left its course for a moment, 0 at all other samples."""
+    origin: Array | None = None
+    """(n_columns,) what the inputs are deviations from; None is 0."""
 
     @property
     def stepping(self) -> tuple[Load, ...]:
@@ -61,6 +63,11 @@ class Piece:
     def recorded(self) -> Array:
         """(n_columns, N) the inputs as they were sent."""
         return self.inputs if self.sent is None else self.sent
+
+    @property
+    def about(self) -> Array:
+        """(n_columns,) what the inputs are deviations from."""
+        return np.zeros(len(self.inputs)) if self.origin is None else self.origin
 
     @property
     def span(self) -> float:
@@ -102,7 +109,8 @@ class Piece:
         last = self.y.size if end is None else end
         y, valid, start = self.y[part], self.valid[part], self.start + first * self.h
         restarts, jumps = (tuple(k - first for k in of if first < k < last) for of in (self.restarts, self.jumps))
-        cut = replace(self, y=y, valid=valid, inputs=inputs, sent=sent, start=start, spikes=spikes)
+        origin = self.about + at[:, 0]
+        cut = replace(self, y=y, valid=valid, inputs=inputs, sent=sent, start=start, spikes=spikes, origin=origin)
         return replace(cut, restarts=restarts, jumps=jumps)
 
     @cached_property
@@ -134,7 +142,7 @@ def pieces_of(
         valid = np.isfinite(whole.y[:, output])
         inputs = np.column_stack([whole.u, whole.d])
         sent = None if whole.sent is None else np.column_stack([whole.sent, whole.d]) - inputs[0]
-        inputs = np.ascontiguousarray((inputs - inputs[0]).T)
+        origin, inputs = inputs[0], np.ascontiguousarray((inputs - inputs[0]).T)
         hold = whole.holds
         y = np.where(valid, whole.y[:, output], 0.0)
         for element in held:
@@ -142,6 +150,7 @@ def pieces_of(
         jumps = whole.jumps[output] if whole.jumps else ()
         y = np.where(valid, y, 0.0)
         piece = Piece(whole.experiment, whole.h, y, valid, inputs, hold, restarts, whole.t[0], jumps, whole.loads)
+        piece = replace(piece, origin=origin)
         piece = piece if sent is None else replace(piece, sent=np.ascontiguousarray(sent.T))
         piece = piece if whole.spikes is None else replace(piece, spikes=whole.spikes[:, output])
         pieces.append(piece.from_sample(_first_update(whole.y[:, output], update)))

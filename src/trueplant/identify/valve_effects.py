@@ -25,11 +25,23 @@ def row_behind(row: Row, valves: Mapping[int, Valve]) -> Row:
     """The row with the positions of the valves' stems for their inputs, by column."""
     pieces = []
     for piece in row.pieces:
-        inputs = piece.inputs.copy()
+        inputs, sent, origin = piece.inputs.copy(), piece.recorded.copy(), piece.about.copy()
         for column, valve in valves.items():
-            inputs[column] = valve.positions(piece.recorded[column], start=0.0)
-        pieces.append(replace(piece, inputs=inputs, sent=piece.recorded))
+            (inputs[column],), (begun,) = stems(piece, column, [valve])
+            sent[column] -= begun
+            origin[column] += begun
+        pieces.append(replace(piece, inputs=inputs, sent=sent, origin=origin))
     return replace(row, pieces=tuple(pieces))
+
+
+def stems(piece: Piece, column: int, valves: Sequence[Valve]) -> tuple[Array, Array]:
+    """(n_valves, N) how far the stem of each has gone since it began, and (n_valves,) how far from OP it began.
+
+    Where stems stand at first is not known, but for those that are at their ends: they begin where OP does.
+    """
+    at, about = piece.recorded[column], float(piece.about[column])
+    begun = np.array([np.clip(0.0, valve.low - about, valve.high - about) for valve in valves])
+    return positions_of(valves, at, 0.0, about) - begun[:, None], begun
 
 
 def behind(fit: RowFit, valves: Mapping[int, Valve]) -> RowFit:
@@ -55,6 +67,11 @@ class Effects:
     """(n_valves,) what it gains in -2 log likelihood where all else that could explain the errors is there."""
     shifts: Array
     """(n_valves, size) by how much the plant's parameters would be larger."""
+
+    @property
+    def sums(self) -> tuple[Array, Array, Array]:
+        """What adds up over outputs."""
+        return self.alone, self.evidence, self.beyond
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +159,12 @@ class ValveTest:
         self._bases = bases = own.basis, orthonormal(np.hstack([own.jacobian, rivals]))
         self._left = left = [float(what_is_left(own.errors[None], basis)[0]) for basis in bases]
         more = bases[1].shape[1] - bases[0].shape[1]
-        gained = fit.left * np.log(left[0] / left[1])
+        self.gained = fit.left * float(np.log(left[0] / left[1]))
+        """What all else that could explain the errors gains in -2 log likelihood, to first order."""
         # log odds that what else could explain the errors is needed, by the Bayesian criterion
-        self._needed = (gained - more * np.log(own.errors.size - 2 * fit.theta.size)) / 2
+        self._needed = needed = (self.gained - more * np.log(own.errors.size - 2 * fit.theta.size)) / 2
+        self.open_to = float(np.logaddexp(0.0, needed))
+        """log of the ratio of likelihoods, with all else as far as the record needs that against with nothing else."""
 
     def of(self, valves: Sequence[Valve]) -> Effects:
         own = self._own
@@ -152,7 +172,7 @@ class ValveTest:
         alone, beyond, moved = (np.concatenate(of_each) for of_each in zip(*batches, strict=True))
         shifts = np.zeros((len(valves), own.free.size))
         shifts[:, own.free] = moved
-        evidence = np.logaddexp(alone / 2, self._needed + beyond / 2) - np.logaddexp(0.0, self._needed)
+        evidence = np.logaddexp(alone / 2, self._needed + beyond / 2) - self.open_to
         return Effects(alone, evidence, beyond, shifts[:, : own.fit.theta.size])
 
     def _batch(self, valves: Sequence[Valve]) -> tuple[Array, Array, Array]:
@@ -188,7 +208,7 @@ def what_is_left(errors: Array, basis: Array) -> Array:
 def responses_behind(row: Row, theta: Array, m: int, piece: Piece, valves: Sequence[Valve]) -> Array:
     """(n_valves, n) by how much the piece's response is larger where each valve's stem moves element m."""
     column = row.specs[m].column
-    moved = positions_of(valves, piece.recorded[column], start=0.0) - piece.inputs[column]
+    moved = stems(piece, column, valves)[0] - piece.inputs[column]
     return np.array([_response(row, theta, m, piece, u) for u in moved])
 
 

@@ -1,6 +1,7 @@
-"""Valves that do not follow OP: backlash and stick-slip, found by what they do to the prediction errors.
+"""Valves that do not follow OP: backlash, stick-slip, and ends that OP goes beyond, found by what they do to the
+prediction errors.
 
-A valve with a band is tried in every input: the stem positions that it would have had are taken for OP, and the fit is
+Each is tried in every input: the stem positions that such a valve would have had are taken for OP, and the fit is
 renewed to first order, together with what else could explain the errors: a gain that depends on the operating point,
 a second lag or lead, a slow tail. What the valve gains beyond all of these, over all outputs that its input moves, has
 to be significant over all that was tried. The likelihood of stick-slip is a spike: its positions change as soon as the
@@ -11,11 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from scipy.stats import chi2
 
-from trueplant.arrays import Array
+from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
@@ -26,8 +28,8 @@ from trueplant.loop.valve import Valve
 from trueplant.record.types import Segment
 from trueplant.result.budget import Source
 
-BANDS = {"backlash": levels.BACKLASHES, "stick": levels.STICK_BANDS}
-"""The kinds of valves, and how wide their bands may be, relative to the range of OP."""
+KINDS = ("backlash", "stick-slip", "an end")
+"""Of valves that do not follow OP."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +40,42 @@ class FoundValve:
     p_value: float
     """That it is, with what a search over all valves and bands finds in noise taken off."""
     error: float = 0.0
-    """Relative standard error of the band, as the likelihoods of those nearby have it; 0 where not looked for."""
+    """Relative standard error of the band, or of what OP goes beyond the end, as the likelihoods of those nearby have
+    it; 0 where not looked for."""
 
     @property
     def band(self) -> float:
-        """In the unit of OP."""
+        """In the unit of OP; 0 of one that only has an end."""
         return self.valve.backlash or self.valve.stick
+
+    @property
+    def end(self) -> float | None:
+        """Where the stem goes no further while OP does."""
+        return next((end for end in (self.valve.low, self.valve.high) if np.isfinite(end)), None)
+
+
+@dataclass(frozen=True)
+class Tries:
+    """What may be a valve in one input."""
+
+    kinds: tuple[tuple[Valve, ...], ...]
+    span: tuple[float, float]
+    """The range of OP."""
+
+    @property
+    def valves(self) -> tuple[Valve, ...]:
+        return tuple(chain(*self.kinds))
+
+    def times(self, valve: Valve, factor: float) -> Valve:
+        """One whose band, or the part of OP's range that its stem does not reach, is so many times as wide."""
+        if factor == 1.0:
+            return valve
+        low, high = self.span
+        ends = low + factor * (valve.low - low), high - factor * (high - valve.high)
+        return Valve(valve.backlash * factor, valve.stick * factor, *ends)
+
+    def nearby(self, valve: Valve) -> list[Valve]:
+        return [self.times(valve, factor) for factor in levels.VALVE_FACTORS]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +83,8 @@ class Tried:
     """One kind of valve in one input: the likeliest of its bands, and what it would make of the plant."""
 
     found: FoundValve
+    log_p: float
+    """The logarithm of its p-value."""
     odds: Array
     """(n_bands,) Of each band against a valve that follows OP: the ratio of likelihoods, times the odds before."""
     shifts: Mapping[int, Array]
@@ -60,7 +94,7 @@ class Tried:
 
 
 def try_valves(estimates: Mapping[int, OutputEstimate], columns: Sequence[int]) -> dict[int, tuple[Tried, ...]]:
-    """Both kinds of valves in each of these inputs, by column; none where OP does not move."""
+    """All kinds of valves in each of these inputs, by column; none where OP does not move."""
     fits = {i: estimate.fit for i, estimate in estimates.items() if estimate.fit.count}
     found = {}
     for column in columns:
@@ -71,9 +105,9 @@ def try_valves(estimates: Mapping[int, OutputEstimate], columns: Sequence[int]) 
 
 def sticking(tried: Mapping[int, Sequence[Tried]]) -> dict[int, FoundValve]:
     """The valve of which it is surest that it does not follow OP, by its column; empty where that is within chance."""
-    every = [(one.found.p_value, column, one.found) for column, ones in tried.items() for one in ones]
-    p, column, found = min(every, key=lambda one: one[:2], default=(1.0, 0, None))
-    return {} if found is None or p >= levels.VALVE else {column: found}
+    every = [(one.log_p, column, one.found) for column, ones in tried.items() for one in ones]
+    log_p, column, found = min(every, key=lambda one: one[:2], default=(0.0, 0, None))
+    return {} if found is None or log_p >= np.log(levels.VALVE) else {column: found}
 
 
 def over_open_valves(
@@ -100,55 +134,124 @@ def widened_for_bands(
         for i, estimate in out.items():
             if any(spec.column == column for spec in estimate.row.specs):
                 lean = _lean(of_a_part(estimate.fit), column, found)
-                out[i] = averaged(estimate, np.outer([1.0, -1.0], lean), np.full(2, 0.5), confidence, Source.VALVE)
+                nowhere, spread = np.zeros((1, lean.size)), np.outer(lean, lean)[None]
+                out[i] = averaged(estimate, nowhere, np.ones(1), confidence, Source.VALVE, spread)
     return out
 
 
 def _tried(fits: Mapping[int, RowFit], column: int, inputs: int) -> tuple[Tried, ...]:
     parts = {i: of_a_part(fit) for i, fit in fits.items()}
-    kinds = bands_of(next(iter(parts.values())), column)
-    tests = [ValveTest(fit, column) for fit in parts.values()] if kinds else []
-    return tuple(_kind(parts, tests, column, kind, inputs) for kind in kinds)
+    tries = tries_of(next(iter(parts.values())), column)
+    tests = [ValveTest(fit, column) for fit in parts.values()] if tries.kinds else []
+    return tuple(_kind(parts, tests, column, tries, kind, inputs) for kind in tries.kinds)
 
 
-def bands_of(fit: RowFit, column: int) -> list[list[Valve]]:
-    """By kind, the valves that an input may have: bands relative to the range of its OP; none where it stands still."""
-    moved = float(np.ptp(np.concatenate([piece.recorded[column] for piece in fit.row.pieces])))
-    if not moved > 0:
-        return []
-    return [[Valve(**{name: float(share * moved)}) for share in shares] for name, shares in BANDS.items()]
+def tries_of(fit: RowFit, column: int) -> Tries:
+    """The valves that an input may have: bands relative to the range of its OP, ends where it is; none where it stands
+    still."""
+    op = np.concatenate([piece.recorded[column] + piece.about[column] for piece in fit.row.pieces])
+    low, high = float(op.min()), float(op.max())
+    if not high > low:
+        return Tries((), (low, high))
+    backlashes, sticks = ([float(x) for x in (high - low) * of] for of in (levels.BACKLASHES, levels.STICK_BANDS))
+    ends = [Valve(low=-x) for x in _ends(-op)] + [Valve(high=x) for x in _ends(op)]
+    kinds = [Valve(backlash=x) for x in backlashes], [Valve(stick=x) for x in sticks], ends
+    return Tries(tuple(tuple(kind) for kind in kinds if kind), (low, high))
+
+
+def _ends(op: Array) -> list[float]:
+    """Upper ends that cut off parts of what OP does in all, from its lowest on, as BEYOND_ENDS says."""
+    at = np.sort(op)
+    steps = np.diff(at) * np.arange(at.size - 1, 0, -1)
+    cut = np.append(np.cumsum(steps[::-1])[::-1], 0.0) / steps.sum()
+    return [float(x) for x in np.interp(levels.BEYOND_ENDS, cut[::-1], at[::-1])]
 
 
 def odds_before(kind: Sequence[Valve]) -> float:
     """Of each of its bands, before the record is looked at, against a valve that follows OP."""
-    return levels.STICKS / len(BANDS) / len(kind)
+    return levels.STICKS / len(KINDS) / len(kind)
 
 
 def _kind(
-    fits: Mapping[int, RowFit], tests: Sequence[ValveTest], column: int, kind: Sequence[Valve], inputs: int
+    fits: Mapping[int, RowFit],
+    tests: Sequence[ValveTest],
+    column: int,
+    tries: Tries,
+    kind: Sequence[Valve],
+    inputs: int,
 ) -> Tried:
-    """One kind of valve; p-value by Bonferroni over its bands, both kinds, and so many inputs.
-
-    To first order a wide band may promise what no plant keeps: what the likeliest gains with the plant fitted behind it
-    is the most that counts.
-    """
+    """One kind of valve; p-value by Bonferroni over its bands, all kinds, and so many inputs."""
     effects = [test.of(kind) for test in tests]
-    evidence = np.sum([of.evidence for of in effects], axis=0)
-    best = int(np.argmax(evidence))
-    valve, error, gain = kind[best], 0.0, sum(float(of.beyond[best]) for of in effects)
-    searched = len(kind) * len(BANDS) * inputs
-    if searched * chi2.sf(max(gain, 0.0), 1) < levels.VALVE:
-        valve, error = _refined(list(fits.values()), column, valve)
-    moved = {i: behind(fit, {column: valve}) for i, fit in fits.items()}
-    most = sum(fits[i].deviance - moved[i].deviance for i in fits)
-    p = float(min(1.0, searched * chi2.sf(max(min(gain, most), 0.0), 1)))
-    ratios = np.exp(np.minimum(evidence, min(most / 2, levels.LARGEST_EXPONENT)))
-    odds = odds_before(kind) * ratios
+    alone, evidence, beyond = (np.sum(each, axis=0) for each in zip(*(of.sums for of in effects), strict=True))
+    searched = len(kind) * len(KINDS) * inputs
+    enough = float(chi2.isf(levels.VALVE / searched, 1))
+    asked = sorted({int(np.argmax(evidence)), *_spread(np.flatnonzero(alone > enough))})
+    placed = {k: Placed.of(fits, tests, column, kind[k], float(beyond[k]), enough) for k in asked}
     shifts = {i: of.shifts for i, of in zip(fits, effects, strict=True)}
-    return Tried(FoundValve(valve, p, error), odds, shifts, moved)
+    for k, one in placed.items():
+        if one.evidence > evidence[k]:
+            evidence[k] = one.evidence
+            for i, fit in fits.items():
+                shifts[i][k] = one.behind[i].theta - fit.theta
+    best, error = max(placed.values(), key=lambda one: one.gain), 0.0
+    most = max(one.most for one in placed.values())
+    if max(best.promised, best.gain) > enough:
+        valve, error = _refined(list(fits.values()), column, tries, best.valve)
+        best = Placed.of(fits, tests, column, valve, best.promised, enough)
+    log_p = min(0.0, np.log(searched) + float(chi2.logsf(max(best.gain, 0.0), 1)))
+    ratios = np.exp(np.minimum(evidence, min(most / 2, levels.LARGEST_EXPONENT)))
+    found = FoundValve(best.valve, float(np.exp(log_p)), error)
+    return Tried(found, log_p, odds_before(kind) * ratios, shifts, best.behind)
 
 
-def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> tuple[Valve, float]:
+def _spread(places: IntArray) -> list[int]:
+    """As many of these, evenly spread, as are worth their fits."""
+    chosen = np.linspace(0, places.size - 1, min(places.size, levels.VALVES_PLACED))
+    return [int(k) for k in places[chosen.astype(int)]]
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A valve placed in front of a plant, which is fitted behind it."""
+
+    valve: Valve
+    behind: Mapping[int, RowFit]
+    promised: float
+    """What it gains in -2 log likelihood to first order, where all else that could explain the errors is there."""
+    most: float
+    """What it gains where nothing else is."""
+    gain: float
+    """What it gains beside all else, as far as the plant keeps that."""
+    evidence: float
+    """log of the ratio of likelihoods, beside all else as far as the record needs that; -inf where it gains too little
+    to ask."""
+
+    @classmethod
+    def of(
+        cls,
+        fits: Mapping[int, RowFit],
+        tests: Sequence[ValveTest],
+        column: int,
+        valve: Valve,
+        promised: float,
+        enough: float,
+    ) -> Placed:
+        """To first order a wide band may promise what no plant keeps: what is gained with the plant fitted behind it is
+        the most that counts. And a valve that hides much of what OP does promises little, as the plant fitted to OP is
+        far off: so what else could explain the errors is asked behind the valve too.
+        """
+        moved = {i: behind(fit, {column: valve}) for i, fit in fits.items()}
+        most = sum(fits[i].deviance - moved[i].deviance for i in fits)
+        gain, evidence = min(promised, most), -np.inf
+        if most > enough:
+            after = [ValveTest(fit, column) for fit in moved.values()]
+            less = sum(test.gained - one.gained for test, one in zip(tests, after, strict=True))
+            gain = max(gain, most - max(less, 0.0))
+            evidence = most / 2 + sum(one.open_to - test.open_to for test, one in zip(tests, after, strict=True))
+        return cls(valve, moved, promised, most, gain, evidence)
+
+
+def _refined(fits: Sequence[RowFit], column: int, tries: Tries, valve: Valve) -> tuple[Valve, float]:
     """The width that explains most, and its relative standard error as the likelihoods of those nearby have it.
 
     The plant is fitted behind each: what was found beside a plant fitted to OP leans.
@@ -157,26 +260,22 @@ def _refined(fits: Sequence[RowFit], column: int, valve: Valve) -> tuple[Valve, 
     for _ in range(levels.VALVE_ROUNDS):
         found = [behind(fit, {column: valve}) for fit in fits]
         tests = [ValveTest(fit, column) for fit in found]
-        nearby = [times(valve, factor) for factor in levels.VALVE_FACTORS]
+        nearby = tries.nearby(valve)
         evidence = np.sum([test.of(nearby).evidence for test in tests], axis=0)
         best = int(np.argmax(evidence))
         apart = np.log(levels.VALVE_FACTORS / levels.VALVE_FACTORS[best])
         shares = np.exp(evidence - evidence[best]) * np.gradient(apart)
         error = float(np.sqrt(shares @ apart**2 / shares.sum()))
-        if nearby[best] == valve:
+        if levels.VALVE_FACTORS[best] == 1.0:
             break
         valve = nearby[best]
     return valve, error
 
 
-def times(valve: Valve, factor: float) -> Valve:
-    """One whose band is so many times as wide."""
-    return Valve(valve.backlash * factor, valve.stick * factor)
-
-
 def _lean(fit: RowFit, column: int, found: FoundValve) -> Array:
     """(size,) by how much a relative standard error of the band moves the plant behind the valve."""
-    widths = [times(found.valve, float(np.exp(side))) for side in (found.error, -found.error)]
+    tries = tries_of(fit, column)
+    widths = [tries.times(found.valve, float(np.exp(side))) for side in (found.error, -found.error)]
     wider, narrower = (behind(fit, {column: valve}) for valve in widths)
     return np.asarray((wider.theta - narrower.theta) / 2)
 
@@ -185,7 +284,8 @@ def behind_valves(segments: Sequence[Segment], valves: Mapping[int, FoundValve])
     """The segments with the positions of their stems for OP, from where on these are known.
 
     Where a stem stood at the beginning of a record, or after a gap, is not known until OP has moved through its band.
-    Segments in which it never does are left out, but for those in which it does not move at all, nor its stem.
+    Segments in which it never does are left out, but for those in which it does not move at all, nor its stem. Of one
+    that only has an end it is known throughout.
     """
     if not valves:
         return tuple(segments)
@@ -196,7 +296,7 @@ def behind_valves(segments: Sequence[Segment], valves: Mapping[int, FoundValve])
             op = segment.u[:, column]
             u[:, column] = found.valve.positions(op)
             travel = np.maximum.accumulate(op) - np.minimum.accumulate(op)
-            known = travel > found.band
+            known = travel > found.band if found.band else np.ones(op.size, dtype=bool)
             first = max(first, int(np.argmax(known)) if known[-1] else len(segment) if travel[-1] > 0 else 0)
         if first == len(segment):
             continue

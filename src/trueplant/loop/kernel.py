@@ -106,7 +106,7 @@ def run_loop(
     """OP (N, n_u), measured PV and continuous output (N, n_y). r_mean, r_end are (n_e, N).
     `added` is what PV holds from one instant to the next, disturbance and noise; `smooth` (N, n_y) what runs on between
     them, and is in the continuous output with what the plant makes of OP. `behind` (N, n_u) is added to OP behind its
-    valve; valves (n_u, 2): backlash and stick of each.
+    valve; valves (n_u, 4): backlash, stick and both ends of each.
 
     A continuous entry sees, over the step centred on k, the mean of the continuous output and of
     what is added to it in steps; at the centre of the step that its output is held for, that output is
@@ -159,7 +159,7 @@ def run_loop(
             raw[i] += integral[e] + out[e]
         for i in range(n_u):
             u[k, i] = _within(raw[i], limits, i)
-            position[i] = stem(u[k, i], position[i], valves[i, 0], valves[i, 1])
+            position[i] = stem(u[k, i], position[i], valves[i, 0], valves[i, 1], valves[i, 2], valves[i, 3])
             du[i, pad + k] = position[i] - u0[i] + behind[k, i]
         for e in range(n_e):
             if track[e] > 0.0 and k % every[e] == 0:

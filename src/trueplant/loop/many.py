@@ -11,6 +11,7 @@ from trueplant.arrays import Array
 from trueplant.loop.controller import Controller
 from trueplant.loop.kernel import Terms, run_loop, terms_of
 from trueplant.loop.law import law_of, law_setpoints, rest
+from trueplant.loop.valve import Valve, parameters_of
 from trueplant.lti.transfer import TransferMatrix
 
 
@@ -39,7 +40,7 @@ class Bank:
         law = law_of(controller, self.h)
         r_mean, r_end = law_setpoints(controller, law, r, self.h, y0)
         x, integral = rest(law, y0[law.j], y0[law.j], u0, limits)
-        nothing, quantum, valves = np.zeros((steps, n_y)), np.zeros(n_y), np.zeros((n_u, 2))
+        nothing, quantum, valves = np.zeros((steps, n_y)), np.zeros(n_y), parameters_of([Valve()] * n_u)
         y, u = np.empty((len(self.terms), steps, n_y)), np.empty((len(self.terms), steps, n_u))
         with np.errstate(over="ignore", invalid="ignore"):
             for k, terms in enumerate(self.terms):

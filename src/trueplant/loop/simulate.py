@@ -17,7 +17,7 @@ from trueplant.loop.law import filtered_setpoint, law_of, law_setpoints, rest
 from trueplant.loop.loads import Grid, Loads, Outside, from_rest, outside_of
 from trueplant.loop.pid import PID
 from trueplant.loop.signals import signal_of
-from trueplant.loop.valve import Valve
+from trueplant.loop.valve import Valve, parameters_of
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferMatrix
 
@@ -93,7 +93,7 @@ class _Surroundings:
     y0: Array
     """(n_y,)"""
     valves: Array
-    """(n_u, 2) backlash and stick of each valve."""
+    """(n_u, 4) backlash, stick and both ends of each valve."""
 
 
 def _wide(limits: ArrayLike | None, controller: Controller | None, n_u: int) -> Array:
@@ -178,7 +178,7 @@ def simulate(
     fitted = tuple(valves) if valves is not None else (Valve(),) * n_u
     if len(fitted) != n_u:
         raise LoopError(f"valves must be {n_u}, one an input, not {len(fitted)}")
-    play = np.array([(valve.backlash, valve.stick) for valve in fitted])
+    play = parameters_of(fitted)
     around = _Surroundings(added + noisy, smooth, outliers, quantum, behind, bounds, start_u, start_y, play)
     if controller is None:
         if u is None:

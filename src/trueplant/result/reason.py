@@ -70,6 +70,7 @@ class Code(StrEnum):
     CAUSE_SENSOR_SPAN = "cause-sensor-span", "a sensor's span"
     CAUSE_ACTUATOR_GAIN = "cause-actuator-gain", "a valve or actuator"
     CAUSE_VALVE_STICKING = "cause-valve-sticking", "a valve that sticks"
+    CAUSE_VALVE_END = "cause-valve-end", "a valve that ends before OP does"
     CAUSE_VALVE_SATURATED = "cause-valve-saturated", "an actuator at its limit"
     CAUSE_OPERATING_POINT = "cause-operating-point", "a sensor's bias, or a load that came to stay"
     CAUSE_DISTURBANCE = "cause-disturbance", "the disturbance, not the plant"
@@ -86,6 +87,8 @@ class Reason:
     where: str = ""
 
 
+VALVES = frozenset({Code.CAUSE_VALVE_STICKING, Code.CAUSE_VALVE_END})
+"""What is said of valves that do not follow OP."""
 _COMMON = frozenset({Code.ONE_EXPERIMENT, Code.HOLD, Code.MODEL_STEP})
 """What holds for most records, and asks for nothing."""
 

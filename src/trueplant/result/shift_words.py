@@ -12,7 +12,7 @@ from trueplant.result.headline import has_moved, is_another, is_answered, is_lac
 from trueplant.result.numbers import counted, number, spoken
 from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of
-from trueplant.result.reason import Code
+from trueplant.result.reason import VALVES, Code
 from trueplant.result.status import ElementVerdict, Status
 
 
@@ -58,7 +58,9 @@ def _what(result: Outcome) -> str:
         more = f", and {counted(len(changed) - 1, 'other answer')} changed too" if len(changed) > 1 else ""
         return f"{_answer(changed[0], _several_inputs(result))}{more}"
     if stuck := _sticking(result):
-        return f"{' and '.join(map(_valve, stuck))} {'sticks' if len(stuck) == 1 else 'stick'}"
+        one = len(stuck) == 1
+        does = ("does" if one else "do") + " not follow OP" if _ended(result) else "sticks" if one else "stick"
+        return f"{' and '.join(map(_valve, stuck))} {does}"
     if found := by_verdict[ElementVerdict.FOUND]:
         named = list(dict.fromkeys(spoken(e.output) for e in found))
         return f"a first model of {_and(named[: levels.SHOWN_FIRST])} was found"
@@ -208,8 +210,13 @@ def _misses(result: Outcome) -> bool:
 
 def _sticking(result: Outcome) -> list[str]:
     """Inputs whose valves do not follow OP."""
-    said = [note.where for note in result.notes if note.code == Code.CAUSE_VALVE_STICKING]
+    said = [note.where for note in result.notes if note.code in VALVES]
     return list(dict.fromkeys(where.split(" -> ")[0] for where in said if where))
+
+
+def _ended(result: Outcome) -> bool:
+    """Is there a valve that ends before OP does?"""
+    return any(note.code is Code.CAUSE_VALVE_END for note in result.notes)
 
 
 def _several_inputs(result: Outcome) -> bool:

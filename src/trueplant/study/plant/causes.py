@@ -72,6 +72,9 @@ def _and(values: Sequence[str]) -> str:
 def _valves(study: Study, valves: Mapping[int, FoundValve]) -> list[Reason]:
     causes = []
     for j, found in valves.items():
+        if found.end is not None:
+            causes.append(_ended(study, j, found))
+            continue
         band = f"{found.band:.3g} {study.project.inputs[j].unit}".rstrip()
         does = (
             f"has a backlash: the records fit better with a stem that follows OP only when it has gone back by {band}"
@@ -81,6 +84,22 @@ def _valves(study: Study, valves: Mapping[int, FoundValve]) -> list[Reason]:
         message = f"the valve {does} (p = {found.p_value:.1g}). The plant's numbers are those behind the valve"
         causes.append(Reason(Code.CAUSE_VALVE_STICKING, message, study.project.input_names[j]))
     return causes
+
+
+def _ended(study: Study, j: int, found: FoundValve) -> Reason:
+    """An end of a valve that OP goes beyond."""
+    asked = study.project.inputs[j]
+    goes = ("down", "low = ") if np.isfinite(found.valve.low) else ("up", "high = ")
+    op = np.concatenate([segment.u[:, j] for segment in study.segments])
+    share = float(np.mean((op < found.valve.low) | (op > found.valve.high)))
+    end = f"{found.end:.3g} {asked.unit}".rstrip()
+    message = (
+        f"the records fit better where OP goes {goes[0]} to {end} only and does nothing beyond, where it was in "
+        f"{100 * share:.2g} % of the samples (p = {found.p_value:.1g}): the valve is at its end there, or something "
+        "else has taken it over. The plant's numbers are those of what OP does up to there. Meanwhile there was no "
+        "control: look at the valve, and let OP go no further (limits)"
+    )
+    return Reason(Code.CAUSE_VALVE_END, message, asked.name)
 
 
 def _levels(
