@@ -121,6 +121,15 @@ class RowErrors:
         """(n, rank) of what that spans."""
         return orthonormal(self.jacobian)
 
+    def whitened(self, answers: Callable[[Piece], Array]) -> Array:
+        """(n, k) of answers (k, n) in the pieces, as what changes the errors."""
+        found = np.hstack([whitening(answers(piece)) for piece, whitening in self.pieces])
+        return np.vstack([found.T, np.zeros((2 * self.fit.theta.size, len(found)))])
+
+    def with_more(self, columns: Array) -> Array:
+        """(n, rank) of what `columns` (n, k) span besides."""
+        return orthonormal(np.hstack([self.jacobian, columns]))
+
     def fallen(self, m: int, valves: Sequence[Valve]) -> Array:
         """(n_valves, n) by how much they are smaller with the positions of each stem for the input of element m."""
         row, theta = self.fit.row, self.fit.theta
@@ -151,12 +160,11 @@ class ValveTest:
     def __init__(self, fit: RowFit, column: int) -> None:
         self._own = own = RowErrors(fit)
         self._m = next(m for m, spec in enumerate(fit.row.specs) if spec.column == column)
-        rivals = np.hstack([whitening(_rivals(fit, self._m, piece)) for piece, whitening in own.pieces])
-        rivals = np.vstack([rivals.T, np.zeros((2 * fit.theta.size, len(rivals)))])
+        rivals = own.whitened(lambda piece: _rivals(fit, self._m, piece))
         size = np.sqrt(np.einsum("nk,nk->k", own.jacobian, own.jacobian))
         size[size == 0] = 1.0
         self._renewed = np.linalg.pinv(own.jacobian / size, rcond=levels.LOST) / size[:, None]
-        self._bases = bases = own.basis, orthonormal(np.hstack([own.jacobian, rivals]))
+        self._bases = bases = own.basis, own.with_more(rivals)
         self._left = left = [float(what_is_left(own.errors[None], basis)[0]) for basis in bases]
         more = bases[1].shape[1] - bases[0].shape[1]
         self.gained = fit.left * float(np.log(left[0] / left[1]))
@@ -182,6 +190,26 @@ class ValveTest:
         after = [what_is_left(own.errors - changed, basis) for basis in self._bases]
         alone, beyond = (own.fit.left * np.log(before / one) for before, one in zip(self._left, after, strict=True))
         return alone, beyond, changed @ self._renewed.T
+
+
+def bends(fit: RowFit, column: int) -> float:
+    """By how much -2 log likelihood of a plant behind a stem that ends would fall, to first order, if OP acted beyond
+    that end after all and the gain varied before it."""
+    own = RowErrors(fit)
+    m = next(m for m, spec in enumerate(fit.row.specs) if spec.column == column)
+
+    def answers(piece: Piece) -> Array:
+        stem = piece.inputs[column]
+        moves = piece.recorded[column] - stem, (stem - stem.mean()) ** 2
+        return np.array([_response(fit.row, fit.theta, m, piece, u) for u in moves])
+
+    bases = own.basis, own.with_more(own.whitened(answers))
+    before, after = (float(what_is_left(own.errors[None], basis)[0]) for basis in bases)
+    return fit.left * float(np.log(before / after))
+
+
+BENDS = ("beyond the end", "before it")
+"""What `bends` asks for."""
 
 
 def expected(row: Row, theta: Array, told: Array, variance: float) -> tuple[Array, Array]:

@@ -23,7 +23,7 @@ from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
 from trueplant.identify.moments import in_row
 from trueplant.identify.output import OutputEstimate, at_median, averaged
-from trueplant.identify.valve_effects import ValveTest, behind
+from trueplant.identify.valve_effects import BENDS, ValveTest, behind, bends
 from trueplant.loop.valve import Valve
 from trueplant.record.types import Segment
 from trueplant.result.budget import Source
@@ -193,11 +193,13 @@ def _kind(
             evidence[k] = one.evidence
             for i, fit in fits.items():
                 shifts[i][k] = one.behind[i].theta - fit.theta
-    best, error = max(placed.values(), key=lambda one: one.gain), 0.0
     most = max(one.most for one in placed.values())
-    if max(best.promised, best.gain) > enough:
+    best, error = max(placed.values(), key=lambda one: (one.gain > enough, one.evidence, one.gain)), 0.0
+    if max(best.promised, best.gain) > enough or best.evidence > 0:
         valve, error = _refined(list(fits.values()), column, tries, best.valve)
         best = Placed.of(fits, tests, column, valve, best.promised, enough)
+        if best.is_bent(column):
+            evidence[:], best = -np.inf, replace(best, gain=0.0)
     log_p = min(0.0, np.log(searched) + float(chi2.logsf(max(best.gain, 0.0), 1)))
     ratios = np.exp(np.minimum(evidence, min(most / 2, levels.LARGEST_EXPONENT)))
     found = FoundValve(best.valve, float(np.exp(log_p)), error)
@@ -249,6 +251,13 @@ class Placed:
             gain = max(gain, most - max(less, 0.0))
             evidence = most / 2 + sum(one.open_to - test.open_to for test, one in zip(tests, after, strict=True))
         return cls(valve, moved, promised, most, gain, evidence)
+
+    def is_bent(self, column: int) -> bool:
+        """Is it an end beyond which OP acts after all, or before which the gain is not the same throughout?"""
+        if self.valve.low == -np.inf and self.valve.high == np.inf:
+            return False
+        fallen = sum(bends(fit, column) for fit in self.behind.values())
+        return bool(chi2.sf(fallen, len(BENDS) * len(self.behind)) < levels.UNDERMODELLED)
 
 
 def _refined(fits: Sequence[RowFit], column: int, tries: Tries, valve: Valve) -> tuple[Valve, float]:
