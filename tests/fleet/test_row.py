@@ -24,3 +24,5 @@ def test_a_valve_that_sticks_is_one() -> None:
     result = sample(("level",), ("valve",), experiments=1)
     notes = (*result.notes, Reason(Code.CAUSE_VALVE_STICKING, "the valve sticks", "valve"))
     assert Finding.VALVE not in findings_of(result) and Finding.VALVE in findings_of(replace(result, notes=notes))
+    ends = (*result.notes, Reason(Code.CAUSE_VALVE_END, "the valve is at its end", "valve"))
+    assert Finding.END in findings_of(replace(result, notes=ends)) and Finding.END not in findings_of(result)

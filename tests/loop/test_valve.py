@@ -1,4 +1,4 @@
-"""Backlash and stick-slip against closed forms, and in the loop against the valve alone."""
+"""Backlash, stick-slip and ends against closed forms, and in the loop against the valve alone."""
 
 from __future__ import annotations
 
@@ -41,6 +41,22 @@ def test_a_stem_waits_and_then_jumps_to_op():
     assert Valve().positions(op).tolist() == op.tolist()
 
 
+def test_a_stem_ends_and_comes_back_with_op():
+    """With play it leaves its end as soon as OP is half the play below it."""
+    op = np.array([0.0, 2.0, 5.0, 3.0, 2.4, 1.0, -4.0])
+    assert Valve(low=-1.0, high=2.5).positions(op).tolist() == [0.0, 2.0, 2.5, 2.5, 2.4, 1.0, -1.0]
+    assert Valve(high=2.5).positions(np.array([4.0, 1.0]), start=3.0).tolist() == [2.5, 1.0]
+    assert Valve(backlash=1.0, high=2.5).positions(op).tolist() == [0.0, 1.5, 2.5, 2.5, 2.5, 1.5, -3.5]
+    assert Valve(stick=0.5, high=2.5).positions(op).tolist() == [0.0, 2.0, 2.0, 2.0, 2.0, 1.0, -4.0]
+
+
+def test_ends_stay_where_they_are_whatever_op_is_a_deviation_from():
+    op = np.random.default_rng(6).standard_normal(200).cumsum()
+    for valve in (Valve(high=3.0), Valve(low=-2.0, backlash=0.5), Valve(stick=0.3)):
+        (about,) = positions_of([valve], op - 1.5, start=-1.0, origin=1.5)
+        assert np.allclose(about + 1.5, valve.positions(op, 0.5))
+
+
 def test_several_valves_at_once_stand_where_each_does_alone():
     """Each by a walk through Python's own numbers; OP wanders, and starts away from the stems."""
     op = np.random.default_rng(5).standard_normal(400).cumsum()
@@ -56,7 +72,7 @@ def test_several_valves_at_once_stand_where_each_does_alone():
 
 def test_the_loop_sees_the_plant_behind_its_valve():
     """The record's PV is the open response to the stem that the valve alone makes of the record's OP."""
-    for valve in (Valve(backlash=0.1), Valve(stick=0.05), Valve(backlash=0.05, stick=0.03)):
+    for valve in (Valve(backlash=0.1), Valve(stick=0.05), Valve(backlash=0.05, stick=0.03), Valve(low=-0.2, high=0.6)):
         closed = simulate(PLANT, LAW, MOVES, 0.5, valves=[valve])
         opened = simulate(PLANT, None, MOVES, 0.5, u=closed.u, valves=[valve])
         moved = valve.positions(closed.u[:, 0], 0.0)[:, None]
@@ -69,5 +85,7 @@ def test_the_loop_sees_the_plant_behind_its_valve():
 def test_what_is_no_valve_is_said():
     with pytest.raises(LoopError, match="not below 0"):
         Valve(backlash=-1)
+    with pytest.raises(LoopError, match="below its upper one"):
+        Valve(low=1.0, high=1.0)
     with pytest.raises(LoopError, match="valves must be 1"):
         simulate(PLANT, LAW, MOVES, 0.5, valves=[Valve(), Valve()])

@@ -128,7 +128,8 @@ def test_a_dead_time_that_the_model_does_not_have_is_worth_a_word(tmp_path):
 def test_a_valve_comes_before_tuning(tmp_path):
     result = said(tmp_path, "2.6 exp(-13.4 s)/(60 s + 1)")
     stuck = replace(result, notes=(*result.notes, Reason(Code.CAUSE_VALVE_STICKING, "the valve sticks", "u")))
-    assert stuck.action is Action.CHECK_VALVE
+    ended = replace(result, notes=(*result.notes, Reason(Code.CAUSE_VALVE_END, "the valve is at its end", "u")))
+    assert stuck.action is ended.action is Action.CHECK_VALVE
     assert stuck.shift.endswith("check the valve of u first.")
 
 

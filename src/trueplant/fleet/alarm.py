@@ -28,7 +28,7 @@ from trueplant.version import __version__
 
 STATE = "alarms.json"
 _LOCAL = re.compile(r"http://(127\.0\.0\.1|localhost|\[::1\])(:\d+)?(/|$)")
-_WHOLE = (Finding.VALVE, Finding.CONTROLLER)
+_WHOLE = (Finding.VALVE, Finding.END, Finding.CONTROLLER)
 """Findings that are of no single element."""
 
 

@@ -25,6 +25,7 @@ from trueplant.version import __version__
 BADGES = {
     Finding.PLANT: ("changed", "▲"),
     Finding.VALVE: ("changed", "◆"),
+    Finding.END: ("changed", "◇"),
     Finding.CONTROLLER: ("changed", "■"),
     ElementVerdict.UNCHANGED: ("unchanged", "●"),
     ElementVerdict.FOUND: ("found", "+"),
@@ -104,6 +105,7 @@ def headline(loops: Sequence[Ranked]) -> str:
 _WORDS = {
     Finding.PLANT: "a changed plant",
     Finding.VALVE: "a sticking valve",
+    Finding.END: "a valve at its end",
     Finding.CONTROLLER: "another controller than declared",
 }
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from trueplant.result import ElementVerdict, Result
+from trueplant.result import Code, ElementVerdict, Result
 from trueplant.result.numbers import percentage
-from trueplant.result.reason import VALVES
 
 
 class Outcome(StrEnum):
@@ -30,6 +29,7 @@ class Finding(StrEnum):
 
     PLANT = "plant changed"
     VALVE = "valve sticks"
+    END = "valve at its end"
     CONTROLLER = "controller is not as declared"
 
 
@@ -106,8 +106,8 @@ def elements_of(result: Result) -> tuple[ElementRow, ...]:
 def findings_of(result: Result) -> tuple[Finding, ...]:
     """What is wrong with the loops of a result."""
     found = [Finding.PLANT] if result.mismatch else []
-    if any(note.code in VALVES for note in result.notes):
-        found.append(Finding.VALVE)
+    valves = {Code.CAUSE_VALVE_STICKING: Finding.VALVE, Code.CAUSE_VALVE_END: Finding.END}
+    found += [finding for code, finding in valves.items() if any(note.code == code for note in result.notes)]
     # a controller that could not be checked has a note too, and nothing is wrong with it
     if any(check.confirmed is False for check in result.methods.controller_consistency):
         found.append(Finding.CONTROLLER)

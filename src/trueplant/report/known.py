@@ -25,7 +25,7 @@ MEANING = {
     Source.DISTURBANCE: "the disturbance that the project declares and nobody measured",
     Source.HOLD: "how a measured disturbance runs between its samples",
     Source.HISTORIAN: "how PV ran between the samples that the historian stored",
-    Source.VALVE: "whether the valve sticks, and how wide its band is",
+    Source.VALVE: "whether the valve follows OP, and if not, how far",
 }
 QUANTITIES = {"net_gain": "net gain", "net_slope": "net slope", "total_delay": "total delay"}
 

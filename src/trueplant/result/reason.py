@@ -87,8 +87,6 @@ class Reason:
     where: str = ""
 
 
-VALVES = frozenset({Code.CAUSE_VALVE_STICKING, Code.CAUSE_VALVE_END})
-"""What is said of valves that do not follow OP."""
 _COMMON = frozenset({Code.ONE_EXPERIMENT, Code.HOLD, Code.MODEL_STEP})
 """What holds for most records, and asks for nothing."""
 

@@ -12,7 +12,7 @@ from trueplant.result.headline import has_moved, is_another, is_answered, is_lac
 from trueplant.result.numbers import counted, number, spoken
 from trueplant.result.outcome import Outcome
 from trueplant.result.parameter_words import kind_of
-from trueplant.result.reason import VALVES, Code
+from trueplant.result.reason import Code
 from trueplant.result.status import ElementVerdict, Status
 
 
@@ -210,7 +210,7 @@ def _misses(result: Outcome) -> bool:
 
 def _sticking(result: Outcome) -> list[str]:
     """Inputs whose valves do not follow OP."""
-    said = [note.where for note in result.notes if note.code in VALVES]
+    said = [note.where for note in result.notes if note.code in (Code.CAUSE_VALVE_STICKING, Code.CAUSE_VALVE_END)]
     return list(dict.fromkeys(where.split(" -> ")[0] for where in said if where))
 
 

@@ -89,15 +89,16 @@ def _valves(study: Study, valves: Mapping[int, FoundValve]) -> list[Reason]:
 def _ended(study: Study, j: int, found: FoundValve) -> Reason:
     """An end of a valve that OP goes beyond."""
     asked = study.project.inputs[j]
-    goes = ("down", "low = ") if np.isfinite(found.valve.low) else ("up", "high = ")
+    way = "down" if np.isfinite(found.valve.low) else "up"
+    chance = f"= {found.p_value:.1g}" if found.p_value > 0 else "below 1e-300"
     op = np.concatenate([segment.u[:, j] for segment in study.segments])
     share = float(np.mean((op < found.valve.low) | (op > found.valve.high)))
     end = f"{found.end:.3g} {asked.unit}".rstrip()
     message = (
-        f"the records fit better where OP goes {goes[0]} to {end} only and does nothing beyond, where it was in "
-        f"{100 * share:.2g} % of the samples (p = {found.p_value:.1g}): the valve is at its end there, or something "
-        "else has taken it over. The plant's numbers are those of what OP does up to there. Meanwhile there was no "
-        "control: look at the valve, and let OP go no further (limits)"
+        f"the records fit better where OP acts {way} to {end} only, and not beyond, where it was in "
+        f"{100 * share:.2g} % of the samples (p {chance}): the valve was at its end, or something else had taken it "
+        "over. The plant's numbers are those of OP up to there. Meanwhile there was no control: look at the valve, and "
+        "let OP go no further"
     )
     return Reason(Code.CAUSE_VALVE_END, message, asked.name)
 
