@@ -10,6 +10,7 @@ from scipy.stats import binom, chi2
 from support.chance import most
 from support.changing import PARAMETERS, changing_wood_berry, varying_lag
 from support.simulated import WOOD_BERRY, segment_of
+from trueplant.detect import change_point as change_points
 from trueplant.detect.change_point import change_point, critical
 from trueplant.detect.since import Series, Shift, history, slope
 from trueplant.identify import Row, Spec, estimate_row, pieces_of
@@ -198,3 +199,21 @@ def test_no_place_for_a_change() -> None:
     row = Row((Spec(0, FOPDT, PARAMETERS[0, 0]),), (piece,))
     theta = estimate_row(row, 10.0).theta
     assert change_point(row, np.zeros(1), theta, theta, np.ones(3, bool), np.zeros(0), (500.0, 600.0)) is None
+
+
+def test_a_plant_that_runs_beyond_all_numbers_is_no_candidate(monkeypatch) -> None:
+    """Where a step leads there, the plants before it stand; where the guesses do, there is no instant."""
+    factor = np.where(np.arange(600) >= 300, 1.4, 1.0)
+    piece = pieces_of([segment_of(changing_wood_berry(3, 600, (0, 0), gain=factor))], 0)[0]
+    row = Row(tuple(Spec(j, FOPDT, PARAMETERS[0, j]) for j in range(2)), (piece,))
+    before = np.array([*PARAMETERS[0, 0], *PARAMETERS[0, 1]])
+    after, changing = before * [1.4, 1, 1, 1, 1, 1], np.arange(6) < 3
+    given = row, np.zeros(1), before, after, changing, np.array([-0.8]), (50.0, 550.0)
+    well = change_point(*given)
+    monkeypatch.setattr(change_points, "_limited", lambda theta, step: np.where(np.arange(6) == 0, 1e308, theta))
+    with np.errstate(over="ignore", invalid="ignore"):
+        stands = change_point(*given)
+        nowhere = change_point(*given[:2], np.where(np.arange(6) == 0, 1e308, before), *given[3:])
+    assert well is not None and stands is not None and nowhere is None
+    assert abs(stands.time - 300) < 30 and abs(well.time - 300) < 30
+    assert np.array_equal(stands.before, before) and np.array_equal(stands.after, after)

@@ -13,7 +13,7 @@ conservative.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -56,6 +56,13 @@ class _Parts:
     new: Array
     lags: tuple[float, ...]
 
+    @property
+    def finite(self) -> bool:
+        """Do both plants answer with numbers that can be squared? Steps may have led to one that runs beyond all."""
+        every = self.target, self.difference, self.common, self.old, self.new
+        with np.errstate(over="ignore"):
+            return all(np.isfinite(np.linalg.norm(x)) for x in every)
+
 
 def critical(confidence: float) -> float:
     """The likelihood ratio up to which an instant belongs to the interval."""
@@ -72,16 +79,19 @@ def change_point(
     search: tuple[float, float],
     confidence: float = 0.95,
 ) -> ChangePoint | None:
-    """The best instant within `search` and its interval; None where the record has no place for one.
+    """The best instant within `search` and its interval; None where the record has no place for one, or the guesses
+    answer beyond all numbers.
 
     `clock` (n_pieces,) is added to each piece's own time. `before` and `after` (size,) are initial guesses,
     `changing` marks those that may differ, `ar` is that of the noise model.
     """
     low, high = row.bounds()
     before, after = before.copy(), np.where(changing, after, before)
-    best, interval, gain = np.nan, (np.nan, np.nan), 0.0
+    found = None
     for _ in range(levels.CHANGE_ROUNDS):
         parts = _parts(row, clock, before, after, changing)
+        if not parts.finite:
+            return found
         filtered = _Filtered(parts, ar)
         places = filtered.places(search)
         if places.size < 3:
@@ -100,11 +110,12 @@ def change_point(
         old[changing], new[changing] = step[-2 * moving : -moving], step[-moving:]
         with np.errstate(over="ignore"):  # beyond all numbers it has moved too
             moved = max(float(np.max(np.abs(s) / (np.abs(p) + 1e-12))) for s, p in ((old, before), (new, after)))
+        found = ChangePoint(best, interval, before, after, gain)
         before, after = (np.clip(_limited(p, s), low, high) for p, s in ((before, old), (after, new)))
         ar = _noise(errors, parts, row)
         if moved < levels.CHANGE_SETTLED:
             break
-    return ChangePoint(best, interval, before, after, gain)
+    return None if found is None else replace(found, before=before, after=after)
 
 
 def _limited(theta: Array, step: Array) -> Array:
