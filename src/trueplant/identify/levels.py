@@ -156,15 +156,14 @@ BACKLASHES = np.geomspace(0.002, 0.5, 58)
 """Widths of backlash that are tried, relative to the range of OP: 10 % from one to the next."""
 STICK_BANDS = np.geomspace(0.002, 0.5, 280)
 """Bands of stick-slip that are tried: 2 % from one to the next, as wide as its likelihood is."""
-BEYOND_ENDS = np.geomspace(0.001, 0.9, 36)
-"""Parts of what OP does in all, from either side of its range on, that an end of its valve may cut off: 20 % from one
-to the next."""
+BEYOND_ENDS = np.geomspace(0.001, 0.9, 18)
+"""Parts of what OP does in all, from either side of its range on, that an end of its valve may cut off: half as much
+again from one to the next, as its likelihood is smooth."""
 VALVE = 1e-4
 """Significance from which a valve is taken not to follow OP, over the bands and inputs tried."""
 STICKS = 0.25
-"""Odds, before the record is looked at, that a valve does not follow OP: one in five, and for each kind a third of
-that. Audits of mills found more
-(Bialkowski 1993: some 30 % of the loops vary because of their valves)."""
+"""Odds, before the record is looked at, that a valve does not follow OP, for each kind a third of them: one in five.
+Audits of mills found more (Bialkowski 1993: some 30 % of the loops vary because of their valves)."""
 HOLD = 0.01
 """Significance from which the likelihoods of two ways of a measured disturbance to run between its samples differ
 beyond chance: the wrong one is then taken in at most 0.5 % of records."""

@@ -51,7 +51,8 @@ def behind(fit: RowFit, valves: Mapping[int, Valve]) -> RowFit:
     does: likelihoods of one band and another are of the same rows.
     """
     row = row_behind(fit.row, valves)
-    return fit_row(row, fit.theta, fit.ar, weights=fit.weights, free=fit.free, reweight=False)
+    settled = levels.TRIED_SETTLED
+    return fit_row(row, fit.theta, fit.ar, weights=fit.weights, free=fit.free, reweight=False, settled=settled)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +128,12 @@ class RowErrors:
         return np.vstack([found.T, np.zeros((2 * self.fit.theta.size, len(found)))])
 
     def with_more(self, columns: Array) -> Array:
-        """(n, rank) of what `columns` (n, k) span besides."""
-        return orthonormal(np.hstack([self.jacobian, columns]))
+        """(n, rank) the basis, and behind it that of what `columns` (n, k) span besides."""
+        rest = columns
+        for _ in range(2):  # once more than exact numbers would need
+            rest = rest - self.basis @ (self.basis.T @ rest)
+        new = np.linalg.norm(rest, axis=0) > levels.LOST * np.linalg.norm(columns, axis=0)
+        return np.hstack([self.basis, orthonormal(rest[:, new])])
 
     def fallen(self, m: int, valves: Sequence[Valve]) -> Array:
         """(n_valves, n) by how much they are smaller with the positions of each stem for the input of element m."""
@@ -163,11 +168,11 @@ class ValveTest:
         rivals = own.whitened(lambda piece: _rivals(fit, self._m, piece))
         size = np.sqrt(np.einsum("nk,nk->k", own.jacobian, own.jacobian))
         size[size == 0] = 1.0
-        self._renewed = np.linalg.pinv(own.jacobian / size, rcond=levels.LOST) / size[:, None]
-        self._bases = bases = own.basis, own.with_more(rivals)
-        self._left = left = [float(what_is_left(own.errors[None], basis)[0]) for basis in bases]
-        more = bases[1].shape[1] - bases[0].shape[1]
-        self.gained = fit.left * float(np.log(left[0] / left[1]))
+        self._basis = own.with_more(rivals)
+        self._renewed = np.linalg.pinv(own.jacobian / size, rcond=levels.LOST) @ own.basis / size[:, None]
+        self._before = before = self._left(own.errors[None])
+        more = self._basis.shape[1] - own.basis.shape[1]
+        self.gained = fit.left * float(np.log(before[0][0] / before[1][0]))
         """What all else that could explain the errors gains in -2 log likelihood, to first order."""
         # log odds that what else could explain the errors is needed, by the Bayesian criterion
         self._needed = needed = (self.gained - more * np.log(own.errors.size - 2 * fit.theta.size)) / 2
@@ -186,10 +191,18 @@ class ValveTest:
     def _batch(self, valves: Sequence[Valve]) -> tuple[Array, Array, Array]:
         """(m,) what each valve gains alone, (m,) beside all else, and (m, n_free) by how much it moves what is free."""
         own = self._own
-        changed = own.fallen(self._m, valves)
-        after = [what_is_left(own.errors - changed, basis) for basis in self._bases]
-        alone, beyond = (own.fit.left * np.log(before / one) for before, one in zip(self._left, after, strict=True))
-        return alone, beyond, changed @ self._renewed.T
+        after = self._left(own.errors - own.fallen(self._m, valves))
+        alone, beyond = (own.fit.left * np.log(self._before[k] / after[k]) for k in range(2))
+        return alone, beyond, (self._before[2] - after[2]) @ self._renewed.T
+
+    def _left(self, errors: Array) -> tuple[Array, Array, Array]:
+        """(m,) sums of squares that what may change errors (m, n) leaves of them, (m,) that all else leaves, and
+        (m, rank) the errors in the basis of the former."""
+        inside = errors @ self._basis
+        left = np.einsum("mn,mn->m", errors, errors)[:, None] - np.cumsum(inside**2, axis=1)
+        rank = self._own.basis.shape[1]
+        own, every = np.maximum(left[:, [rank - 1, -1]], 1e-300).T
+        return own, every, inside[:, :rank]
 
 
 def bends(fit: RowFit, column: int) -> float:

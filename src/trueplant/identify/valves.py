@@ -4,8 +4,10 @@ prediction errors.
 Each is tried in every input: the stem positions that such a valve would have had are taken for OP, and the fit is
 renewed to first order, together with what else could explain the errors: a gain that depends on the operating point,
 a second lag or lead, a slow tail. What the valve gains beyond all of these, over all outputs that its input moves, has
-to be significant over all that was tried. The likelihood of stick-slip is a spike: its positions change as soon as the
-band passes one of the distances at which it jumps, so that the grid of bands is fine.
+to be significant over all that was tried. First order is of little use behind a valve that hides much of what OP does,
+as the plant fitted to OP is far off: where valves promise more than chance would, the plant is fitted behind some of
+them. The likelihood of stick-slip is a spike: its positions change as soon as the band passes one of the distances at
+which it jumps, so that the grid of bands is fine; that of an end is smooth.
 """
 
 from __future__ import annotations
@@ -70,9 +72,15 @@ class Tries:
         """One whose band, or the part of OP's range that its stem does not reach, is so many times as wide."""
         if factor == 1.0:
             return valve
-        low, high = self.span
+        (low, high), factor = self.span, float(factor)
         ends = low + factor * (valve.low - low), high - factor * (high - valve.high)
         return Valve(valve.backlash * factor, valve.stick * factor, *ends)
+
+    def step(self, ends: Sequence[Valve]) -> float:
+        """How far the logarithms of the parts of OP's range that they do not reach are from one to the next."""
+        low, high = self.span
+        widths = np.array([of.low - low if of.low > -np.inf else high - of.high for of in ends])
+        return float(np.median(np.abs(np.diff(np.log(widths)))))
 
     def nearby(self, valve: Valve) -> list[Valve]:
         return [self.times(valve, factor) for factor in levels.VALVE_FACTORS]
@@ -195,15 +203,19 @@ def _kind(
                 shifts[i][k] = one.behind[i].theta - fit.theta
     most = max(one.most for one in placed.values())
     best, error = max(placed.values(), key=lambda one: (one.gain > enough, one.evidence, one.gain)), 0.0
+    before = np.full(len(kind), odds_before(kind))
     if max(best.promised, best.gain) > enough or best.evidence > 0:
-        valve, error = _refined(list(fits.values()), column, tries, best.valve)
-        best = Placed.of(fits, tests, column, valve, best.promised, enough)
-        if best.is_bent(column):
-            evidence[:], best = -np.inf, replace(best, gain=0.0)
+        refined = _refined(list(fits.values()), column, tries, best.valve)
+        best, error = Placed.of(fits, tests, column, refined.valve, best.promised, enough), refined.error
+        if best.is_end:  # smooth: those nearby say more than those of the grid
+            before = before[0] * np.gradient(np.log(levels.VALVE_FACTORS)) / tries.step(kind)
+            evidence, moved = (-np.inf if best.is_bent(column) else best.evidence) + refined.evidence, refined.shifts
+            shifts = {i: best.behind[i].theta - fits[i].theta + own for i, own in zip(fits, moved, strict=True)}
+            best = replace(best, gain=0.0) if best.is_bent(column) else best
     log_p = min(0.0, np.log(searched) + float(chi2.logsf(max(best.gain, 0.0), 1)))
     ratios = np.exp(np.minimum(evidence, min(most / 2, levels.LARGEST_EXPONENT)))
     found = FoundValve(best.valve, float(np.exp(log_p)), error)
-    return Tried(found, log_p, odds_before(kind) * ratios, shifts, best.behind)
+    return Tried(found, log_p, before * ratios, shifts, best.behind)
 
 
 def _spread(places: IntArray) -> list[int]:
@@ -252,33 +264,44 @@ class Placed:
             evidence = most / 2 + sum(one.open_to - test.open_to for test, one in zip(tests, after, strict=True))
         return cls(valve, moved, promised, most, gain, evidence)
 
+    @property
+    def is_end(self) -> bool:
+        return self.valve.low > -np.inf or self.valve.high < np.inf
+
     def is_bent(self, column: int) -> bool:
-        """Is it an end beyond which OP acts after all, or before which the gain is not the same throughout?"""
-        if self.valve.low == -np.inf and self.valve.high == np.inf:
-            return False
+        """Does OP act beyond the end after all, or is the gain not the same throughout before it?"""
         fallen = sum(bends(fit, column) for fit in self.behind.values())
         return bool(chi2.sf(fallen, len(BENDS) * len(self.behind)) < levels.UNDERMODELLED)
 
 
-def _refined(fits: Sequence[RowFit], column: int, tries: Tries, valve: Valve) -> tuple[Valve, float]:
-    """The width that explains most, and its relative standard error as the likelihoods of those nearby have it.
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """The valve that explains most, and those nearby, as far as they are from it by VALVE_FACTORS."""
 
-    The plant is fitted behind each: what was found beside a plant fitted to OP leans.
-    """
-    error = 0.0
+    valve: Valve
+    error: float
+    """Relative standard error of its width, as their likelihoods have it."""
+    evidence: Array
+    """(n_factors,) log of the ratio of their likelihoods to its own."""
+    shifts: list[Array]
+    """(n_factors, size) for each output, by how much the plant's parameters would be larger than behind it."""
+
+
+def _refined(fits: Sequence[RowFit], column: int, tries: Tries, valve: Valve) -> Refined:
+    """The plant is fitted behind each: what was found beside a plant fitted to OP leans."""
     for _ in range(levels.VALVE_ROUNDS):
-        found = [behind(fit, {column: valve}) for fit in fits]
-        tests = [ValveTest(fit, column) for fit in found]
         nearby = tries.nearby(valve)
-        evidence = np.sum([test.of(nearby).evidence for test in tests], axis=0)
+        effects = [ValveTest(behind(fit, {column: valve}), column).of(nearby) for fit in fits]
+        evidence = np.sum([of.evidence for of in effects], axis=0)
         best = int(np.argmax(evidence))
         apart = np.log(levels.VALVE_FACTORS / levels.VALVE_FACTORS[best])
         shares = np.exp(evidence - evidence[best]) * np.gradient(apart)
         error = float(np.sqrt(shares @ apart**2 / shares.sum()))
+        found = Refined(nearby[best], error, evidence - evidence[best], [of.shifts - of.shifts[best] for of in effects])
         if levels.VALVE_FACTORS[best] == 1.0:
             break
         valve = nearby[best]
-    return valve, error
+    return found
 
 
 def _lean(fit: RowFit, column: int, found: FoundValve) -> Array:
