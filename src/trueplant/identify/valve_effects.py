@@ -17,7 +17,7 @@ from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
 from trueplant.loop.valve import Valve, positions_of
 
-BATCH = 8
+BATCH = 16
 """Valves that are gone through at a time: what they change in long records stays in the cache."""
 
 

@@ -204,7 +204,7 @@ def _kind(
     most = max(one.most for one in placed.values())
     best, error = max(placed.values(), key=lambda one: (one.gain > enough, one.evidence, one.gain)), 0.0
     before = np.full(len(kind), odds_before(kind))
-    if max(best.promised, best.gain) > enough or best.evidence > 0:
+    if (best.most > 0 and max(best.promised, best.gain) > enough) or best.evidence > 0:
         refined = _refined(list(fits.values()), column, tries, best.valve)
         best, error = Placed.of(fits, tests, column, refined.valve, best.promised, enough), refined.error
         if best.is_end:  # smooth: those nearby say more than those of the grid
