@@ -73,7 +73,7 @@ def _run(
             if automatic[k, j]:
                 u[k, j] += laws[0, j] * (now - error[j] + laws[1, j] * now)
             error[j] = now
-            position[k, j] = stem(u[k, j], position[k - 1, j] if k > 0 else 0.0, 0.0, laws[2, j])
+            position[k, j] = stem(u[k, j], position[k - 1, j] if k > 0 else 0.0, 0.0, laws[2, j], -np.inf, np.inf)
             if laws[3, j] == 0:
                 v[k, j] = position[k, j]
             elif k > 0:
