@@ -294,7 +294,7 @@ def test_a_likelihood_ratio_takes_no_valve_for_a_changed_plant():
     plain, open_bands, changed = [], [], []
     for seed in range(16):
         estimates = identify_matrix([record(seed, 0.1, std=0.5)[0]], PLANT, specs_of(PLANT))
-        estimate = with_open_valves(estimates, [0], {})[0]
+        estimate = with_open_valves(estimates, {0: ()}, {})[0]
         plain.append(estimate.likelihood_ratio_p(index, model))
         open_bands.append(estimate.likelihood_ratio_p(index, model, doubting=True))
         changed.append(estimate.likelihood_ratio_p(index, model * [1.2, 1.0, 1.0], doubting=True))
@@ -401,7 +401,7 @@ def test_valves_are_seen_by_the_likelihood_of_all_outputs_where_these_are_estima
 def test_an_unchanged_plant_behind_valves_is_not_rejected_where_outputs_are_estimated_together(related):
     """Where OP is taken at its word one of four elements is, at 1e-6; with valves open none is. A gain 20 % off is."""
     estimates, _ = related
-    there = with_open_valves(estimates, [0, 1], {})
+    there = with_open_valves(estimates, {0: (), 1: ()}, {})
     plain, doubting = [], []
     for i, estimate in there.items():
         for j, part in enumerate(estimate.row.slices):
@@ -422,7 +422,7 @@ def test_a_likelihood_ratio_with_open_valves_rejects_the_model_as_often_as_it_sa
         p = []
         for seed in range(40):
             estimates = identify_matrix([record(seed, share, kind)[0]], PLANT, specs_of(PLANT))
-            p.append(with_open_valves(estimates, [0], {})[0].likelihood_ratio_p(index, model, doubting=True))
+            p.append(with_open_valves(estimates, {0: ()}, {})[0].likelihood_ratio_p(index, model, doubting=True))
         assert np.sum(np.less(p, 0.05)) <= 5, (kind, share)
         assert np.sum(np.less(p, 0.5)) >= 8, (kind, share)
 

@@ -162,8 +162,8 @@ again from one to the next, as its likelihood is smooth."""
 VALVE = 1e-4
 """Significance from which a valve is taken not to follow OP, over the bands and inputs tried."""
 STICKS = 0.25
-"""Odds, before the record is looked at, that a valve does not follow OP, for each kind a third of them: one in five.
-Audits of mills found more (Bialkowski 1993: some 30 % of the loops vary because of their valves)."""
+"""Odds, before the record is looked at, that a valve sticks or has backlash: one in five. Audits of mills found more
+(Bialkowski 1993: some 30 % of the loops vary because of their valves)."""
 HOLD = 0.01
 """Significance from which the likelihoods of two ways of a measured disturbance to run between its samples differ
 beyond chance: the wrong one is then taken in at most 0.5 % of records."""

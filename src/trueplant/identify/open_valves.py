@@ -22,7 +22,7 @@ from trueplant.identify.fit import RowFit
 from trueplant.identify.joint_plant import JointPlant
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.valve_effects import RowErrors, behind
-from trueplant.identify.valves import FoundValve, Tries, tries_of
+from trueplant.identify.valves import FoundValve, Tried, Tries, tries_of
 from trueplant.loop.valve import Valve
 
 Fits = Mapping[int, RowFit]
@@ -74,22 +74,25 @@ class OutputByOutput:
 
 
 def with_open_valves(
-    estimates: Mapping[int, OutputEstimate], columns: Sequence[int], valves: Mapping[int, FoundValve]
+    estimates: Mapping[int, OutputEstimate],
+    tried: Mapping[int, Sequence[Tried]],
+    valves: Mapping[int, FoundValve],
 ) -> dict[int, OutputEstimate]:
-    """The estimates, with the valves in these columns open to their likelihood ratios.
+    """The estimates, with the valves that were tried, by column, open to their likelihood ratios.
 
     Of valves that were found, whose positions the estimates stand on, the bands nearby are.
     """
     fits = {i: estimate.fit for i, estimate in estimates.items() if estimate.fit.count}
-    bands = {column: _tries(fits, column, valves.get(column)) for column in columns if _moved_by(fits, column)}
+    columns = [column for column in {**tried, **valves} if _moved_by(fits, column)]
+    bands = {column: _tries(fits, column, tried.get(column, ()), valves.get(column)) for column in sorted(columns)}
     return {
         i: replace(one, open_valves=partial(gain, fits, bands, i)) if i in fits else one for i, one in estimates.items()
     }
 
 
-def _tries(fits: Fits, column: int, found: FoundValve | None) -> Tries:
+def _tries(fits: Fits, column: int, tried: Sequence[Tried], found: FoundValve | None) -> Tries:
     tries = tries_of(fits[_moved_by(fits, column)[0]], column)
-    return tries if found is None else replace(tries, kinds=(tuple(tries.nearby(found.valve)),))
+    return tries.open_to(tried) if found is None else replace(tries, kinds=(tuple(tries.nearby(found.valve)),))
 
 
 def _columns(fit: RowFit) -> list[int]:

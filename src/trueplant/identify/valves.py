@@ -32,6 +32,9 @@ from trueplant.result.budget import Source
 
 KINDS = ("backlash", "stick-slip", "an end")
 """Of valves that do not follow OP."""
+STICKING = len(KINDS[:-1])
+"""An end is as likely as one of the others, but none is suspected where the record does not speak for it: OP that moves
+between two levels only would tell none from a smaller gain."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,11 @@ class Tries:
     @property
     def valves(self) -> tuple[Valve, ...]:
         return tuple(chain(*self.kinds))
+
+    def open_to(self, tried: Sequence[Tried]) -> Tries:
+        """With ends only where the record speaks for one."""
+        suspected = bool(tried) and bool(tried[-1].odds.any())
+        return self if suspected else replace(self, kinds=self.kinds[:STICKING])
 
     def times(self, valve: Valve, factor: float) -> Valve:
         """One whose band, or the part of OP's range that its stem does not reach, is so many times as wide."""
@@ -177,7 +185,7 @@ def _ends(op: Array) -> list[float]:
 
 def odds_before(kind: Sequence[Valve]) -> float:
     """Of each of its bands, before the record is looked at, against a valve that follows OP."""
-    return levels.STICKS / len(KINDS) / len(kind)
+    return levels.STICKS / STICKING / len(kind)
 
 
 def _kind(
@@ -204,6 +212,8 @@ def _kind(
     most = max(one.most for one in placed.values())
     best, error = max(placed.values(), key=lambda one: (one.gain > enough, one.evidence, one.gain)), 0.0
     before = np.full(len(kind), odds_before(kind))
+    if best.is_end and not best.evidence > 0:
+        evidence[:] = -np.inf
     if (best.most > 0 and max(best.promised, best.gain) > enough) or best.evidence > 0:
         refined = _refined(list(fits.values()), column, tries, best.valve)
         best, error = Placed.of(fits, tests, column, refined.valve, best.promised, enough), refined.error

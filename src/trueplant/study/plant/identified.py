@@ -104,7 +104,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         estimates = _resting_on_disturbances(study, estimates, fits)
     confidence = study.project.analysis.confidence
     estimates = over_open_valves(over_open_holds(estimates, holds, confidence), tried, confidence)
-    estimates = with_open_valves(widened_for_bands(estimates, valves, confidence), columns, valves)
+    estimates = with_open_valves(widened_for_bands(estimates, valves, confidence), tried, valves)
     if drawn := drawn_outputs(study):
         say("estimating what a historian left out")
         held = _identified(study, held_between(segments, drawn), (), loads=not moved)
