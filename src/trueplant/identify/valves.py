@@ -25,16 +25,16 @@ from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
 from trueplant.identify.moments import in_row
 from trueplant.identify.output import OutputEstimate, at_median, averaged
-from trueplant.identify.valve_effects import BENDS, ValveTest, behind, bends
+from trueplant.identify.valve_effects import BENDS, Effects, ValveTest, behind, bends
 from trueplant.loop.valve import Valve
 from trueplant.record.types import Segment
 from trueplant.result.budget import Source
 
-KINDS = ("backlash", "stick-slip", "an end")
-"""Of valves that do not follow OP."""
-STICKING = len(KINDS[:-1])
-"""An end is as likely as one of the others, but none is suspected where the record does not speak for it: OP that moves
-between two levels only would tell none from a smaller gain."""
+STICKING = ("backlash", "stick-slip")
+"""Kinds of valves that are suspected in any record."""
+KINDS = (*STICKING, "an end")
+"""An end is as likely as one of the others, but suspected only where the record speaks for it: an OP that moves between
+two levels cannot tell it from a smaller gain."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Tries:
     def open_to(self, tried: Sequence[Tried]) -> Tries:
         """With ends only where the record speaks for one."""
         suspected = bool(tried) and bool(tried[-1].odds.any())
-        return self if suspected else replace(self, kinds=self.kinds[:STICKING])
+        return self if suspected else replace(self, kinds=self.kinds[: len(STICKING)])
 
     def times(self, valve: Valve, factor: float) -> Valve:
         """One whose band, or the part of OP's range that its stem does not reach, is so many times as wide."""
@@ -158,8 +158,10 @@ def widened_for_bands(
 def _tried(fits: Mapping[int, RowFit], column: int, inputs: int) -> tuple[Tried, ...]:
     parts = {i: of_a_part(fit) for i, fit in fits.items()}
     tries = tries_of(next(iter(parts.values())), column)
-    tests = [ValveTest(fit, column) for fit in parts.values()] if tries.kinds else []
-    return tuple(_kind(parts, tests, column, tries, kind, inputs) for kind in tries.kinds)
+    if not tries.kinds:
+        return ()
+    search = Search(parts, [ValveTest(fit, column) for fit in parts.values()], column, tries, inputs)
+    return (*(_band(search, kind) for kind in tries.kinds[: len(STICKING)]), _end(search, tries.kinds[-1]))
 
 
 def tries_of(fit: RowFit, column: int) -> Tries:
@@ -185,47 +187,76 @@ def _ends(op: Array) -> list[float]:
 
 def odds_before(kind: Sequence[Valve]) -> float:
     """Of each of its bands, before the record is looked at, against a valve that follows OP."""
-    return levels.STICKS / STICKING / len(kind)
+    return levels.STICKS / len(STICKING) / len(kind)
 
 
-def _kind(
-    fits: Mapping[int, RowFit],
-    tests: Sequence[ValveTest],
-    column: int,
-    tries: Tries,
-    kind: Sequence[Valve],
-    inputs: int,
-) -> Tried:
-    """One kind of valve; p-value by Bonferroni over its bands, all kinds, and so many inputs."""
-    effects = [test.of(kind) for test in tests]
-    alone, evidence, beyond = (np.sum(each, axis=0) for each in zip(*(of.sums for of in effects), strict=True))
-    searched = len(kind) * len(KINDS) * inputs
-    enough = float(chi2.isf(levels.VALVE / searched, 1))
-    asked = sorted({int(np.argmax(evidence)), *_spread(np.flatnonzero(alone > enough))})
-    placed = {k: Placed.of(fits, tests, column, kind[k], float(beyond[k]), enough) for k in asked}
-    shifts = {i: of.shifts for i, of in zip(fits, effects, strict=True)}
-    for k, one in placed.items():
-        if one.evidence > evidence[k]:
-            evidence[k] = one.evidence
-            for i, fit in fits.items():
-                shifts[i][k] = one.behind[i].theta - fit.theta
-    most = max(one.most for one in placed.values())
-    best, error = max(placed.values(), key=lambda one: (one.gain > enough, one.evidence, one.gain)), 0.0
-    before = np.full(len(kind), odds_before(kind))
-    if best.is_end and not best.evidence > 0:
-        evidence[:] = -np.inf
-    if (best.most > 0 and max(best.promised, best.gain) > enough) or best.evidence > 0:
-        refined = _refined(list(fits.values()), column, tries, best.valve)
-        best, error = Placed.of(fits, tests, column, refined.valve, best.promised, enough), refined.error
-        if best.is_end:  # smooth: those nearby say more than those of the grid
-            before = before[0] * np.gradient(np.log(levels.VALVE_FACTORS)) / tries.step(kind)
-            evidence, moved = (-np.inf if best.is_bent(column) else best.evidence) + refined.evidence, refined.shifts
-            shifts = {i: best.behind[i].theta - fits[i].theta + own for i, own in zip(fits, moved, strict=True)}
-            best = replace(best, gain=0.0) if best.is_bent(column) else best
-    log_p = min(0.0, np.log(searched) + float(chi2.logsf(max(best.gain, 0.0), 1)))
-    ratios = np.exp(np.minimum(evidence, min(most / 2, levels.LARGEST_EXPONENT)))
-    found = FoundValve(best.valve, float(np.exp(log_p)), error)
-    return Tried(found, log_p, before * ratios, shifts, best.behind)
+@dataclass(frozen=True, eq=False)
+class Search:
+    """One input of the outputs that it moves, ready for valves to be tried in it."""
+
+    fits: Mapping[int, RowFit]
+    tests: Sequence[ValveTest]
+    column: int
+    tries: Tries
+    inputs: int
+    """In so many inputs valves are looked for."""
+
+    def log_p(self, kind: Sequence[Valve], gain: float) -> float:
+        """By Bonferroni over the valves of its kind, all kinds, and all inputs."""
+        return min(0.0, float(np.log(self._searched(kind)) + chi2.logsf(max(gain, 0.0), 1)))
+
+    def enough(self, kind: Sequence[Valve]) -> float:
+        """The gain that is beyond chance."""
+        return float(chi2.isf(levels.VALVE / self._searched(kind), 1))
+
+    def _searched(self, kind: Sequence[Valve]) -> int:
+        return len(kind) * len(KINDS) * self.inputs
+
+    def looked_at(self, kind: Sequence[Valve]) -> tuple[list[Effects], dict[int, Placed]]:
+        """All of a kind to first order, and with the plant fitted behind them the likeliest, and some of those that
+        promise more than chance would, by their place."""
+        effects = [test.of(kind) for test in self.tests]
+        alone, evidence, beyond = (np.sum(each, axis=0) for each in zip(*(of.sums for of in effects), strict=True))
+        enough = self.enough(kind)
+        asked = sorted({int(np.argmax(evidence)), *_spread(np.flatnonzero(alone > enough))})
+        return effects, {k: self.placed(kind[k], float(beyond[k]), enough) for k in asked}
+
+    def placed(self, valve: Valve, promised: float, enough: float) -> Placed:
+        """To first order a wide band may promise what no plant keeps: what is gained with the plant fitted behind it is
+        the most that counts. And a valve that hides much of what OP does promises little, as the plant fitted to OP is
+        far off: so what else could explain the errors is asked behind the valve too.
+        """
+        moved = {i: behind(fit, {self.column: valve}) for i, fit in self.fits.items()}
+        most = sum(self.fits[i].deviance - moved[i].deviance for i in moved)
+        gain, evidence = min(promised, most), -np.inf
+        if most > enough:
+            after = [ValveTest(fit, self.column) for fit in moved.values()]
+            less = sum(test.gained - one.gained for test, one in zip(self.tests, after, strict=True))
+            gain = max(gain, most - max(less, 0.0))
+            evidence = most / 2 + sum(one.open_to - test.open_to for test, one in zip(self.tests, after, strict=True))
+        return Placed(valve, moved, promised, most, gain, evidence)
+
+    def refined(self, valve: Valve) -> Refined:
+        """The plant is fitted behind each: what was found beside a plant fitted to OP leans."""
+        for _ in range(levels.VALVE_ROUNDS):
+            nearby = self.tries.nearby(valve)
+            tests = [ValveTest(behind(fit, {self.column: valve}), self.column) for fit in self.fits.values()]
+            effects = [test.of(nearby) for test in tests]
+            evidence = np.sum([of.evidence for of in effects], axis=0)
+            best = int(np.argmax(evidence))
+            apart = np.log(levels.VALVE_FACTORS / levels.VALVE_FACTORS[best])
+            shares = np.exp(evidence - evidence[best]) * np.gradient(apart)
+            error = float(np.sqrt(shares @ apart**2 / shares.sum()))
+            shifts = [of.shifts - of.shifts[best] for of in effects]
+            found = Refined(nearby[best], error, evidence - evidence[best], shifts)
+            if levels.VALVE_FACTORS[best] == 1.0:
+                break
+            valve = nearby[best]
+        return found
+
+    def moved(self, placed: Placed) -> dict[int, Array]:
+        """(size,) by output, by how much the plant's parameters are larger behind a valve."""
+        return {i: placed.behind[i].theta - fit.theta for i, fit in self.fits.items()}
 
 
 def _spread(places: IntArray) -> list[int]:
@@ -250,34 +281,6 @@ class Placed:
     """log of the ratio of likelihoods, beside all else as far as the record needs that; -inf where it gains too little
     to ask."""
 
-    @classmethod
-    def of(
-        cls,
-        fits: Mapping[int, RowFit],
-        tests: Sequence[ValveTest],
-        column: int,
-        valve: Valve,
-        promised: float,
-        enough: float,
-    ) -> Placed:
-        """To first order a wide band may promise what no plant keeps: what is gained with the plant fitted behind it is
-        the most that counts. And a valve that hides much of what OP does promises little, as the plant fitted to OP is
-        far off: so what else could explain the errors is asked behind the valve too.
-        """
-        moved = {i: behind(fit, {column: valve}) for i, fit in fits.items()}
-        most = sum(fits[i].deviance - moved[i].deviance for i in fits)
-        gain, evidence = min(promised, most), -np.inf
-        if most > enough:
-            after = [ValveTest(fit, column) for fit in moved.values()]
-            less = sum(test.gained - one.gained for test, one in zip(tests, after, strict=True))
-            gain = max(gain, most - max(less, 0.0))
-            evidence = most / 2 + sum(one.open_to - test.open_to for test, one in zip(tests, after, strict=True))
-        return cls(valve, moved, promised, most, gain, evidence)
-
-    @property
-    def is_end(self) -> bool:
-        return self.valve.low > -np.inf or self.valve.high < np.inf
-
     def is_bent(self, column: int) -> bool:
         """Does OP act beyond the end after all, or is the gain not the same throughout before it?"""
         fallen = sum(bends(fit, column) for fit in self.behind.values())
@@ -297,21 +300,44 @@ class Refined:
     """(n_factors, size) for each output, by how much the plant's parameters would be larger than behind it."""
 
 
-def _refined(fits: Sequence[RowFit], column: int, tries: Tries, valve: Valve) -> Refined:
-    """The plant is fitted behind each: what was found beside a plant fitted to OP leans."""
-    for _ in range(levels.VALVE_ROUNDS):
-        nearby = tries.nearby(valve)
-        effects = [ValveTest(behind(fit, {column: valve}), column).of(nearby) for fit in fits]
-        evidence = np.sum([of.evidence for of in effects], axis=0)
-        best = int(np.argmax(evidence))
-        apart = np.log(levels.VALVE_FACTORS / levels.VALVE_FACTORS[best])
-        shares = np.exp(evidence - evidence[best]) * np.gradient(apart)
-        error = float(np.sqrt(shares @ apart**2 / shares.sum()))
-        found = Refined(nearby[best], error, evidence - evidence[best], [of.shifts - of.shifts[best] for of in effects])
-        if levels.VALVE_FACTORS[best] == 1.0:
-            break
-        valve = nearby[best]
-    return found
+def _band(search: Search, kind: Sequence[Valve]) -> Tried:
+    """Backlash or stick-slip, the likeliest of its bands; all of them have their odds."""
+    effects, placed = search.looked_at(kind)
+    evidence = np.sum([of.evidence for of in effects], axis=0)
+    shifts = {i: of.shifts for i, of in zip(search.fits, effects, strict=True)}
+    for k, one in placed.items():
+        if one.evidence > evidence[k]:
+            evidence[k] = one.evidence
+            for i, moved in search.moved(one).items():
+                shifts[i][k] = moved
+    most, enough = max(one.most for one in placed.values()), search.enough(kind)
+    best, error = max(placed.values(), key=lambda one: (one.gain > enough, one.evidence, one.gain)), 0.0
+    if (best.most > 0 and max(best.promised, best.gain) > enough) or best.evidence > 0:
+        refined = search.refined(best.valve)
+        best, error = search.placed(refined.valve, best.promised, enough), refined.error
+    log_p = search.log_p(kind, best.gain)
+    odds = odds_before(kind) * np.exp(np.minimum(evidence, min(most / 2, levels.LARGEST_EXPONENT)))
+    return Tried(FoundValve(best.valve, float(np.exp(log_p)), error), log_p, odds, shifts, best.behind)
+
+
+def _end(search: Search, kind: Sequence[Valve]) -> Tried:
+    """An end of which the record speaks, if OP does nothing beyond it; its likelihood is smooth, and those nearby have
+    their odds."""
+    _, placed = search.looked_at(kind)
+    best = max(placed.values(), key=lambda one: one.evidence)
+    if best.evidence > 0:
+        refined = search.refined(best.valve)
+        best = search.placed(refined.valve, best.promised, search.enough(kind))
+        if not best.is_bent(search.column):
+            evidence = np.minimum(best.evidence + refined.evidence, min(best.most / 2, levels.LARGEST_EXPONENT))
+            closer = np.gradient(np.log(levels.VALVE_FACTORS)) / search.tries.step(kind)
+            moved = search.moved(best).items()
+            shifts = {i: one + own for (i, one), own in zip(moved, refined.shifts, strict=True)}
+            log_p = search.log_p(kind, best.gain)
+            found = FoundValve(best.valve, float(np.exp(log_p)), refined.error)
+            return Tried(found, log_p, odds_before(kind) * closer * np.exp(evidence), shifts, best.behind)
+    nowhere = {i: np.zeros((1, fit.theta.size)) for i, fit in search.fits.items()}
+    return Tried(FoundValve(best.valve, 1.0), 0.0, np.zeros(1), nowhere, best.behind)
 
 
 def _lean(fit: RowFit, column: int, found: FoundValve) -> Array:
