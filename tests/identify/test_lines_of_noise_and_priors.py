@@ -147,13 +147,15 @@ def test_one_valve_in_five_does_not_follow_before_its_record_is_looked_at(monkey
     monkeypatch.setattr(valves, "behind", lambda fit, valves: fit)
 
     def silent(kind: Any) -> Stub:
-        return Stub(evidence=np.zeros(len(kind)), beyond=np.zeros(len(kind)), shifts=np.zeros((len(kind), 3)))
+        nothing = np.zeros(len(kind))
+        return Stub(evidence=nothing, sums=(nothing, nothing, nothing), shifts=np.zeros((len(kind), 3)))
 
-    tests: Any = [Stub(of=silent)]
-    fits: Any = {0: Stub(deviance=0.0)}
+    fits: Any = {0: Stub(deviance=0.0, theta=np.zeros(3))}
+    search: Any = valves.Search(fits, [Stub(of=silent)], 0, Stub(), 3)
     kinds = [[valves.Valve(backlash=width) for width in (1.0, 2.0)], [valves.Valve(stick=1.0)]]
-    odds = sum(valves._kind(fits, tests, 0, kind, 3).odds.sum() for kind in kinds)
+    odds = sum(valves._band(search, kind).odds.sum() for kind in kinds)
     assert 1 / 6 < odds / (1 + odds) < 1 / 4
+    assert not valves._end(search, [valves.Valve(high=1.0)]).odds.any()
 
 
 @pytest.mark.holds("identify.BETWEEN_RUNS")
