@@ -122,6 +122,10 @@ class RowErrors:
         """(n, rank) of what that spans."""
         return orthonormal(self.jacobian)
 
+    def element(self, column: int) -> int:
+        """The place of the element that an input moves it through."""
+        return next(m for m, spec in enumerate(self.fit.row.specs) if spec.column == column)
+
     def whitened(self, answers: Callable[[Piece], Array]) -> Array:
         """(n, k) of answers (k, n) in the pieces, as what changes the errors."""
         found = np.hstack([whitening(answers(piece)) for piece, whitening in self.pieces])
@@ -143,7 +147,7 @@ class RowErrors:
 
     def promised(self, column: int, valves: Sequence[Valve]) -> Array:
         """(n_valves,) by how much -2 log likelihood would fall to first order behind each of these in an input."""
-        m = next(m for m, spec in enumerate(self.fit.row.specs) if spec.column == column)
+        m = self.element(column)
         return promised(self.errors, self.basis, self.fit.left, lambda batch: self.fallen(m, batch), valves)
 
 
@@ -164,7 +168,7 @@ class ValveTest:
 
     def __init__(self, fit: RowFit, column: int) -> None:
         self._own = own = RowErrors(fit)
-        self._m = next(m for m, spec in enumerate(fit.row.specs) if spec.column == column)
+        self._m = own.element(column)
         rivals = own.whitened(lambda piece: _rivals(fit, self._m, piece))
         size = np.sqrt(np.einsum("nk,nk->k", own.jacobian, own.jacobian))
         size[size == 0] = 1.0
@@ -209,7 +213,7 @@ def bends(fit: RowFit, column: int) -> float:
     """By how much -2 log likelihood of a plant behind a stem that ends would fall, to first order, if OP acted beyond
     that end after all and the gain varied before it."""
     own = RowErrors(fit)
-    m = next(m for m, spec in enumerate(fit.row.specs) if spec.column == column)
+    m = own.element(column)
 
     def answers(piece: Piece) -> Array:
         stem = piece.inputs[column]

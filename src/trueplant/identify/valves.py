@@ -178,8 +178,11 @@ def tries_of(fit: RowFit, column: int) -> Tries:
 
 
 def _ends(op: Array) -> list[float]:
-    """Upper ends that cut off parts of what OP does in all, from its lowest on, as BEYOND_ENDS says."""
-    at = np.sort(op)
+    """Upper ends that cut off parts of what OP does in all, from its lowest on, as BEYOND_ENDS says.
+
+    Of long records as many samples as a search takes are enough to place them.
+    """
+    at = np.sort(op[:: max(op.size // levels.SEARCHED_ERRORS, 1)])
     steps = np.diff(at) * np.arange(at.size - 1, 0, -1)
     cut = np.append(np.cumsum(steps[::-1])[::-1], 0.0) / steps.sum()
     return [float(x) for x in np.interp(levels.BEYOND_ENDS, cut[::-1], at[::-1])]
