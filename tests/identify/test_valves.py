@@ -24,7 +24,7 @@ from trueplant.identify import (
 )
 from trueplant.identify.likelihood import held_at
 from trueplant.identify.open_valves import OutputByOutput, gain, likeliest
-from trueplant.identify.valve_effects import ValveTest, behind
+from trueplant.identify.valve_effects import RowErrors, ValveTest, _rivals, behind
 from trueplant.identify.valves import FoundValve, Tries, tries_of
 from trueplant.loop import PID, Controller, Valve, simulate
 from trueplant.lti import TransferMatrix
@@ -236,6 +236,21 @@ def test_a_valve_moves_the_plant_to_first_order_as_far_as_a_fit_behind_it():
     assert effect.evidence[0] == pytest.approx((fit.deviance - moved.deviance) / 2, rel=0.1)
     assert effect.alone[0] == pytest.approx(fit.deviance - moved.deviance, rel=0.1)
     np.testing.assert_allclose(effect.shifts[0], moved.theta - fit.theta, rtol=0.2)
+
+
+def test_a_valve_gains_what_least_squares_leave_less_whether_much_or_nothing_is_free():
+    """Against numpy's least squares on the same errors, beside what is free and beside all else."""
+    fit = identify_matrix([record(1, 0.02, std=0.1)[0]], PLANT, specs_of(PLANT))[0].fit
+    valve = Valve(backlash=0.02 * float(np.ptp(fit.row.pieces[0].inputs[0])))
+    nothing = replace(fit, free=np.zeros(3, dtype=bool), ar=np.zeros(0))
+    for one in (fit, nothing):
+        test, errors = ValveTest(one, 0), RowErrors(one)
+        behind_it = errors.errors - errors.fallen(0, [valve])[0]
+        columns = errors.with_more(errors.whitened(lambda piece, one=one: _rivals(one, 0, piece)))
+        assert errors.jacobian.shape[1] == (0 if one is nothing else 3 + fit.ar.size)
+        for basis, gained in ((errors.jacobian, test.of([valve]).alone), (columns, test.of([valve]).beyond)):
+            left = [float(np.sum((e - basis @ np.linalg.lstsq(basis, e)[0]) ** 2)) for e in (errors.errors, behind_it)]
+            assert gained[0] == pytest.approx(one.left * np.log(left[0] / left[1]), rel=1e-6)
 
 
 def test_valves_are_tried_quietly_where_noise_is_large_in_units_of_pv_and_a_dead_time_is_fixed():

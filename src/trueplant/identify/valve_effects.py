@@ -202,10 +202,10 @@ class ValveTest:
     def _left(self, errors: Array) -> tuple[Array, Array, Array]:
         """(m,) sums of squares that what may change errors (m, n) leaves of them, (m,) that all else leaves, and
         (m, rank) the errors in the basis of the former."""
-        inside = errors @ self._basis
-        left = np.einsum("mn,mn->m", errors, errors)[:, None] - np.cumsum(inside**2, axis=1)
-        rank = self._own.basis.shape[1]
-        own, every = np.maximum(left[:, [rank - 1, -1]], 1e-300).T
+        inside, rank = errors @ self._basis, self._own.basis.shape[1]
+        squares = np.einsum("mn,mn->m", errors, errors)
+        explained = inside[:, :rank] ** 2, inside**2
+        own, every = (np.maximum(squares - of.sum(axis=1), 1e-300) for of in explained)
         return own, every, inside[:, :rank]
 
 
