@@ -7,11 +7,12 @@ more than 4 standard errors off, and elements without a verdict although a test 
 record, made like the product's on all elements at once, would tell a change of 20 %; and the power where the change is
 beyond what that bound can tell.
 
-There are two halves: 1 to build with, 2 to look at once. Answers are kept in the file, a line a record, and a later
-call goes on from there.
+There are two halves: 1 to build with, 2 to look at once. With --unchanged only those of the records that no element
+of the plant has changed in, which is where false alarms come from. Answers are kept in the file, a line a record, and
+a later call goes on from there.
 
     python benchmarks/bench_random_plants.py [--half 1] [--first 0] [--records 400] [--file answers.jsonl] [--workers 2]
-        [--whole] [--scale 10]
+        [--whole] [--scale 10] [--unchanged]
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from random_plants import FACTORS, SCALE, STRUCTURES, analysed, bounds, draw
+from random_plants import FACTORS, SCALE, STRUCTURES, analysed, bounds, draw, levels_of
 
 from trueplant.detect import detectable_change
 
@@ -202,13 +203,18 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--whole", action="store_true")
     parser.add_argument("--scale", type=float, default=SCALE, help="minutes that all times are drawn around")
+    parser.add_argument("--unchanged", action="store_true", help="only records whose plant has not changed")
     options = parser.parse_args()
     lines = []
     if options.file and options.file.exists():
         lines = [json.loads(text) for text in options.file.read_text(encoding="utf-8").splitlines()]
     lines = [line for line in lines if line.get("scale", SCALE) == options.scale]
     done = {(line["half"], line["number"]) for line in lines}
-    numbers = range(options.first, options.first + options.records)
+    numbers = [
+        k
+        for k in range(options.first, options.first + options.records)
+        if not options.unchanged or levels_of(options.half, k)["plant"] == "unchanged"
+    ]
     jobs = [(options.half, k, options.whole, options.scale) for k in numbers if (options.half, k) not in done]
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ[name] = "1"  # a process is a thread: there is one for each core
