@@ -31,7 +31,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from random_plants import FACTORS, SCALE, STRUCTURES, analysed, bounds, draw, levels_of
+from random_plants import FACTORS, SCALE, STRUCTURES, Answer, analysed, bounds, draw, levels_of
 
 from trueplant.detect import detectable_change
 
@@ -68,6 +68,7 @@ def answer(job: tuple[int, int, bool, float]) -> dict:
                     "apart": _apart(structure, truth, case.model[i][j], errors),
                     "verdict": str(said.verdict) if said else "refused",
                     "reason": said.reason if said else "",
+                    "follows": _follows(result, i, j),
                     "parameters": [
                         _parameter(name, t, b, given.get(name))
                         for name, t, b in zip(structure.names, truth, errors, strict=True)
@@ -85,6 +86,11 @@ def answer(job: tuple[int, int, bool, float]) -> dict:
         "seconds": round(spent, 2),
         "elements": elements,
     }
+
+
+def _follows(result: Answer, i: int, j: int) -> float | None:
+    """p-value that the prediction errors of output i do not follow input j."""
+    return float(result.estimates[i].cross_p[j]) if i in result.estimates else None
 
 
 def _parameter(name: str, truth: float, bound: float, said) -> dict:

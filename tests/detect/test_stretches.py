@@ -8,7 +8,7 @@ import pytest
 from support.chance import most
 from support.changing import changing_loop
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.detect import TwoFits, likeliest_change, middle
+from trueplant.detect import TwoFits, likeliest_change
 from trueplant.identify import Row, Spec, fit_row, pieces_of
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
@@ -37,7 +37,7 @@ def recorded(seed, v, first=0.0, cut=0):
 def halves(fit):
     """The halves as compared, and the rival explanation."""
     moved, total = likeliest_change(fit), sum(piece.y.size for piece in fit.row.pieces)
-    return TwoFits.of(fit, moved.stretch(0, middle(fit.row)), moved.stretch(middle(fit.row), total)), moved
+    return TwoFits.of(fit, moved.stretch(0, fit.row.middle), moved.stretch(fit.row.middle, total)), moved
 
 
 def outliers(rng):

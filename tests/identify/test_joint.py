@@ -16,7 +16,7 @@ from trueplant.identify import Spec, identify_matrix, identify_output, shared_di
 from trueplant.identify.fit import fit_row
 from trueplant.identify.joint import _chosen_order, fit_jointly, fit_until_white, whiteness_p
 from trueplant.identify.shared_disturbance import predicted_outputs, related_at_once
-from trueplant.loop import simulate
+from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.structure import structure_of
@@ -142,6 +142,28 @@ def test_what_a_fit_holds_the_joint_fit_holds():
     held = fit_row(alone[0].fit.row, theta, alone[0].fit.ar, free=free)
     joint = fit_jointly([held, alone[1].fit], 1)
     assert joint.theta[0][2] == 0.0 and joint.covariance[0][2, 2] < 1e-20
+
+
+def test_a_dead_time_that_is_held_is_no_surer_for_the_outputs_together():
+    """Two that the models do not have and the record does not show, of 0.3 s: they may be there all the same."""
+    declared = [
+        ["2/((40 s + 1)(5 s + 1))", "0.5 exp(-9 s)/(30 s + 1)"],
+        ["0.4 exp(-7 s)/(35 s + 1)", "-1.5/(25 s + 1)"],
+    ]
+    model = TransferMatrix.of(declared)
+    true = TransferMatrix.of([["2 exp(-0.3 s)/((40 s + 1)(5 s + 1))", declared[0][1]], declared[1]])
+    law = Controller.diagonal([PID(Kc=1.0, Ti=40.0, sample_time=1.0), PID(Kc=-1.0, Ti=30.0, sample_time=1.0)])
+    rng = np.random.default_rng(3)
+    e = rng.standard_normal((2500, 2)) @ np.linalg.cholesky(np.array([[1.0, 0.8], [0.8, 1.0]])).T
+    v = lfilter([0.05], [1, -0.8], e, axis=0)
+    record = segment_of(simulate(true, law, random_switching(rng, 2500, 2, 60.0), 1.0, v=v))
+    found = identify_matrix([record], model, specs_of(model))
+    assert all(one.jointly for one in found.values())
+    held = [(found[0], 3, 0.3), (found[1], 5, 0.0)]
+    for one, index, dead_time in held:
+        assert not one.fit.free[index] and one.theta[index] == 0
+        low, high = one.intervals[index]
+        assert low == 0 and dead_time < high < 2 and np.sqrt(one.covariance[index, index]) > 0.05
 
 
 @pytest.mark.parametrize("missing", [False, True])

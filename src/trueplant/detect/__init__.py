@@ -10,7 +10,7 @@ from trueplant.detect.ratio import plant_model_ratio
 from trueplant.detect.sensitivity import nominal_sensitivity
 from trueplant.detect.signals import Detection, Signals, signals_of
 from trueplant.detect.stepwise import stepwise
-from trueplant.detect.stretches import Moved, TwoFits, likeliest_change, middle
+from trueplant.detect.stretches import Moved, TwoFits, likeliest_change
 from trueplant.detect.verdict import (
     Evidence,
     ParameterVerdict,
@@ -47,7 +47,6 @@ __all__ = [
     "judge_elements",
     "least_known",
     "likeliest_change",
-    "middle",
     "nominal_sensitivity",
     "one_class",
     "partial_correlation",

@@ -144,24 +144,6 @@ class TwoFits:
         return float(sum(rise(fit, held_at(fit, free, theta[free])) / np.mean(factor[free]) for fit, factor in fits))
 
 
-def between(row: Row, begin: int, end: int) -> tuple[Piece, ...]:
-    """The pieces from one sample to before another, counted over all pieces on end."""
-    found, start = [], 0
-    for piece in row.pieces:
-        low, high = max(begin - start, 0), min(end - start, piece.y.size)
-        low, high = low - low % row.stride, high if high == piece.y.size else high - high % row.stride
-        if high > low:
-            found.append(piece.from_sample(low, None if high == piece.y.size else high))
-        start += piece.y.size
-    return tuple(found)
-
-
-def middle(row: Row) -> int:
-    """The sample, over all pieces on end, with as many measured ones before as after."""
-    seen = np.cumsum(np.concatenate([piece.valid for piece in row.pieces]))
-    return int(np.searchsorted(seen, seen[-1] / 2)) + 1
-
-
 @dataclass(frozen=True, eq=False)
 class Moved:
     """Where in a record two plants fit best, one before and one after, if there are two at all."""
@@ -206,8 +188,8 @@ class Moved:
     def stretch(self, begin: int, end: int) -> tuple[Piece, ...]:
         """The part of a stretch on one side of the instant, the longer one: on it the plant is one and the same."""
         if not begin < self.place < end:
-            return between(self.fit.row, begin, end)
-        parts = between(self.fit.row, begin, self.place), between(self.fit.row, self.place, end)
+            return self.fit.row.between(begin, end)
+        parts = self.fit.row.between(begin, self.place), self.fit.row.between(self.place, end)
         return max(parts, key=lambda pieces: sum(int(piece.valid.sum()) for piece in pieces))
 
 
@@ -235,7 +217,7 @@ def likeliest_change(fit: RowFit) -> Moved | None:
 
 def _two_fits(fit: RowFit, place: int) -> TwoFits | None:
     total = sum(piece.y.size for piece in fit.row.pieces)
-    return TwoFits.of(fit, between(fit.row, 0, place), between(fit.row, place, total))
+    return TwoFits.of(fit, fit.row.between(0, place), fit.row.between(place, total))
 
 
 def _local(row: Row, place: int) -> tuple[Piece, int]:

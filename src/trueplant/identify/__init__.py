@@ -8,6 +8,7 @@ from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.first import INTEGRATING, SELF_REGULATING
 from trueplant.identify.fit import RowFit, fit_row
 from trueplant.identify.gate import Worse, worse_than_model
+from trueplant.identify.halves import counting_halves
 from trueplant.identify.holds import FoundHold, find_holds, held_or_straight, over_open_holds, with_holds
 from trueplant.identify.loads import FoundLoad, cost_of_loads, found_loads
 from trueplant.identify.longest_noise import estimate_beside_longest_noise
@@ -60,6 +61,7 @@ __all__ = [
     "behind_valves",
     "choose_stride",
     "cost_of_loads",
+    "counting_halves",
     "equation_error",
     "estimate_beside_longest_noise",
     "estimate_row",

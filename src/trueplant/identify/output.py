@@ -73,6 +73,8 @@ class OutputEstimate:
     """Parameters that another order of the noise model moves by more than chance and more than a third."""
     tests: ResidualTests
     validation: Validation | None
+    halves: Runs | None = None
+    """How far the halves of one experiment differ, where no structure describes the plant (`halves`)."""
     predicted_by: tuple[int, ...] = ()
     """Other outputs whose past prediction errors predict this one's (`shared_disturbance`); the covariance knows."""
     unprofiled: Array | None = None

@@ -172,6 +172,24 @@ class Row:
             pieces.append(replace(piece, valid=valid, y=np.where(valid, piece.y, 0.0)))
         return replace(self, pieces=tuple(pieces))
 
+    def between(self, begin: int, end: int) -> tuple[Piece, ...]:
+        """The pieces from one sample to before another, counted over all pieces on end."""
+        found, start = [], 0
+        for piece in self.pieces:
+            size = piece.y.size
+            low, high = max(begin - start, 0), min(end - start, size)
+            low, high = low - low % self.stride, high if high == size else high - high % self.stride
+            if high > low:
+                found.append(piece.from_sample(low, None if high == size else high))
+            start += size
+        return tuple(found)
+
+    @property
+    def middle(self) -> int:
+        """The sample, over all pieces on end, with as many measured ones before as after."""
+        seen = np.cumsum(np.concatenate([piece.valid for piece in self.pieces]))
+        return int(np.searchsorted(seen, seen[-1] / 2)) + 1
+
     def response(self, theta: Array, k: int) -> Array:
         """Simulated output of piece k at the strided samples, from rest."""
         piece = self.pieces[k]

@@ -113,7 +113,9 @@ def together(estimates: Mapping[int, OutputEstimate], confidence: float) -> dict
         budget = Budget.of(covariance - own).including(Source.NOISE_MODEL, own)
         before = found.covariance if found.unprofiled is None else found.unprofiled
         unprofiled = covariance + before - found.fit.covariance
-        smaller = np.diag(unprofiled) / np.maximum(np.diag(before), levels.SMALLEST)
+        smaller = np.ones(theta.size)  # of a parameter that is held nothing else is known than before
+        free = found.fit.free
+        smaller[free] = np.diag(unprofiled)[free] / np.maximum(np.diag(before)[free], levels.SMALLEST)
         covariance = unprofiled + scaled(found.covariance - before, smaller)
         intervals = normal_intervals(found.row, theta, covariance, confidence)
         budget = budget.joined(found.budget.without(Source.NOISE, Source.PROFILE))

@@ -21,6 +21,7 @@ from trueplant.identify import (
     Unanswered,
     WhyUnanswered,
     behind_valves,
+    counting_halves,
     found_loads,
     identify_plant,
     over_open_holds,
@@ -110,7 +111,7 @@ def identify(study: Study, say: Progress = quiet) -> Identified:
         held = _identified(study, held_between(segments, drawn), (), loads=not moved)
         estimates = widened_for_drawn(estimates, held.estimates, drawn, confidence)
     unreached = unreached_elements(study)
-    estimates = _without(unreached, estimates)
+    estimates = {i: counting_halves(one, confidence) for i, one in _without(unreached, estimates).items()}
     taken = {(i, spec.column): spec for i, one in estimates.items() for spec in one.row.specs}
     asked = {place: spec for place, spec in study.specs.items() if place not in found.absence_p}
     notes = (

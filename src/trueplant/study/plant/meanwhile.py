@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from trueplant.detect import Moved, TwoFits, likeliest_change, middle
+from trueplant.detect import Moved, TwoFits, likeliest_change
 from trueplant.identify import OutputEstimate, RowFit, cost_of_loads
 from trueplant.result import Code, Reason
 from trueplant.study import levels
@@ -97,7 +97,7 @@ def _pairs(
         return
     (first, own), *later = experiments
     if not later:
-        yield _Pair(i, "second half", own, middle(own.row))
+        yield _Pair(i, "second half", own, own.row.middle)
     border = sum(piece.y.size for piece in own.row.pieces)
     for k, _ in later:
         both = _part(estimate.fit, [first, k])

@@ -192,6 +192,8 @@ def _undermodelled_notes(study: Study, found: Identified, i: int, answered: bool
     tried = {j for j in left if j in estimate.rejected}
     beyond = ", and its gain at rest and its time constants may differ from those given by more than their intervals"
     beyond = beyond if answered else ""
+    counted = f". The intervals count how far what comes nearest to it differs {_between(estimate)}" if answered else ""
+    counted = beyond if estimate.halves is None and estimate.runs is None else counted
     said = [
         (
             absent,
@@ -200,11 +202,11 @@ def _undermodelled_notes(study: Study, found: Identified, i: int, answered: bool
         ),
         (
             tried,
-            f"the prediction errors still follow the input: no structure that was tried describes the plant{beyond}",
+            f"the prediction errors still follow the input: no structure that was tried describes the plant{counted}",
         ),
         (
             left - tried,
-            f"the prediction errors still follow the input: the structure is simpler than the plant{beyond}",
+            f"the prediction errors still follow the input: the structure is simpler than the plant{counted}",
         ),
         (
             kept,
@@ -223,6 +225,10 @@ def _undermodelled_notes(study: Study, found: Identified, i: int, answered: bool
         for places, text in said
         if places
     ]
+
+
+def _between(estimate: OutputEstimate) -> str:
+    return "from one half of the record to the other" if estimate.runs is None else "between the experiments"
 
 
 def grouped(notes: Sequence[Reason]) -> tuple[Reason, ...]:

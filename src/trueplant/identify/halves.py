@@ -1,0 +1,42 @@
+"""What a record leaves open of a plant that no structure describes.
+
+What comes nearest to such a plant differs from move to move, and nothing that a fit says of itself counts that: its
+errors follow what OP does, and their part in what it says does not get smaller as noise does. So the halves of the
+record count as two experiments (`between_experiments`): as far as they differ another record would.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trueplant.identify import levels
+from trueplant.identify.between_experiments import compare_runs
+from trueplant.identify.fit import RowFit
+from trueplant.identify.output import OutputEstimate, averaged
+from trueplant.result.budget import Source
+
+
+def counting_halves(estimate: OutputEstimate, confidence: float) -> OutputEstimate:
+    """The estimate of one experiment, no surer than its halves agree where its prediction errors follow an input.
+
+    Not where that input's element keeps a structure that a richer one was counted for (`kept_structures`).
+    """
+    follows = np.flatnonzero(estimate.cross_p < levels.UNDERMODELLED)
+    if estimate.runs is not None or not set(follows.tolist()) - set(estimate.kept):
+        return estimate
+    halves = compare_runs(in_halves(estimate.fit), estimate.factor)
+    if halves is None:
+        return estimate
+    size = estimate.theta.size
+    args = np.zeros((1, size)), np.ones(1), confidence, Source.STRUCTURE, halves.added[None]
+    return replace(averaged(estimate, *args), halves=halves)
+
+
+def in_halves(fit: RowFit) -> RowFit:
+    """The fit, as if each half of its record were an experiment."""
+    row, total = fit.row, sum(piece.y.size for piece in fit.row.pieces)
+    parts = row.between(0, row.middle), row.between(row.middle, total)
+    pieces = tuple(replace(piece, experiment=k) for k, part in enumerate(parts) for piece in part)
+    return replace(fit, row=replace(row, pieces=pieces), weights=np.ones(len(pieces)))
