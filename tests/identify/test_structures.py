@@ -7,7 +7,7 @@ import pytest
 
 from support.chance import most
 from support.simulated import coloured, random_switching, segment_of
-from trueplant.identify import Spec, identify_matrix, structures
+from trueplant.identify import Spec, identify_matrix, specs_of, structures
 from trueplant.identify.estimate import estimate_row, polished
 from trueplant.identify.levels import STRUCTURE_SHARE
 from trueplant.identify.pieces import pieces_of
@@ -15,6 +15,7 @@ from trueplant.identify.row import Row
 from trueplant.identify.structures import richer, sufficient_p, with_real_lags
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
+from trueplant.record.types import Segment
 
 SLOW = Controller.diagonal([PID(Kc=0.3, Ti=12.0, sample_time=1.0)])
 FAST = Controller.diagonal([PID(Kc=0.8, Ti=10.0, sample_time=1.0)])
@@ -127,3 +128,31 @@ def test_richer_structures_begin_with_parameters_of_their_own(text):
         assert start.shape == (len(one.names),) and np.isfinite(start).all()
         assert np.all(start >= low) and np.all(start <= high)
         assert one.relative_degree > 0 and one != structure
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+def test_a_trace_of_op_in_pv_is_not_taken_for_the_plant(seed):
+    """A hundredth of OP reaches PV at once, the rest by two lags and a dead time: an autoregression describes how PV
+    follows its set-point well, and the trace all the rest. The gain at rest is 0.99, and not -0.01."""
+    record = with_trace(seed, -0.01)
+    model = TransferMatrix.of([["exp(-10 s)/(50 s + 1)"]])
+    found = identify_matrix([record], model, specs_of(model), structures=True)[0]
+    assert str(found.row.specs[0].structure) == "sopdt"
+    low, high = found.intervals[0]
+    assert 0 < low < 0.99 < high and found.theta[0] == pytest.approx(0.99, rel=0.1)
+
+
+def with_trace(seed: int, trace: float, samples: int = 1000) -> Segment:
+    """A simulated loop under PI whose PV shows so much of OP three samples later."""
+    rng = np.random.default_rng(seed)
+    r, v = random_switching(rng, samples, 1, 80.0)[:, 0], coloured(rng, samples, 1, [1, -0.8], [1], 0.01)[:, 0]
+    slow, fast, gone = np.exp(-1 / np.array([73.0, 8.6])), np.zeros(2), 0.0
+    u, y = np.zeros(samples), np.zeros(samples)
+    for k in range(samples):
+        y[k] = fast[1] + v[k] + trace * u[max(k - 3, 0)]
+        gone += (r[k] - y[k]) / 25
+        u[k] = 2 * (r[k] - y[k]) + gone
+        fast = slow * fast + (1 - slow) * np.array([u[k - 12] if k >= 12 else 0.0, fast[0]])
+    columns = (x[:, None] for x in (r, u, y))
+    ones = np.ones((samples, 1), dtype=bool)
+    return Segment(0, 1.0, np.arange(samples) * 1.0, *columns, np.zeros((samples, 0)), ones, ("zoh",))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -25,10 +26,14 @@ from trueplant.identify.longest_noise import beside_longest_noise, restricted
 from trueplant.identify.output import OutputEstimate, Rejected
 from trueplant.identify.row import Row, Spec
 from trueplant.identify.search import improved_element
+from trueplant.identify.validate import residual_tests
 from trueplant.lti.structure import Structure, translated
 
 Again = Callable[[Sequence[Spec]], OutputEstimate | None]
 """Estimates the row with other elements."""
+
+Starts = Callable[[Array, float], Sequence[Array]]
+"""Parameters of another structure to begin from, by those of an element and its time scale."""
 
 
 def with_structures(
@@ -120,8 +125,7 @@ def sufficient_p(fit: RowFit, confidence: float) -> Array:
 
 
 def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
-    structure, p = fit.row.specs[m].structure, fit.theta[fit.row.slices[m]]
-    scale, lags = time_scale(fit, m), np.sort(p[structure.is_lag])
+    structure = fit.row.specs[m].structure
     if not any(np.any(piece.inputs[fit.row.specs[m].column]) for piece in fit.row.pieces):
         return 1.0
     if structure.relative_degree == 0:
@@ -131,14 +135,19 @@ def _sufficient_p(fit: RowFit, m: int, confidence: float) -> float:
     else:
         wanted = replace(structure, lags=1, leads=structure.leads + 1)
 
-    def start(further: float) -> Array:
+    def starts(p: Array, scale: float, shares: Sequence[float] = levels.SECOND_LAGS) -> Sequence[Array]:
+        lags = np.sort(p[structure.is_lag])
         if wanted.pairs > structure.pairs:
-            return _start(structure, p, wanted, scale, lags[:-1], _pair(lags[-1], further))
-        return _start(structure, p, wanted, scale, np.append(lags, further))
+            pairs = [_pair(lags[-1], share * scale) for share in shares]
+            return [_start(structure, p, wanted, scale, lags[:-1], pair) for pair in pairs]
+        return [_start(structure, p, wanted, scale, np.append(lags, share * scale)) for share in shares]
 
-    rivals = [polished(_best(_fitted(fit, m, wanted, [start(share * scale) for share in levels.SECOND_LAGS])))]
+    rivals = [_fitted(fit, m, wanted, starts)]
+    if _model_out_of_reach(fit, m) is not None:  # so far off, the richest may end beside what a simpler one finds
+        simpler = replace(structure, lags=structure.lags + 1)
+        rivals.append(_fitted(fit, m, simpler, partial(_starts, structure, simpler)))
     if wanted.leads > structure.leads:
-        rivals.append(polished(_best(_from_cancelled(fit, m, wanted, start))))
+        rivals.append(polished(_best(_from_cancelled(fit, m, wanted, partial(starts, shares=levels.CANCELLED_LAGS)))))
     return suffices_p(fit, _best(rivals), m, confidence)
 
 
@@ -147,15 +156,14 @@ def simplest(fit: RowFit, m: int, confidence: float, level: float) -> tuple[Stru
 
     None where no richer structure is better beyond chance.
     """
-    declared, p, scale = fit.row.specs[m].structure, fit.theta[fit.row.slices[m]], time_scale(fit, m)
-    starts: dict[Structure, list[Array]] = {}
-    for structure, start in richer(declared, p, scale):
-        starts.setdefault(structure, []).append(start)
-    found = {structure: polished(_best(_fitted(fit, m, structure, own))) for structure, own in starts.items()}
+    declared = fit.row.specs[m].structure
+    tried = dict.fromkeys(structure for structure, _ in richer(declared, *_element(fit, m)))
+    found = {one: _fitted(fit, m, one, partial(_starts, declared, one)) for one in tried}
     both = replace(declared, lags=declared.lags + 1, leads=declared.leads + 1)
 
-    def including(further: float) -> Array:
-        return _start(declared, p, both, scale, np.append(p[declared.is_lag], further))
+    def including(p: Array, scale: float) -> Sequence[Array]:
+        lags = [np.append(p[declared.is_lag], share * scale) for share in levels.CANCELLED_LAGS]
+        return [_start(declared, p, both, scale, of) for of in lags]
 
     if both in found:
         found[both] = _best([found[both], polished(_best(_from_cancelled(fit, m, both, including)))])
@@ -219,9 +227,35 @@ def richer(structure: Structure, p: Array, scale: float) -> Iterator[tuple[Struc
         yield wanted, start
 
 
+def _starts(structure: Structure, wanted: Structure, p: Array, scale: float) -> Sequence[Array]:
+    """Those of `richer` that are of the structure wanted."""
+    return [start for other, start in richer(structure, p, scale) if other == wanted]
+
+
 def time_scale(fit: RowFit, m: int) -> float:
     """How long element m takes to answer; of one that answers at once, what is guessed of one without a model."""
-    structure, p = fit.row.specs[m].structure, fit.theta[fit.row.slices[m]]
+    return _element(fit, m)[1]
+
+
+def _element(fit: RowFit, m: int) -> tuple[Array, float]:
+    """Parameters of element m, and its time scale."""
+    p = fit.theta[fit.row.slices[m]]
+    return p, _time_scale(fit, m, p)
+
+
+def _model_out_of_reach(fit: RowFit, m: int) -> tuple[Array, float] | None:
+    """The same of its model; None where there is none, or a search from the element gets there."""
+    initial = fit.row.specs[m].initial
+    if initial is None:
+        return None
+    p = np.array(initial)
+    scale = _time_scale(fit, m, p)
+    reached = levels.STRETCH.min() <= scale / time_scale(fit, m) <= levels.STRETCH.max()
+    return None if reached else (p, scale)
+
+
+def _time_scale(fit: RowFit, m: int, p: Array) -> float:
+    structure = fit.row.specs[m].structure
     own = structure.lag(p) or structure.longest_dead_time(p)
     return own if own > 0 else fit.row.guessed_time_scale
 
@@ -242,16 +276,25 @@ def _start(
     return wanted.parameters(p[structure.is_gain], lags, frequencies, dampings, leads, dead_times)
 
 
-def _fitted(fit: RowFit, m: int, structure: Structure, starts: Sequence[Array]) -> list[RowFit]:
-    """Short fits of the row with another structure for element m, each from the best of the starts.
+def _fitted(fit: RowFit, m: int, structure: Structure, starts: Starts) -> RowFit:
+    """The row with another structure for element m: the best of several fits, each begun from the best of the starts.
 
-    They begin with the noise model as it is, and with none: what the structure lacked is in the first.
+    Two begin at the element, with the noise model as it is and with none: what the structure lacked is in the first.
+    Where the model is out of reach one more begins there, with none: an element may be a trace of OP in PV, beside a
+    noise model that has the plant's answers.
     """
     row, free = with_element(fit, m, Spec(fit.row.specs[m].column, structure))
-    whole = [with_parameters(fit, m, start) for start in starts]
-    begun = max((improved_element(row, theta, fit.ar, m) for theta in whole), key=lambda found: found[1])[0]
-    without = with_own_noise(_short_fit(fit, row, free, begun, np.zeros(0)), levels.TRIED_STEPS)
-    return [_short_fit(fit, row, free, begun, fit.ar), without]
+
+    def begun(ar: Array, of: tuple[Array, float]) -> Array:
+        whole = (with_parameters(fit, m, start) for start in starts(*of))
+        return max((improved_element(row, theta, ar, m) for theta in whole), key=lambda found: found[1])[0]
+
+    def without_noise(theta: Array) -> RowFit:
+        return with_own_noise(_short_fit(fit, row, free, theta, np.zeros(0)), levels.TRIED_STEPS)
+
+    own, model = begun(fit.ar, _element(fit, m)), _model_out_of_reach(fit, m)
+    found = polished(_best([_short_fit(fit, row, free, own, fit.ar), without_noise(own)]))
+    return found if model is None else _best([found, polished(without_noise(begun(np.zeros(0), model)))])
 
 
 def _briefly(fit: RowFit, m: int, structure: Structure, start: Array) -> RowFit:
@@ -260,15 +303,14 @@ def _briefly(fit: RowFit, m: int, structure: Structure, start: Array) -> RowFit:
     return _short_fit(fit, row, free, with_parameters(fit, m, start), fit.ar)
 
 
-def _from_cancelled(fit: RowFit, m: int, wanted: Structure, start: Callable[[float], Array]) -> list[RowFit]:
+def _from_cancelled(fit: RowFit, m: int, wanted: Structure, starts: Starts) -> list[RowFit]:
     """Short fits of the row with a further lag and lead that cancel: they begin at the fit, and cannot end above it.
 
-    `start` gives the parameters with a further lag.
+    `starts` have a further lag of each of CANCELLED_LAGS.
     """
-    fits = []
-    for further in time_scale(fit, m) * np.array(levels.CANCELLED_LAGS):
-        begun = start(further)
-        begun[np.flatnonzero(wanted.is_lead)[-1]] = further
+    fits, (p, scale) = [], _element(fit, m)
+    for share, begun in zip(levels.CANCELLED_LAGS, starts(p, scale), strict=True):
+        begun[np.flatnonzero(wanted.is_lead)[-1]] = share * scale
         fits.append(_briefly(fit, m, wanted, begun))
     return fits
 
@@ -288,12 +330,15 @@ def suffices_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
     """p-value that the fit suffices beside a rival with another structure for element m.
 
     By the likelihood ratio, each with its own noise model; where that looks clear, with the largest as well, by the
-    restricted likelihood of the richer one: what slow noise could explain counts there.
+    restricted likelihood of the richer one: what slow noise could explain counts there. Noise follows no input: it is
+    no explanation where prediction errors do beside the largest model.
     """
     p = _ratio_p(fit, rival, m, confidence)
     if p > 1 - confidence:
         return p
     one, other = beside_longest_noise(fit), beside_longest_noise(rival)
+    if residual_tests(one).cross_p[fit.row.specs[m].column] < levels.UNDERMODELLED:
+        return p
     return max(p, _ratio_p(restricted(one, other), restricted(other), m, confidence))
 
 
