@@ -330,14 +330,15 @@ def suffices_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
     """p-value that the fit suffices beside a rival with another structure for element m.
 
     By the likelihood ratio, each with its own noise model; where that looks clear, with the largest as well, by the
-    restricted likelihood of the richer one: what slow noise could explain counts there. Noise follows no input: it is
-    no explanation where prediction errors do beside the largest model.
+    restricted likelihood of the richer one: what slow noise could explain counts there. Not where the model is out of
+    reach, so that noise has to explain the plant's answers, and prediction errors follow the input all the same.
     """
     p = _ratio_p(fit, rival, m, confidence)
     if p > 1 - confidence:
         return p
     one, other = beside_longest_noise(fit), beside_longest_noise(rival)
-    if residual_tests(one).cross_p[fit.row.specs[m].column] < levels.UNDERMODELLED:
+    follows = residual_tests(one).cross_p[fit.row.specs[m].column] < levels.UNDERMODELLED
+    if follows and _model_out_of_reach(fit, m) is not None:
         return p
     return max(p, _ratio_p(restricted(one, other), restricted(other), m, confidence))
 
