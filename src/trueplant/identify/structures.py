@@ -337,8 +337,8 @@ def suffices_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
     if p > 1 - confidence:
         return p
     one, other = beside_longest_noise(fit), beside_longest_noise(rival)
-    follows = residual_tests(one).cross_p[fit.row.specs[m].column] < levels.UNDERMODELLED
-    if follows and _model_out_of_reach(fit, m) is not None:
+    column, far = fit.row.specs[m].column, _model_out_of_reach(fit, m) is not None
+    if far and residual_tests(one).cross_p[column] < levels.UNDERMODELLED:
         return p
     return max(p, _ratio_p(restricted(one, other), restricted(other), m, confidence))
 
