@@ -216,8 +216,7 @@ def likeliest_change(fit: RowFit) -> Moved | None:
 
 
 def _two_fits(fit: RowFit, place: int) -> TwoFits | None:
-    total = sum(piece.y.size for piece in fit.row.pieces)
-    return TwoFits.of(fit, fit.row.between(0, place), fit.row.between(place, total))
+    return TwoFits.of(fit, *fit.row.parted(place))
 
 
 def _local(row: Row, place: int) -> tuple[Piece, int]:

@@ -36,7 +36,6 @@ def counting_halves(estimate: OutputEstimate, confidence: float) -> OutputEstima
 
 def in_halves(fit: RowFit) -> RowFit:
     """The fit, as if each half of its record were an experiment."""
-    row, total = fit.row, sum(piece.y.size for piece in fit.row.pieces)
-    parts = row.between(0, row.middle), row.between(row.middle, total)
+    parts = fit.row.parted(fit.row.middle)
     pieces = tuple(replace(piece, experiment=k) for k, part in enumerate(parts) for piece in part)
-    return replace(fit, row=replace(row, pieces=pieces), weights=np.ones(len(pieces)))
+    return replace(fit, row=replace(fit.row, pieces=pieces), weights=np.ones(len(pieces)))

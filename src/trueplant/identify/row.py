@@ -184,6 +184,10 @@ class Row:
             start += size
         return tuple(found)
 
+    def parted(self, place: int) -> tuple[tuple[Piece, ...], tuple[Piece, ...]]:
+        """The pieces before a sample, counted over all pieces on end, and those from it on."""
+        return self.between(0, place), self.between(place, sum(piece.y.size for piece in self.pieces))
+
     @property
     def middle(self) -> int:
         """The sample, over all pieces on end, with as many measured ones before as after."""

@@ -336,10 +336,11 @@ def suffices_p(fit: RowFit, rival: RowFit, m: int, confidence: float) -> float:
     p = _ratio_p(fit, rival, m, confidence)
     if p > 1 - confidence:
         return p
-    one, other = beside_longest_noise(fit), beside_longest_noise(rival)
+    one = beside_longest_noise(fit)
     column, far = fit.row.specs[m].column, _model_out_of_reach(fit, m) is not None
     if far and residual_tests(one).cross_p[column] < levels.UNDERMODELLED:
         return p
+    other = beside_longest_noise(rival)
     return max(p, _ratio_p(restricted(one, other), restricted(other), m, confidence))
 
 
