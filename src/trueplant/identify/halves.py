@@ -13,6 +13,7 @@ import numpy as np
 
 from trueplant.identify import levels
 from trueplant.identify.between_experiments import compare_runs
+from trueplant.identify.estimate import free_of_noise
 from trueplant.identify.fit import RowFit
 from trueplant.identify.output import OutputEstimate, averaged
 from trueplant.result.budget import Source
@@ -23,8 +24,10 @@ def counting_halves(estimate: OutputEstimate, confidence: float) -> OutputEstima
 
     Not where that input's element keeps a structure that a richer one was counted for (`kept_structures`).
     """
+    if estimate.runs is not None or free_of_noise(estimate.fit):
+        return estimate
     follows = np.flatnonzero(estimate.cross_p < levels.UNDERMODELLED)
-    if estimate.runs is not None or not set(follows.tolist()) - set(estimate.kept):
+    if not set(follows.tolist()) - set(estimate.kept):
         return estimate
     halves = compare_runs(in_halves(estimate.fit), estimate.factor)
     if halves is None:

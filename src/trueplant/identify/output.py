@@ -320,7 +320,7 @@ def averaged(
     spreads = np.zeros((*shifts.shape, shifts.shape[1])) if spreads is None else spreads
     more = (shifts.T * shares) @ shifts + np.tensordot(shares, spreads, axes=1)
     low, high = estimate.row.bounds()
-    variances = np.diagonal(spreads, axis1=1, axis2=2)
+    variances = np.maximum(np.diagonal(spreads, axis1=1, axis2=2), 0.0)  # differences: rounding may leave them below
     ends = Mixture(estimate.intervals, estimate.theta, shifts, shares, confidence, variances).ends
     ends = np.column_stack([np.minimum(ends[:, 0], estimate.theta), np.maximum(ends[:, 1], estimate.theta)])
     return replace(

@@ -245,10 +245,11 @@ def _element(fit: RowFit, m: int) -> tuple[Array, float]:
 
 def _model_out_of_reach(fit: RowFit, m: int) -> tuple[Array, float] | None:
     """The same of its model; None where there is none, or a search from the element gets there."""
-    initial = fit.row.specs[m].initial
+    initial, part = fit.row.specs[m].initial, fit.row.slices[m]
     if initial is None:
         return None
-    p = np.array(initial)
+    low, high = fit.row.bounds()
+    p = np.clip(initial, low[part], high[part])
     scale = _time_scale(fit, m, p)
     reached = levels.STRETCH.min() <= scale / time_scale(fit, m) <= levels.STRETCH.max()
     return None if reached else (p, scale)
