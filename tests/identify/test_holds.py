@@ -81,7 +81,7 @@ def covers(estimate: OutputEstimate) -> Array:
 
 @pytest.mark.parametrize("kind", ["feed", "held noise", "smooth", "rough"])
 def test_the_right_one_is_found(kind):
-    """4 records each; the 100 of the slow test say how often."""
+    """4 records each; the 40 of the slow test say how often."""
     for seed in range(4):
         found, estimate = estimated(record(kind, seed))
         assert found.hold == ("zoh" if kind in HELD else "linear"), seed
@@ -94,9 +94,9 @@ def test_the_right_one_is_found(kind):
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "std"), [(k, s) for k in (*HELD, "smooth", "rough", "slow") for s in (0.03, 0.1)])
 def test_found_where_it_matters_and_covered_always(kind, std):
-    """100 records each, half a sample being 0.5 min of dead time."""
+    """40 records each, half a sample being 0.5 min of dead time."""
     right, wrong, covered = [], [], []
-    for seed in range(100, 200):
+    for seed in range(100, 140):
         found, estimate = estimated(record(kind, seed, std))
         wanted = "zoh" if kind in HELD else "linear"
         right.append(found.decided and found.hold == wanted)
@@ -105,8 +105,8 @@ def test_found_where_it_matters_and_covered_always(kind, std):
             covered.append(covers(estimate))
     share = np.mean(covered, axis=0)
     print(f"{kind} {std}: decided right {np.mean(right):.2f}, wrong {np.sum(wrong)}, covered {share}")
-    assert np.sum(wrong) <= 3  # 0.5 % are to be expected at most
-    assert np.all(share >= 0.88)
+    assert np.sum(wrong) <= 2  # 0.5 % are to be expected at most
+    assert np.all(share >= 0.85)
     if std == 0.03 and kind in ("feed", "held noise"):
         assert np.mean(right) >= 0.9
 

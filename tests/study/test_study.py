@@ -30,23 +30,13 @@ def test_the_one_element_that_changed_is_found(tmp_path):
 
 
 @pytest.mark.slow
-def test_false_alarms_are_rare_when_nothing_changed(tmp_path):
-    """80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %."""
-    alarms = 0
-    for seed in range(80):
-        written(tmp_path, "record.csv", wood_berry(200 + seed, samples=1500))
-        alarms += bool(changed(run(project(tmp_path))))
-    assert alarms <= most(80, 0.05)
-
-
-@pytest.mark.slow
 def test_a_changed_disturbance_is_no_mismatch():
     """80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %."""
     alarms = 0
     for seed in range(7, 87):
         rng = np.random.default_rng(seed)
-        v = coloured(rng, 3000, 2, [1, -1.7, 0.72], [1], 0.6)
-        record = segment_of(simulate(WOOD_BERRY, BLT, random_switching(rng, 3000, 2, 20.0), 1.0, v=v))
+        v = coloured(rng, 1500, 2, [1, -1.7, 0.72], [1], 0.6)
+        record = segment_of(simulate(WOOD_BERRY, BLT, random_switching(rng, 1500, 2, 20.0), 1.0, v=v))
         alarms += any(found.verdict == "changed" for found in verdicts([record], WOOD_BERRY).values())
     assert alarms <= most(80, 0.05)
 
@@ -178,10 +168,13 @@ def with_absent_element_asked_for(folder, seed):
 
 
 @pytest.mark.slow
-def test_an_absent_element_that_is_asked_for_raises_no_alarm(tmp_path):
-    """80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %."""
-    alarms = sum(("steam", "top") in changed(with_absent_element_asked_for(tmp_path, 400 + k)) for k in range(80))
-    assert alarms <= most(80, 0.05)
+def test_false_alarms_are_rare_also_where_an_absent_element_is_asked_for(tmp_path):
+    """80 seeded runs, at most 9 alarms, of that element and of the others: passes with 0.993 at the level of 5 %,
+    with 0.029 at 20 %.
+    """
+    found = [changed(with_absent_element_asked_for(tmp_path, 400 + k)) for k in range(80)]
+    assert sum(("steam", "top") in one for one in found) <= most(80, 0.05)
+    assert sum(bool(one - {("steam", "top")}) for one in found) <= most(80, 0.05)
 
 
 def test_an_absent_element_that_comes_out_as_zero_has_a_band(tmp_path):
@@ -190,18 +183,19 @@ def test_an_absent_element_that_comes_out_as_zero_has_a_band(tmp_path):
 
 @pytest.mark.slow
 def test_a_disturbance_that_reaches_both_outputs_is_said_and_raises_no_alarm(tmp_path):
-    """Wood-Berry's own feed disturbance, unmeasured: with one noise model an output 6 of 20 such records raise one.
+    """Wood-Berry's own feed disturbance, unmeasured: with one noise model an output 6 of 20 such records, twice as
+    long, raise one.
 
     80 seeded runs, at most 9 alarms: passes with 0.993 at the level of 5 %, with 0.029 at 20 %. All of them say that
-    the disturbance is shared; where the joint fit does not help (1 of these 80), intervals are widened instead.
+    the disturbance is shared; where the joint fit does not help, intervals are widened instead.
     """
     alarms = apart = 0
     for seed in range(70, 150):
         rng = np.random.default_rng(seed)
-        feed = coloured(rng, 3000, 1, [1, -0.9], [1], 0.3)[:, 0]
+        feed = coloured(rng, 1500, 1, [1, -0.9], [1], 0.3)[:, 0]
         v = np.column_stack([sampled_response(FEED[i, 0], feed, 1.0, "linear") for i in range(2)])
-        v += coloured(rng, 3000, 2, [1], [1], 0.05)
-        written(tmp_path, "record.csv", simulate(WOOD_BERRY, BLT, random_switching(rng, 3000, 2, 20.0), 1.0, v=v))
+        v += coloured(rng, 1500, 2, [1], [1], 0.05)
+        written(tmp_path, "record.csv", simulate(WOOD_BERRY, BLT, random_switching(rng, 1500, 2, 20.0), 1.0, v=v))
         result = run(project(tmp_path))
         alarms += bool(changed(result))
         said = [note.message for note in result.notes if note.code == "crossed"]

@@ -62,7 +62,11 @@ class JointRise:
     """Of the row, among the parameters of all."""
 
     def __call__(self, index: IntArray, values: Array) -> float:
-        return max(self.held(index, values).deviance - self.end.deviance, 0.0)
+        return self.of(self.held(index, values))
+
+    def of(self, held: JointPlant) -> float:
+        """That of what is `held`."""
+        return max(held.deviance - self.end.deviance, 0.0)
 
     def held(self, index: IntArray, values: Array) -> JointPlant:
         """All rows, with these held."""

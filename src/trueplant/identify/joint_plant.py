@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -95,6 +95,9 @@ class JointPlant:
     found: Descent[JointPoint]
     left: float
     """Degrees of freedom of the prediction errors of an output."""
+    gained: dict[Hashable, float] = field(default_factory=dict)
+    """By how much -2 log likelihood falls behind the likeliest of some valves (`open_valves`): sought once for all
+    outputs."""
 
     @property
     def deviance(self) -> float:

@@ -112,7 +112,10 @@ def gain(fits: Fits, bands: Mapping[int, Tries], output: int, beside: RowFit | J
     """
     own = {column: bands[column] for column in _columns(fits[output]) if column in bands and bands[column].kinds}
     if isinstance(beside, JointPlant):
-        return max(beside.deviance - beside.behind(likeliest(beside, own)).deviance, 0.0)
+        tried = tuple(own.items())
+        if tried not in beside.gained:
+            beside.gained[tried] = max(beside.deviance - beside.behind(likeliest(beside, own)).deviance, 0.0)
+        return beside.gained[tried]
     moved_too = {i for column in own for i in _moved_by(fits, column)}
     every = {i: beside if i == output else fits[i] for i in moved_too}
     plant, part = (OutputByOutput.of(of) for of in (every, {i: of_a_part(fit) for i, fit in every.items()}))

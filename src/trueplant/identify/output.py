@@ -148,10 +148,15 @@ class OutputEstimate:
         self, held: Callable[[], RowFit], index: IntArray, values: Array, freedom: int, enough: float | None
     ) -> float:
         """That of theta[index] at values, with the fit of this output alone `held` there; None: not doubting."""
-        risen = rise(self.fit, held()) if self.rise is None else self.rise(index, values)
+        there: Callable[[], RowFit | JointPlant] = held
+        if isinstance(self.rise, JointRise):
+            there = cache(partial(self.rise.held, index, values))
+            risen = self.rise.of(there())
+        else:
+            risen = rise(self.fit, held()) if self.rise is None else self.rise(index, values)
         if enough is None or self.open_valves is None:
             return self._ratio_p(index, risen, freedom)
-        risen -= self.open_valves(self.rise.held(index, values) if isinstance(self.rise, JointRise) else held())
+        risen -= self.open_valves(there())
         p = self._ratio_p(index, risen, freedom)
         return p if p < enough else self._ratio_p(index, risen + self._gained_by_valves, freedom)
 
