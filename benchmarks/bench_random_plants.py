@@ -12,7 +12,8 @@ of the plant has changed in, which is where false alarms come from. Answers are 
 a later call goes on from there.
 
     python benchmarks/bench_random_plants.py [--half 1] [--first 0] [--records 400] [--file answers.jsonl] [--workers 2]
-        [--whole] [--scale 10] [--unchanged]
+        [--whole] [--scale 10] [--finer 30]
+        [--loops 4] [--unchanged]
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from random_plants import FACTORS, SCALE, STRUCTURES, Answer, analysed, bounds, draw, levels_of
+from random_plants import FACTORS, SCALE, STRUCTURES, Answer, Sampled, analysed, bounds, draw, levels_of
 
 from trueplant.detect import detectable_change
 
@@ -41,10 +42,10 @@ TELLS = 1.96 + 0.84
 WORTH_KNOWING = 0.2
 
 
-def answer(job: tuple[int, int, bool, float]) -> dict:
+def answer(job: tuple[int, int, bool, Sampled]) -> dict:
     """One record as a line of the file."""
-    half, number, whole, scale = job
-    case = draw(half, number, scale)
+    half, number, whole, sampled = job
+    case = draw(half, number, sampled)
     begun = time.process_time()
     result = analysed(case, whole)
     spent = time.process_time() - begun
@@ -78,7 +79,8 @@ def answer(job: tuple[int, int, bool, float]) -> dict:
     return {
         "half": half,
         "number": number,
-        "scale": scale,
+        "scale": sampled.scale,
+        "finer": sampled.finer,
         "levels": case.levels,
         "status": result.status,
         "codes": list(result.codes),
@@ -209,23 +211,29 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--whole", action="store_true")
     parser.add_argument("--scale", type=float, default=SCALE, help="minutes that all times are drawn around")
+    parser.add_argument("--finer", type=int, default=1, help="samples for each that there would be else")
+    parser.add_argument("--loops", type=int, default=4, help="only records of so many loops at most")
     parser.add_argument("--unchanged", action="store_true", help="only records whose plant has not changed")
     options = parser.parse_args()
     lines = []
     if options.file and options.file.exists():
         lines = [json.loads(text) for text in options.file.read_text(encoding="utf-8").splitlines()]
-    lines = [line for line in lines if line.get("scale", SCALE) == options.scale]
+    sampled = Sampled(options.scale, options.finer)
+    lines = [
+        line for line in lines if (line.get("scale", SCALE), line.get("finer", 1)) == (sampled.scale, sampled.finer)
+    ]
     done = {(line["half"], line["number"]) for line in lines}
     numbers = [
         k
         for k in range(options.first, options.first + options.records)
         if not options.unchanged or levels_of(options.half, k)["plant"] == "unchanged"
+        if int(levels_of(options.half, k)["loops"]) <= options.loops
     ]
-    jobs = [(options.half, k, options.whole, options.scale) for k in numbers if (options.half, k) not in done]
+    jobs = [(options.half, k, options.whole, sampled) for k in numbers if (options.half, k) not in done]
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ[name] = "1"  # a process is a thread: there is one for each core
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        for line in pool.map(answer, jobs, chunksize=2):
+        for line in pool.map(answer, jobs, chunksize=1):
             lines.append(line)
             if options.file:
                 with options.file.open("a", encoding="utf-8") as file:

@@ -89,34 +89,45 @@ def levels_of(half: int, number: int) -> dict[str, str]:
     return found
 
 
-def draw(half: int, number: int, scale: float = SCALE) -> Case:
-    """The record of this number, its times drawn around `scale` minutes.
+@dataclass(frozen=True)
+class Sampled:
+    """How records are sampled."""
+
+    scale: float = SCALE
+    """Minutes that all times are drawn around."""
+    finer: int = 1
+    """Samples for each that there would be else. Transmitters have noise of their own in such records."""
+
+
+def draw(half: int, number: int, sampled: Sampled = Sampled()) -> Case:
+    """The record of this number.
 
     Plants that no rule can control, and loops that are unstable, are drawn again.
     """
     levels = levels_of(half, number)
     for attempt in range(1000):
         rng = np.random.default_rng([half, number, attempt])
-        case = _drawn(half, number, levels, rng, scale)
+        case = _drawn(half, number, levels, rng, sampled)
         if case is not None:
             return case
     raise RuntimeError(f"nothing stable in 1000 draws for record {number} of half {half}")
 
 
-def _drawn(half: int, number: int, levels: dict[str, str], rng: np.random.Generator, scale: float) -> Case | None:
-    n, h = int(levels["loops"]), float(rng.choice([0.5, 1.0, 2.0]))
+def _drawn(half: int, number: int, levels: dict[str, str], rng: np.random.Generator, sampled: Sampled) -> Case | None:
+    n, h, scale = int(levels["loops"]), float(rng.choice([0.5, 1.0, 2.0])) / sampled.finer, sampled.scale
     structures = [[Structure.parse(rng.choice(STRUCTURES, p=STRUCTURE_SHARES)) for _ in range(n)] for _ in range(n)]
-    model = [[_parameters(rng, structures[i][j], i == j, scale) for j in range(n)] for i in range(n)]
+    shortest = 0.1 if sampled.finer == 1 else 0.01
+    model = [[_parameters(rng, structures[i][j], i == j, scale, shortest) for j in range(n)] for i in range(n)]
     truth = [[theta.copy() for theta in row] for row in model]
     if levels["plant"] == "changed":
         i = int(rng.integers(n))
         j = i if rng.random() < 0.6 else int(rng.integers(n))
         truth[i][j] = _changed(rng, structures[i][j], truth[i][j], scale)
     declared, plant = _matrix(structures, model), _matrix(structures, truth)
-    law = _law(rng, declared, h)
+    law = _law(rng, declared, h, 0.1 * scale if sampled.finer > 1 else 0.0)
     if law is None:
         return None
-    steps = int(rng.integers(1200, 2400))
+    steps = int(rng.integers(1200, 2400)) * sampled.finer
     r = _moves(rng, levels["moves"], steps, h, n, scale)
     try:
         if unstable_poles(declared, law) or unstable_poles(plant, law):
@@ -126,14 +137,19 @@ def _drawn(half: int, number: int, levels: dict[str, str], rng: np.random.Genera
         return None
     if np.max(np.abs(still.y)) > 4 * np.max(np.abs(r)):
         return None
-    return _record(Case(half, number, levels, structures, model, truth, law, still, None, r), plant, rng, scale)
+    return _record(Case(half, number, levels, structures, model, truth, law, still, None, r), plant, rng, sampled)
 
 
-def _parameters(rng: np.random.Generator, structure: Structure, diagonal: bool, scale: float = SCALE) -> Array:
-    """Parameters in the order of `Structure.names`; gains of elements off the diagonal are smaller."""
+def _parameters(
+    rng: np.random.Generator, structure: Structure, diagonal: bool, scale: float = SCALE, shortest: float = 0.1
+) -> Array:
+    """Parameters in the order of `Structure.names`; gains of elements off the diagonal are smaller.
+
+    `shortest` is the least dead time over the scale: from a tenth to one all are as likely, below that all ratios.
+    """
     size = rng.uniform(1.0, 3.0) * (1.0 if diagonal else rng.uniform(0.15, 0.5)) * rng.choice([-1.0, 1.0])
     lag = scale * np.exp(rng.uniform(np.log(0.5), np.log(2.0)))
-    dead = scale * rng.uniform(0.1, 1.0)
+    dead = scale * rng.uniform(0.1, 1.0) if shortest == 0.1 else scale * np.exp(rng.uniform(np.log(shortest), 0.0))
     theta = np.zeros(len(structure.names))
     gains = np.flatnonzero(structure.is_gain)
     theta[gains[0]] = size / lag if structure.integrators else size
@@ -172,12 +188,15 @@ def _matrix(structures: list[list[Structure]], theta: list[list[Array]]) -> Tran
     )
 
 
-def _law(rng: np.random.Generator, model: TransferMatrix, h: float) -> Controller | None:
-    """A controller for each diagonal element by a random rule, the slower the more loops there are."""
+def _law(rng: np.random.Generator, model: TransferMatrix, h: float, spare: float = 0.0) -> Controller | None:
+    """A controller for each diagonal element by a random rule, the slower the more loops there are.
+
+    `spare` is a dead time that it is tuned for besides: else loops of short dead times would multiply PV's noise.
+    """
     pids = []
     for k in range(model.shape[0]):
         rule, kind = METHODS[rng.choice(RULES)], rng.choice(["PI", "PID"], p=[0.7, 0.3])
-        element = model[k, k] * _delay(h / 2)
+        element = model[k, k] * _delay(h / 2 + spare)
         try:
             pid = rule(element, Choices(kind=kind))
         except TrueplantError:
@@ -217,41 +236,43 @@ def _moves(rng: np.random.Generator, kind: str, steps: int, h: float, n: int, sc
 
 
 def _noise(
-    rng: np.random.Generator, levels: dict[str, str], steps: int, h: float, spread: Array, scale: float
+    rng: np.random.Generator, levels: dict[str, str], steps: int, h: float, spread: Array, sampled: Sampled
 ) -> Array:
     """(steps, n) disturbances of PV, their size relative to that of the moves."""
-    n, kind = spread.size, levels["noise"]
+    n, kind, scale, before = spread.size, levels["noise"], sampled.scale, 1000 * sampled.finer
     e = (
-        rng.standard_t(3, (steps + 1000, n)) / np.sqrt(3)
+        rng.standard_t(3, (steps + before, n)) / np.sqrt(3)
         if levels["besides"] == "Student t"
-        else (rng.standard_normal((steps + 1000, n)))
+        else (rng.standard_normal((steps + before, n)))
     )
     if levels["besides"] == "correlated":
-        common = rng.standard_normal((steps + 1000, 1))
+        common = rng.standard_normal((steps + before, 1))
         e = np.sqrt(0.8) * common + np.sqrt(0.2) * e
     pole = np.exp(-h / (scale * rng.uniform(0.2, 1.5)))
     relative = np.exp(rng.uniform(np.log(0.03), np.log(0.3), n)) * spread
     if kind == "random walk":
         # so large that it moves as far in `scale` as the others do
-        walk = np.cumsum(e[1000:], axis=0) * relative * np.sqrt(h / scale)
+        walk = np.cumsum(e[before:], axis=0) * relative * np.sqrt(h / scale)
         return walk - walk[0]
     a, c = {
         "white": ([1.0], [1.0]),
         "AR": ([1.0, -pole], [1.0]),
         "ARMA": ([1.0, -pole - 0.5, 0.5 * pole], [1.0, -0.3]),
-        "1/f": ([1.0], np.cumprod(np.concatenate([[1.0], (np.arange(1, 1000) - 0.5) / np.arange(1, 1000)]))),
+        "1/f": ([1.0], np.cumprod(np.concatenate([[1.0], (np.arange(1, before) - 0.5) / np.arange(1, before)]))),
     }[kind]
-    v = lfilter(c, a, e, axis=0)[1000:]
-    scale = np.sqrt(np.sum(lfilter(c, a, np.eye(1, 5000)[0]) ** 2))
+    v = lfilter(c, a, e, axis=0)[before:]
+    scale = np.sqrt(np.sum(lfilter(c, a, np.eye(1, 5 * before)[0]) ** 2))
     return v / scale * relative
 
 
-def _record(case: Case, plant: TransferMatrix, rng: np.random.Generator, scale: float) -> Case | None:
+def _record(case: Case, plant: TransferMatrix, rng: np.random.Generator, sampled: Sampled) -> Case | None:
     """The case with a record under its disturbances."""
     still, n = case.simulation, case.size
     steps, h, kind = still.t.size, still.h, case.levels["actuator"]
     spread = np.std(still.y, axis=0)
-    v = _noise(rng, case.levels, steps, h, spread, scale)
+    v = _noise(rng, case.levels, steps, h, spread, sampled)
+    if sampled.finer > 1:
+        v += np.std(v, axis=0) * np.exp(rng.uniform(np.log(0.1), 0.0, n)) * rng.standard_normal(v.shape)
     loads = []
     if case.levels["besides"] == "load steps":
         for at in rng.integers(50, steps - 50, 3):

@@ -14,7 +14,6 @@ from trueplant.identify.blocks import block_length, most_moved
 from trueplant.identify.descent import _limited
 from trueplant.identify.estimate import free_of_noise, largest_order
 from trueplant.identify.pieces import Piece
-from trueplant.identify.strides import choose_stride
 from trueplant.lti import Structure
 from trueplant.record.types import Segment
 
@@ -31,20 +30,6 @@ def record(samples: int, seed: int = 1, first: float = 0.0, std: float = 1.0) ->
 
 def row_of(*segments: Segment) -> Row:
     return Row((Spec(0, FOPDT, (2.0, 10.0, 1.0)),), pieces_of(segments, 0))
-
-
-def stride(samples: int, lag: float) -> int:
-    return choose_stride([record(samples)], [Spec(0, FOPDT, (1.0, lag, 0.0))], np.inf)
-
-
-@pytest.mark.holds("identify.SAMPLES_PER_LAG")
-def test_a_lag_keeps_eighty_samples() -> None:
-    assert 60 < 1600 / stride(60_000, 1600.0) < 110
-
-
-@pytest.mark.holds("identify.ENOUGH_SAMPLES")
-def test_a_short_record_keeps_a_thousand_samples() -> None:
-    assert 700 < 6000 / stride(6000, 1e5) < 1400
 
 
 @pytest.mark.holds("identify.SHORTEST_BLOCK", "identify.LAGS_PER_BLOCK")
