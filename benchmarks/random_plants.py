@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 import trueplant as tp
 from trueplant.errors import TrueplantError
 from trueplant.identify import OutputEstimate, Row, Spec, fit_row, pieces_of
-from trueplant.identify.noise import fit_ar
+from trueplant.identify.noise import Autoregression, fit_ar
 from trueplant.loop import Controller, Simulation, Step, Valve, alternating_steps, simulate, unstable_poles
 from trueplant.lti import Structure, TransferFunction, TransferMatrix, to_formula
 from trueplant.lti.sampled import sampled_response
@@ -369,8 +369,8 @@ def bounds(case: Case) -> list[list[Array]]:
     found = []
     for i in range(n):
         v = case.noise[:, i] - np.mean(case.noise[:, i])
-        ar = fit_ar([v], [np.ones(size, dtype=bool)], ORDER)[0]
-        innovation = float(np.var(lfilter(np.concatenate([[1.0], ar]), [1.0], v)[ORDER:]))
+        ar = Autoregression.plain(fit_ar([v], [np.ones(size, dtype=bool)], ORDER)[0])
+        innovation = float(np.var(ar.whiten(v)))
         row = Row(tuple(Spec(j, case.structures[i][j]) for j in range(n)), pieces_of([segment], i))
         fit = fit_row(row, np.concatenate(case.truth[i]), ar, iterations=0)
         covariance = fit.covariance / max(fit.variance, 1e-300) * innovation

@@ -12,7 +12,7 @@ from support.simulated import segment_of
 from trueplant.identify import Row, Spec, estimate, initial_state, loads, pieces_of
 from trueplant.identify.blocks import block_length, most_moved
 from trueplant.identify.descent import _limited
-from trueplant.identify.estimate import free_of_noise, largest_order
+from trueplant.identify.estimate import free_of_noise, furthest_back
 from trueplant.identify.pieces import Piece
 from trueplant.lti import Structure
 from trueplant.record.types import Segment
@@ -46,7 +46,7 @@ def test_a_long_record_is_searched_on_twenty_thousand_errors() -> None:
 
 @pytest.mark.holds("identify.SAMPLES_PER_ORDER")
 def test_each_coefficient_of_the_noise_model_has_forty_samples() -> None:
-    assert 30 < 1200 / largest_order(row_of(record(1200)), 1000) < 55
+    assert 30 < 1200 / furthest_back(row_of(record(1200)), 1000) < 55
 
 
 @pytest.mark.holds("identify.FASTEST_LAG")

@@ -9,13 +9,14 @@ from support.simulated import WOOD_BERRY, segment_of, wood_berry
 from trueplant.identify import specs_of
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.fit import fit_row
+from trueplant.identify.noise import Autoregression
 from trueplant.identify.pieces import pieces_of
 from trueplant.identify.row import Row
 from trueplant.identify.validate import validate
 
 SPECS = tuple(spec for (i, _), spec in sorted(specs_of(WOOD_BERRY).items()) if i == 0)
 THETA = np.concatenate([np.array(spec.initial) for spec in SPECS])
-AR = np.array([-0.8])
+AR = Autoregression.plain(np.array([-0.8]))
 
 
 @pytest.mark.parametrize("block", [600, 1000, 2400])

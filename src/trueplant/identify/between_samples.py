@@ -18,6 +18,7 @@ from trueplant.identify import levels
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import best_dead_times, with_own_noise
 from trueplant.identify.fit import RowFit, fit_row
+from trueplant.identify.noise import NO_NOISE_MODEL
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
 
@@ -34,7 +35,7 @@ def covariance_between_samples(fit: RowFit, timing: float) -> Array:
 
 
 def _refitted(fit: RowFit, row: Row) -> RowFit:
-    again = fit_row(row, fit.theta, np.zeros(0), free=fit.free)
+    again = fit_row(row, fit.theta, NO_NOISE_MODEL, free=fit.free)
     return best_dead_times(with_own_noise(again, levels.TRIED_STEPS), reach=1, rounds=1)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,15 @@ from trueplant.identify import levels
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.dead_times import rival_dead_times
 from trueplant.identify.fit import RowFit, fit_row, residuals
-from trueplant.identify.noise import choose_order, fit_ar, whitened_valid
+from trueplant.identify.noise import (
+    NO_NOISE_MODEL,
+    Autoregression,
+    Lags,
+    choose_lags,
+    fit_autoregression,
+    whitened_valid,
+    with_spare,
+)
 from trueplant.identify.row import Row
 from trueplant.identify.search import grid_guess, initial_theta
 from trueplant.identify.validate import residual_tests
@@ -21,27 +30,26 @@ from trueplant.identify.validate import residual_tests
 class Options:
     """How a row is estimated."""
 
-    largest_order: int = levels.LARGEST_ORDER
-    """Of the autoregressive noise model."""
-    order: int | None = None
-    """Fixed order of the noise model; None chooses it."""
+    lags: Lags | None = None
+    """Those of the noise model; None chooses them."""
     start: RowFit | None = None
     """A fit of the row on nearly the same data to start from, instead of a search."""
 
 
-def largest_order(row: Row, limit: int) -> int:
-    """The largest order of a noise model that these data bear, at most `limit`.
+def furthest_back(row: Row, limit: float = np.inf) -> int:
+    """How many samples back a noise model may reach on these data, at most `limit`.
 
     Samples bear it whose past is measured that far back, or up to where their piece begins.
     """
     measured = [row.measured(k)[1] for k in range(len(row.pieces))]
     samples = sum(int(ok.sum()) for ok in measured)
-    most = max(0, min(limit, samples // levels.SAMPLES_PER_ORDER, min(ok.size for ok in measured) // 4))
+    most = int(max(0, min(limit, samples // levels.SAMPLES_PER_ORDER, min(ok.size for ok in measured) // 4)))
 
-    def bearing(order: int) -> int:
-        return sum(order + int(whitened_valid(order, ok).sum()) for ok in measured)
+    def too_far(reach: int) -> bool:
+        bearing = sum(reach + int(whitened_valid(reach, ok).sum()) for ok in measured)
+        return bearing < levels.SAMPLES_PER_ORDER * reach
 
-    return next((k for k in range(most, 0, -1) if bearing(k) >= levels.SAMPLES_PER_ORDER * k), 0)
+    return bisect_left(range(1, most + 1), True, key=too_far)
 
 
 def noise_signals(fit: RowFit) -> tuple[list[Array], list[BoolArray]]:
@@ -58,13 +66,13 @@ def free_of_noise(fit: RowFit) -> bool:
     return left <= levels.NOISE_FREE * energy or fit.cost <= levels.EXACT * energy
 
 
-def fit_noise(fit: RowFit, order: int | None, limit: int) -> Array:
-    """AR coefficients of the output error of a fit; the order is chosen where none is given."""
+def fit_noise(fit: RowFit, lags: Lags | None = None, reach: int = 0) -> Autoregression:
+    """The noise model of the output error of a fit; where no lags are given they are chosen, up to that reach."""
     if free_of_noise(fit):
-        return np.zeros(0)
+        return NO_NOISE_MODEL
     signals, valid = noise_signals(fit)
-    chosen = min(choose_order(signals, valid, limit) + levels.SPARE_ORDERS, limit) if order is None else order
-    return fit_ar(signals, valid, chosen)[0]
+    chosen = with_spare(choose_lags(signals, valid, reach)).within(reach) if lags is None else lags
+    return fit_autoregression(signals, valid, chosen)
 
 
 def estimate_row(row: Row, time_scale: float, options: Options | None = None) -> RowFit:
@@ -77,25 +85,24 @@ def estimate_row(row: Row, time_scale: float, options: Options | None = None) ->
     fit = options.start or _searched(part, time_scale, options)
     if options.start is not None or part is not row:
         fit = _on_the_whole(row, fit, options)
-    limit = largest_order(row, options.largest_order)
-    return fit if options.order is not None else _whitened(fit, limit)
+    return fit if options.lags is not None else _whitened(fit, furthest_back(row))
 
 
 def _searched(row: Row, time_scale: float, options: Options) -> RowFit:
     """The best minimum, from the grid and from the model."""
-    limit = largest_order(row, options.largest_order)
+    reach = furthest_back(row)
     model = initial_theta(row, time_scale)
-    fit = _from_grid(row, model, options.order, limit)
+    fit = _from_grid(row, model, options.lags, reach)
     if all(spec.initial is not None for spec in row.specs):
-        fit = _better(row, fit, _from_model(row, model, options.order, limit))
-    return best_dead_times(_with_noise(fit, options.order, limit, iterations=60))
+        fit = _better(row, fit, _from_model(row, model, options.lags, reach))
+    return best_dead_times(_with_noise(fit, options.lags, reach, iterations=60))
 
 
-def _from_grid(row: Row, model: Array, order: int | None, limit: int) -> RowFit:
-    fit = fit_row(row, grid_guess(row, model, np.zeros(0)), np.zeros(0))
+def _from_grid(row: Row, model: Array, lags: Lags | None, reach: int) -> RowFit:
+    fit = fit_row(row, grid_guess(row, model, NO_NOISE_MODEL), NO_NOISE_MODEL)
     row = row.without_unseen(fit.theta)
-    fit = fit_row(row, fit.theta, np.zeros(0))
-    fit = _with_noise(fit, order, limit, iterations=25)
+    fit = fit_row(row, fit.theta, NO_NOISE_MODEL)
+    fit = _with_noise(fit, lags, reach, iterations=25)
     # The grid again, now weighted by the noise model, and the model itself as another initial guess.
     fit = _tried(fit, model)
     while (better := _tried(fit, grid_guess(row, fit.theta, fit.ar, rounds=1))) is not fit:
@@ -110,13 +117,13 @@ def _tried(fit: RowFit, theta: Array) -> RowFit:
     return rival if gain > levels.TRIED_SETTLED else fit
 
 
-def _from_model(row: Row, model: Array, order: int | None, limit: int) -> RowFit:
+def _from_model(row: Row, model: Array, lags: Lags | None, reach: int) -> RowFit:
     """From the model with the noise model that it leaves: beside a plant that explains disturbances as well there is
     another noise, under which the right plant may look worse than it is."""
     row = row.without_unseen(model)
-    kept = fit_row(row, model, np.zeros(0), free=np.zeros(model.size, dtype=bool))
-    fit = fit_row(row, model, fit_noise(kept, order, limit), weights=kept.weights, iterations=25)
-    return _with_noise(fit, order, limit, iterations=25)
+    kept = fit_row(row, model, NO_NOISE_MODEL, free=np.zeros(model.size, dtype=bool))
+    fit = fit_row(row, model, fit_noise(kept, lags, reach), weights=kept.weights, iterations=25)
+    return _with_noise(fit, lags, reach, iterations=25)
 
 
 def _better(row: Row, one: RowFit, other: RowFit) -> RowFit:
@@ -137,35 +144,38 @@ def is_better(one: RowFit, other: RowFit) -> bool:
 
     def criterion(fit: RowFit) -> float:
         size = max(fit.cost, np.finfo(float).tiny) / fit.count
-        return float(count * np.log(size) + np.log(count) * fit.ar.size)
+        return float(count * np.log(size) + np.log(count) * fit.ar.order)
 
     return criterion(one) <= criterion(other)
 
 
 def _on_the_whole(row: Row, part: RowFit, options: Options) -> RowFit:
     """The fit of a long record, started from that of a part of it: only dead times within reach are tried again."""
-    limit = largest_order(row, options.largest_order)
     sigma = np.sqrt(np.diag(part.covariance)[row.is_dead_time])
     reach = min(levels.DEAD_TIME_REACH, 1 + int(np.ceil(4 * float(np.max(sigma, initial=0.0)) / row.pieces[0].h)))
     fit = fit_row(row.without_unseen(part.theta), part.theta, part.ar)
-    return best_dead_times(_with_noise(fit, options.order, limit, iterations=60), reach)
+    return best_dead_times(_with_noise(fit, options.lags, furthest_back(row), iterations=60), reach)
 
 
-def _whitened(fit: RowFit, limit: int) -> RowFit:
+def _whitened(fit: RowFit, reach: int) -> RowFit:
     """The fit with a larger noise model, as long as its prediction errors are not white.
 
     The Bayesian criterion is content with less, at the price of intervals that are a little too narrow.
     Where the errors follow the inputs, the structure is at fault and a larger noise model no cure.
     """
-    while fit.ar.size < limit:
+    while True:
         tests = residual_tests(fit)
         if tests.whiteness_p > levels.NOT_WHITE or np.min(tests.cross_p) < levels.UNDERMODELLED:
             break
-        order = min(fit.ar.size + max(2, fit.ar.size // 2), limit)
-        ar = fit_noise(fit, order, limit)
-        if ar.size != order:
+        own = fit.ar.lags
+        more = Lags(
+            min(own.single + max(2, own.single // 2), 2 * levels.SINGLE_LAGS),
+            own.groups + (levels.SPARE_ORDERS if own.groups else 0),
+        )
+        lags = more.within(reach)
+        if lags.order <= own.order:
             break
-        fit = fit_row(fit.row, fit.theta, ar, weights=fit.weights, iterations=60)
+        fit = fit_row(fit.row, fit.theta, fit_noise(fit, lags), weights=fit.weights, iterations=60)
     return fit
 
 
@@ -186,9 +196,14 @@ def best_dead_times(fit: RowFit, reach: int = levels.DEAD_TIME_REACH, rounds: in
 
 
 def _with_noise(
-    fit: RowFit, order: int | None, limit: int, iterations: int, reweight: bool = True, settled: float = levels.SETTLED
+    fit: RowFit,
+    lags: Lags | None,
+    reach: int,
+    iterations: int,
+    reweight: bool = True,
+    settled: float = levels.SETTLED,
 ) -> RowFit:
-    ar = fit_noise(fit, order, limit)
+    ar = fit_noise(fit, lags, reach)
     return fit_row(
         fit.row,
         fit.theta,
@@ -206,9 +221,9 @@ def polished(fit: RowFit) -> RowFit:
     return with_own_noise(with_own_noise(fit, levels.TRIED_STEPS), levels.POLISHED_STEPS)
 
 
-def with_noise_of_order(fit: RowFit, order: int, iterations: int) -> RowFit:
-    """The fit with a noise model of that order, under the weights that it has."""
-    return _with_noise(fit, order, order, iterations, reweight=False)
+def with_noise_of(fit: RowFit, lags: Lags, iterations: int) -> RowFit:
+    """The fit with a noise model of these lags, under the weights that it has."""
+    return _with_noise(fit, lags, 0, iterations, reweight=False)
 
 
 def with_own_noise(fit: RowFit, iterations: int) -> RowFit:
@@ -216,5 +231,4 @@ def with_own_noise(fit: RowFit, iterations: int) -> RowFit:
 
     As far as comparisons need it.
     """
-    limit = largest_order(fit.row, levels.LARGEST_ORDER)
-    return _with_noise(fit, None, limit, iterations, reweight=False, settled=levels.TRIED_SETTLED)
+    return _with_noise(fit, None, furthest_back(fit.row), iterations, reweight=False, settled=levels.TRIED_SETTLED)

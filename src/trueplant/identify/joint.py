@@ -204,7 +204,7 @@ def _vector_ar(v: Sequence[Array], valid: Sequence[BoolArray], order: int, past:
 def _chosen_order(v: Sequence[Array], valid: Sequence[BoolArray], fits: Sequence[RowFit]) -> int:
     """By Akaike's criterion, all on the same samples: fewer of them would count as likelier in some units of PV."""
     n = len(fits)
-    most = min(levels.JOINT_LARGEST_ORDER, max(2 * max(fit.ar.size for fit in fits), 4))
+    most = min(levels.JOINT_LARGEST_ORDER, max(2 * max(fit.ar.order for fit in fits), 4))
 
     def bearing(order: int) -> int:
         return sum(int(whitened_valid(order, ok).sum()) for ok in valid)

@@ -23,7 +23,6 @@ from trueplant.identify.fit import RowFit, fit_row, linearised
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.load_gains import likeliest_load
 from trueplant.identify.longest_noise import beside_longest_noise
-from trueplant.identify.noise import whiten
 from trueplant.identify.row import Row
 from trueplant.record.types import Load, Segment
 
@@ -98,8 +97,8 @@ def found_loads(fits: Fits) -> list[FoundLoad]:
             unknown = fit.row.unknown(fit.theta, k).columns
             y, valid = fit.row.measured(k)
             output = np.where(valid, y - fit.row.response(fit.theta, k), 0.0)
-            columns = fit.weights[k] * np.column_stack([whiten(fit.ar, unknown)[part.use], -part.jacobian.T])
-            weights = np.linalg.lstsq(columns, fit.weights[k] * whiten(fit.ar, output)[part.use], rcond=1e-10)[0]
+            columns = fit.weights[k] * np.column_stack([fit.ar.whiten(unknown)[part.use], -part.jacobian.T])
+            weights = np.linalg.lstsq(columns, fit.weights[k] * fit.ar.whiten(output)[part.use], rcond=1e-10)[0]
             variances = fit.variance * np.diag(inverse(columns.T @ columns))
             first = unknown.shape[1] - len(loads)
             for n, (load, _) in enumerate(loads, start=first):

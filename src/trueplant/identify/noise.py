@@ -3,43 +3,207 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from trueplant.arrays import Array, BoolArray
+from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.compiled import compiled
 from trueplant.identify import levels
-from trueplant.identify.lagged import moments_of_past
 
 BLOCK = 1024
 """Samples that are filtered at a time."""
+CHUNK = 16_384
+"""Samples whose past is written out at a time."""
 
 
-def whiten(ar: Array, x: Array) -> Array:
-    """``x[k] + a1 x[k-1] + ... `` along the first axis of x (n,) or (n, m), without the first len(ar) samples."""
-    rows = np.ascontiguousarray(x.T, dtype=float).reshape(-1, len(x))
-    out = np.empty((len(rows), max(rows.shape[1] - len(ar), 0)))
-    filter_rows(np.concatenate([[1.0], ar]), rows, 0, out)
-    return out[0] if x.ndim == 1 else out.T
+class Lags(NamedTuple):
+    """Which past samples have a coefficient of their own in a noise model, and which share one.
+
+    The nearest have one each. Of those further back more and more share one, so that few coefficients reach far: what
+    is measured of noise long ago counts by its mean. All groups are parts of the same ones (`_group_end`).
+    """
+
+    single: int = 0
+    """Samples with a coefficient each."""
+    groups: int = 0
+    """Groups of samples behind them."""
+
+    @property
+    def order(self) -> int:
+        """Coefficients."""
+        return self.single + self.groups
+
+    @property
+    def ends(self) -> IntArray:
+        """(order,) the last lag of each coefficient."""
+        return _ends(self)
+
+    @property
+    def starts(self) -> IntArray:
+        """(order,) the first lag of each coefficient."""
+        return np.append(1, self.ends[:-1] + 1)[: self.order]
+
+    @property
+    def reach(self) -> int:
+        """The last lag of all."""
+        return int(self.ends[-1]) if self.order else 0
+
+    def within(self, reach: int) -> Lags:
+        """The same with as many single lags and groups as do not reach further back."""
+        single, groups = min(self.single, reach), self.groups
+        while groups and Lags(single, groups).reach > reach:
+            groups -= 1
+        return Lags(single, groups)
+
+    def summed(self, by_lag: Array) -> Array:
+        """(..., order) sums over the lags of each coefficient, of what is given for each lag (..., reach)."""
+        if not self.groups:
+            return by_lag
+        return np.asarray(np.add.reduceat(by_lag, self.starts - 1, axis=-1))
+
+    def past(self, v: Array, reach: int, out: Array | None = None) -> Array:
+        """(order, n - reach) sums of ``v[k - lag]`` over the lags of each coefficient, for k from the reach on."""
+        n = v.size
+        out = np.empty((self.order, max(n - reach, 0))) if out is None else out
+        whole = np.append(0.0, np.cumsum(v)) if self.groups else v
+        for row, first, last in zip(out, self.starts.tolist(), self.ends.tolist(), strict=True):
+            if first == last:
+                row[:] = v[reach - first : n - first]
+            else:
+                row[:] = whole[reach - first + 1 : n - first + 1] - whole[reach - last : n - last]
+        return out
+
+
+def _group_end(first: int) -> int:
+    """The last lag of the group that a lag is in: groups are a quarter as wide as they are far away."""
+    begin = 1
+    while True:
+        width = max(1, int(begin * levels.SHARED_SPAN))
+        if first < begin + width:
+            return begin + width - 1
+        begin += width
+
+
+@lru_cache(maxsize=1024)
+def _ends(lags: Lags) -> IntArray:
+    ends = list(range(1, lags.single + 1))
+    for _ in range(lags.groups):
+        ends.append(_group_end((ends[-1] if ends else 0) + 1))
+    return np.array(ends, dtype=int)
+
+
+@lru_cache(maxsize=1024)
+def furthest(single: int, reach: int) -> Lags:
+    """So many single lags, and all groups behind them that do not reach beyond: the largest noise model."""
+    lags = Lags(min(single, reach))
+    while (more := Lags(lags.single, lags.groups + 1)).reach <= reach:
+        lags = more
+    return lags
+
+
+@dataclass(frozen=True, eq=False)
+class Autoregression:
+    """A noise model: A(q) v = e, A(q) = 1 + a1 q^-1 + ..., e white."""
+
+    coefficients: Array
+    """(order,)"""
+    lags: Lags
+    waits: int = 0
+    """Samples of which none is predicted, though the past of some may suffice."""
+
+    @classmethod
+    def plain(cls, coefficients: Array) -> Autoregression:
+        """Of single lags."""
+        return cls(coefficients, Lags(len(coefficients)))
+
+    @property
+    def order(self) -> int:
+        """Coefficients."""
+        return self.lags.order
+
+    @property
+    def reach(self) -> int:
+        """Samples before the first that is predicted."""
+        return max(self.lags.reach, self.waits)
+
+    @property
+    def taps(self) -> Array:
+        """The coefficients of A(q), lag by lag, with the one that is 1."""
+        widths = self.lags.ends - self.lags.starts + 1
+        return np.append(1.0, np.repeat(self.coefficients, widths))
+
+    @property
+    def near_taps(self) -> Array:
+        """Those as far as each sample has a coefficient of its own: further back no single sample shows."""
+        lags = self.lags
+        return self.taps[: 1 + int(np.sum(lags.starts == lags.ends))]
+
+    def with_coefficients(self, coefficients: Array) -> Autoregression:
+        return replace(self, coefficients=coefficients)
+
+    def whiten(self, x: Array) -> Array:
+        """A(q) x along the first axis of x (n,) or (n, m), without the first `reach` samples."""
+        rows = np.ascontiguousarray(x.T, dtype=float).reshape(-1, len(x))
+        out = self.whitened_rows(rows, 0)
+        return out[0] if x.ndim == 1 else out.T
+
+    def whitened_rows(self, rows: Array, first: int) -> Array:
+        """(m, n) A(q) x of rows x (m, N) from sample reach + first on."""
+        out = np.empty((len(rows), max(rows.shape[1] - self.reach - first, 0)))
+        filter_rows(np.append(1.0, self.coefficients), self.lags.starts, self.lags.ends, rows, first + self.reach, out)
+        return out
+
+    def valid(self, measured: BoolArray) -> BoolArray:
+        """(n - reach,) where a prediction error rests on measured samples only."""
+        good: BoolArray = whitened_valid(self.reach, measured)
+        return good
+
+
+NO_NOISE_MODEL = Autoregression.plain(np.zeros(0))
+
+
+def whiten(coefficients: Array, x: Array) -> Array:
+    """``x[k] + a1 x[k-1] + ... `` along the first axis of x (n,) or (n, m), without the first samples."""
+    return Autoregression.plain(coefficients).whiten(x)
 
 
 @compiled
-def filter_rows(taps: Array, rows: Array, first: int, out: Array) -> None:
-    """``taps[0] x[k] + taps[1] x[k-1] + ...`` of rows x (m, N) into (m, n), from sample k = len(taps) - 1 + first on.
+def filter_rows(coefficients: Array, starts: IntArray, ends: IntArray, rows: Array, first: int, out: Array) -> None:
+    """``c[0] x[k] + c[1] (x[k - starts[0]] + ... + x[k - ends[0]]) + ...`` of rows x (m, N) into (m, n), from sample
+    `first` on.
 
-    In blocks that stay in the fastest cache, tap by tap.
+    In blocks that stay in the fastest cache, coefficient by coefficient.
     """
-    p, n = taps.size - 1, out.shape[1]
+    order, n = starts.size, out.shape[1]
+    single = 0
+    while single < order and starts[single] == ends[single]:
+        single += 1
+    sums = np.zeros(rows.shape[1] + 1)
     for i in range(out.shape[0]):
+        x = rows[i]
+        if single < order:
+            for k in range(x.size):
+                sums[k + 1] = sums[k] + x[k]
         for begin in range(0, n, BLOCK):
             end = min(begin + BLOCK, n)
             block = out[i, begin:end]
-            block[:] = taps[0] * rows[i, begin + first + p : end + first + p]
-            for tap in range(1, p + 1):
-                past = rows[i, begin + first + p - tap : end + first + p - tap]
-                for k in range(block.size):
-                    block[k] += taps[tap] * past[k]
+            block[:] = coefficients[0] * x[begin + first : end + first]
+            for lag in range(1, single + 1):
+                _add(block, coefficients[lag], x[begin + first - lag :])
+            if single < order:  # what lies between two groups adds to the one and is taken from the other
+                _add(block, coefficients[single + 1], sums[begin + first - single :])
+                for c in range(single, order):
+                    next_one = coefficients[c + 2] if c + 1 < order else 0.0
+                    _add(block, next_one - coefficients[c + 1], sums[begin + first - ends[c] :])
+
+
+@compiled
+def _add(block: Array, weight: float, x: Array) -> None:
+    for k in range(block.size):
+        block[k] += weight * x[k]
 
 
 @compiled
@@ -79,71 +243,108 @@ def lagged(v: Array, order: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Moments:
-    """Sums of products of v and its lags up to an order, over samples where all of them were measured."""
+    """Sums of products of v and of what coefficients multiply, where all that the furthest reaches was measured."""
 
     gram: Array
     moment: Array
     power: float
     count: int
 
+    def of(self, chosen: Array) -> _Moments:
+        """Those of sums (order, n) of the coefficients."""
+        return _Moments(chosen @ self.gram @ chosen.T, chosen @ self.moment, self.power, self.count)
 
-def _moments(signals: Sequence[Array], valid: Sequence[BoolArray], order: int) -> _Moments:
+
+def _moments(signals: Sequence[Array], valid: Sequence[BoolArray], lags: Lags) -> _Moments:
+    order, reach = lags.order, lags.reach
     gram, moment, power, count = np.zeros((order, order)), np.zeros(order), 0.0, 0
     for v, ok in zip(signals, valid, strict=True):
-        if len(v) <= order:
+        if len(v) <= reach:
             continue
-        use = whitened_valid(order, ok)
-        now = v[order:][use]
-        own, products = moments_of_past(np.where(ok, v, 0.0), use, order)
-        moment += own
-        gram += products
-        power += float(now @ now)
-        count += now.size
+        known, whole = np.where(ok, v, 0.0), whitened_valid(reach, ok)
+        for begin in range(0, whole.size, CHUNK):
+            use = whole[begin : begin + CHUNK]
+            part = known[begin : begin + reach + use.size]
+            now, past = part[reach:][use], np.compress(use, lags.past(part, reach), axis=1)
+            gram += past @ past.T
+            moment += past @ now
+            power += float(now @ now)
+            count += now.size
     return _Moments(gram, moment, power, count)
 
 
-def _solve(sums: _Moments, order: int) -> tuple[Array, float]:
-    """Coefficients and residual sum of squares of an order not above that of the sums."""
-    gram, moment = sums.gram[:order, :order], sums.moment[:order]
-    scale = np.trace(gram) / order if order else 0.0
+def _solve(sums: _Moments) -> tuple[Array, float]:
+    """Coefficients and residual sum of squares."""
+    order = sums.moment.size
+    scale = np.trace(sums.gram) / order if order else 0.0
     if scale <= 0 or sums.count <= order:
         return np.zeros(order), sums.power
-    coefficients = np.asarray(np.linalg.solve(gram + 1e-12 * scale * np.eye(order), moment), dtype=float)
-    return coefficients, max(sums.power - float(moment @ coefficients), 0.0)
+    size = np.sqrt(np.maximum(np.diag(sums.gram), levels.LOST**2 * scale))
+    normal = sums.gram / np.outer(size, size) + 1e-12 * np.eye(order)
+    coefficients = np.asarray(np.linalg.solve(normal, sums.moment / size) / size, dtype=float)
+    return coefficients, max(sums.power - float(sums.moment @ coefficients), 0.0)
 
 
 def fit_ar(signals: Sequence[Array], valid: Sequence[BoolArray], order: int) -> tuple[Array, float, int]:
-    """Least-squares AR coefficients (order,), residual variance and number of residuals."""
-    sums = _moments(signals, valid, order)
-    coefficients, power = _solve(sums, order)
+    """Least-squares coefficients (order,) of single lags, residual variance and number of residuals."""
+    sums = _moments(signals, valid, Lags(order))
+    coefficients, power = _solve(sums)
     return -coefficients, power / max(sums.count - order, 1), sums.count
 
 
-def choose_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: int) -> int:
-    """Order with the least Bayesian criterion on common data.
+def fit_autoregression(signals: Sequence[Array], valid: Sequence[BoolArray], lags: Lags) -> Autoregression:
+    """The noise model of least squares with these lags."""
+    return Autoregression(-_solve(_moments(signals, valid, lags))[0], lags)
+
+
+def choose_lags(signals: Sequence[Array], valid: Sequence[BoolArray], furthest_back: int) -> Lags:
+    """Lags with the least Bayesian criterion on common data, none beyond the furthest that the data bear.
 
     Akaike's larger orders fit what the structure leaves out as if it were noise, at the price of the low
-    frequencies; on simulated data of the right structure the two agree in the estimates. More than the usual orders
-    are looked at as long as nearly all of those looked at are asked for.
+    frequencies; on simulated data of the right structure the two agree in the estimates. Further ones than usual
+    are looked at as long as nearly all of those looked at are asked for: they cost the first samples.
     """
-    most = min(levels.USUAL_ORDER, largest)
-    order = _best_order(signals, valid, most)
-    while order + levels.SPARE_ORDERS >= most < largest:
-        most = min(2 * most, largest)
-        order = _best_order(signals, valid, most)
-    return order
+    most = min(levels.USUAL_REACH, furthest_back)
+    lags = _best_lags(signals, valid, most)
+    while with_spare(lags).reach >= most < furthest_back:
+        most = min(2 * most, furthest_back)
+        lags = _best_lags(signals, valid, most)
+    return lags
 
 
-def _best_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: int) -> int:
-    sums = _moments(signals, valid, largest)
-    powers = _left_by_order(sums.gram, sums.moment, sums.power, levels.LOST**2)
-    orders = np.arange(largest + 1)
-    bearable = (sums.count >= levels.FEWEST_PER_ORDER * (orders + 2)) & (powers > 0)
-    most = largest + 1 if bearable.all() else int(np.argmin(bearable))
-    if most == 0:
-        return 0
-    criterion = sums.count * np.log(powers[:most] / sums.count) + np.log(sums.count) * orders[:most]
-    return int(np.argmax(criterion <= criterion.min() + 1e-9))
+def with_spare(lags: Lags) -> Lags:
+    """With `SPARE_ORDERS` more, of single lags and of groups where there are any."""
+    return Lags(lags.single + levels.SPARE_ORDERS, lags.groups + (levels.SPARE_ORDERS if lags.groups else 0))
+
+
+def _best_lags(signals: Sequence[Array], valid: Sequence[BoolArray], reach: int) -> Lags:
+    """Of all numbers of single lags, and of those of groups behind single lags up to where a group begins."""
+    singles = min(levels.SINGLE_LAGS, reach)
+    most = furthest(singles, reach)
+    sums = _moments(signals, valid, most)
+    orders = np.arange(reach + 1)
+    bearable = sums.count >= levels.FEWEST_PER_ORDER * (orders + 2)
+    best, least = Lags(), np.inf
+    for single in sorted({singles, *_ends(Lags(0, most.order))} - set(range(singles + 1, reach + 1))):
+        lags = furthest(int(single), reach)
+        own = sums.of(_sums_of(most, lags))
+        powers = _left_by_order(own.gram, own.moment, own.power, levels.LOST**2)
+        allowed = bearable[: powers.size] & (powers > 0)
+        powers = powers[: powers.size if allowed.all() else int(np.argmin(allowed))]
+        criterion = sums.count * np.log(powers / sums.count) + np.log(sums.count) * orders[: powers.size]
+        order = int(np.argmax(criterion <= criterion.min(initial=np.inf) + 1e-9)) if powers.size else 0
+        if powers.size and criterion[order] <= least + 1e-9:
+            best, least = Lags(min(order, lags.single), max(order - lags.single, 0)), float(criterion[order])
+    return best
+
+
+@lru_cache(maxsize=256)
+def _sums_of(of: Lags, lags: Lags) -> Array:
+    """(order, order) which coefficients of others each coefficient is the sum of."""
+    return np.array(
+        [(of.starts >= first) & (of.ends <= last) for first, last in zip(lags.starts, lags.ends, strict=True)],
+        dtype=float,
+    ).reshape(lags.order, of.order)
 
 
 @compiled

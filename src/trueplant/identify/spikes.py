@@ -22,6 +22,7 @@ from trueplant.identify import levels
 from trueplant.identify.estimate import free_of_noise, with_own_noise
 from trueplant.identify.fit import RowFit, residuals
 from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.noise import Autoregression
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
 from trueplant.record import levels as record_levels
@@ -89,7 +90,7 @@ class _Errors:
 
     errors: Array
     """(n,) NaN where there are none."""
-    ar: Array
+    ar: Autoregression
     rounding: float
 
     @cached_property
@@ -102,7 +103,8 @@ class _Errors:
 
     @cached_property
     def taps(self) -> Array:
-        return np.concatenate([[1.0], self.ar])
+        taps: Array = self.ar.near_taps
+        return taps
 
     @cached_property
     def usual(self) -> float:

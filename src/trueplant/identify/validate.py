@@ -86,7 +86,7 @@ def validate(fit: RowFit) -> Validation | None:
     row = replace(fit.row, pieces=tuple(train))
     test = [p for p in test if p.y.size >= levels.SAMPLES_PER_PARAMETER * fit.theta.size]
     samples = sum(int(row.measured(k)[1].sum()) for k in range(len(train)))
-    if not test or samples < levels.SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.size):
+    if not test or samples < levels.SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.order):
         return None
     trained = fit_row(row, fit.theta, fit.ar, free=fit.free, iterations=30)
     # Data that say little about some parameter would condemn the plant for that: it keeps its value there.
@@ -191,7 +191,7 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
         lags=np.arange(1, levels.RESIDUAL_LAGS + 1),
         acf=own.value[:, 0, 0],
         bound=float(norm.ppf(0.5 + confidence / 2) / np.sqrt(max(own.count, 1))),
-        whiteness_p=own.p_value(fit.ar.size),
+        whiteness_p=own.p_value(fit.ar.order),
         size_p=squares_p(weighted),
         ccf=np.array([cross.value[:, 0, 0] for cross in crossed]),
         cross_p=np.array([cross.p_value() for cross in crossed]),
