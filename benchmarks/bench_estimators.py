@@ -33,6 +33,7 @@ from support.benchmark_records import (
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant.errors import Refused
 from trueplant.identify import Row, RowFit, Spec, estimate_row, fit_row, identify_matrix, pieces_of, specs_of
+from trueplant.identify.autoregression import NO_NOISE_MODEL
 from trueplant.identify.estimate import fit_noise, furthest_back
 from trueplant.identify.instrumental import (
     ArmaNoise,
@@ -47,7 +48,6 @@ from trueplant.identify.instrumental import (
 from trueplant.identify.instrumental.noise import without_noise_directions
 from trueplant.identify.instrumental.refine import evaluate
 from trueplant.identify.instrumental.samples import samples_of
-from trueplant.identify.noise import NO_NOISE_MODEL
 from trueplant.identify.varx import varx
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix, tf

@@ -38,7 +38,7 @@ from support.simulated import WOOD_BERRY, segment_of, wood_berry
 from trueplant import Project
 from trueplant.errors import SourceError
 from trueplant.identify import Row, Spec, estimate_row, fit_percent, fit_row, pieces_of, samples_per_update
-from trueplant.identify.noise import Autoregression
+from trueplant.identify.autoregression import Autoregression
 from trueplant.lti import sampled_response
 from trueplant.lti.structure import Structure, structure_of
 from trueplant.record import Segment

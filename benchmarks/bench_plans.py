@@ -34,7 +34,8 @@ from scipy.stats import norm
 
 from trueplant.errors import TrueplantError
 from trueplant.identify import Row, Spec, fit_row, pieces_of
-from trueplant.identify.noise import Autoregression, fit_ar
+from trueplant.identify.autoregression import Autoregression
+from trueplant.identify.noise import fit_ar
 from trueplant.loop import Controller, Simulation, simulate, unstable_poles
 from trueplant.lti import Structure, TransferMatrix, to_formula
 from trueplant.project import Project

@@ -29,7 +29,7 @@ from support.joint_bound import joint_bound
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant import plants
 from trueplant.identify import Row, Spec, fit_row, identify_matrix, identify_output, pieces_of
-from trueplant.identify.noise import Autoregression
+from trueplant.identify.autoregression import Autoregression
 from trueplant.loop import Controller, simulate
 from trueplant.lti.structure import Structure, structure_of
 

@@ -15,7 +15,8 @@ from scipy.signal import lfilter
 import trueplant as tp
 from trueplant.errors import TrueplantError
 from trueplant.identify import OutputEstimate, Row, Spec, fit_row, pieces_of
-from trueplant.identify.noise import Autoregression, fit_ar
+from trueplant.identify.autoregression import Autoregression
+from trueplant.identify.noise import fit_ar
 from trueplant.loop import Controller, Simulation, Step, Valve, alternating_steps, simulate, unstable_poles
 from trueplant.lti import Structure, TransferFunction, TransferMatrix, to_formula
 from trueplant.lti.sampled import sampled_response

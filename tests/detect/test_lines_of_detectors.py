@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from support.simulated import segment_of
 from trueplant.detect import change_point, since
 from trueplant.detect.signals import NotApplicable, signals_of
-from trueplant.identify.noise import Lags
+from trueplant.identify.autoregression import Lags
 from trueplant.lti import TransferMatrix
 from trueplant.record.types import Segment
 

@@ -14,7 +14,7 @@ from trueplant.detect import change_point as change_points
 from trueplant.detect.change_point import change_point, critical
 from trueplant.detect.since import Series, Shift, history, slope
 from trueplant.identify import Row, Spec, estimate_row, pieces_of
-from trueplant.identify.noise import NO_NOISE_MODEL, Autoregression
+from trueplant.identify.autoregression import NO_NOISE_MODEL, Autoregression
 from trueplant.lti import Structure
 from trueplant.lti.sampled import sampled_response
 

@@ -10,7 +10,7 @@ from support.changing import changing_loop
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.detect import TwoFits, likeliest_change
 from trueplant.identify import Row, Spec, fit_row, pieces_of
-from trueplant.identify.noise import Autoregression
+from trueplant.identify.autoregression import Autoregression
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.lti.structure import structure_of

@@ -13,11 +13,12 @@ from scipy.stats import f, norm, ttest_1samp
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, levels, pieces_of
+from trueplant.identify.autoregression import NO_NOISE_MODEL, Autoregression, Lags
 from trueplant.identify.covariance import inflated, inflation, joint_freedom, noise_freedom, told_at
 from trueplant.identify.fit import evaluate, restriction_of
 from trueplant.identify.likelihood import held_at, ratio_p
 from trueplant.identify.longest_noise import restricted
-from trueplant.identify.noise import NO_NOISE_MODEL, Autoregression, Lags, fit_autoregression
+from trueplant.identify.noise import fit_autoregression
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
 

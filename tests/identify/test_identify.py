@@ -23,10 +23,11 @@ from trueplant.identify import (
     specs_of,
     unanswered,
 )
+from trueplant.identify.autoregression import Autoregression, Lags, whiten, whitened_valid
 from trueplant.identify.estimate import is_better
 from trueplant.identify.fit import residuals
 from trueplant.identify.intervals import profile_of
-from trueplant.identify.noise import Autoregression, Lags, choose_lags, fit_ar, whiten, whitened_valid
+from trueplant.identify.noise import choose_lags, fit_ar
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix, tf
 from trueplant.lti.structure import Structure, structure_of

@@ -13,9 +13,9 @@ from support.joint_bound import joint_bound
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant import plants
 from trueplant.identify import Spec, identify_matrix, identify_output, shared_disturbance, specs_of
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.fit import fit_row
 from trueplant.identify.joint import _chosen_order, fit_jointly, fit_until_white, whiteness_p
-from trueplant.identify.noise import Autoregression
 from trueplant.identify.shared_disturbance import predicted_outputs, related_at_once
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix

@@ -11,16 +11,8 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are, toeplitz
 from scipy.signal import lfilter
 
-from trueplant.identify.noise import (
-    NO_NOISE_MODEL,
-    Autoregression,
-    Lags,
-    choose_lags,
-    fit_ar,
-    fit_autoregression,
-    furthest,
-    whiten,
-)
+from trueplant.identify.autoregression import NO_NOISE_MODEL, Autoregression, Lags, furthest, whiten
+from trueplant.identify.noise import choose_lags, fit_ar, fit_autoregression
 
 Array = np.ndarray
 SOME = [Lags(), Lags(3), Lags(3, 6), Lags(0, 12), Lags(30, 8)]

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.linalg import lstsq, orth
 
 from trueplant.identify import Row, Spec
+from trueplant.identify.autoregression import Autoregression, Lags, measured_from, whitened_valid
 from trueplant.identify.fit import evaluate, linearised
 from trueplant.identify.linear_algebra import eliminated, remove
-from trueplant.identify.noise import Autoregression, Lags, measured_from, whitened_valid
 from trueplant.identify.pieces import Piece
 from trueplant.lti import sampled_response
 from trueplant.lti.structure import Structure

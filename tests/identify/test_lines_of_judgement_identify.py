@@ -11,10 +11,10 @@ from scipy.stats import norm
 
 from support.simulated import segment_of
 from trueplant.identify import Spec, answers, between_experiments, intervals, noise_order, pieces_of, shared_disturbance
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.covariance import noise_freedom, student_factor
 from trueplant.identify.instrumental.choice import Candidate, _said
 from trueplant.identify.instrumental.order import Order
-from trueplant.identify.noise import Autoregression
 from trueplant.identify.unanswered import WhyUnanswered
 from trueplant.lti import Structure
 

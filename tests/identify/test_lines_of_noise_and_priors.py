@@ -9,11 +9,22 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from trueplant.identify import Spec, between_experiments, estimate, first, intervals, levels, noise, valves
+from trueplant.identify import (
+    Spec,
+    autoregression,
+    between_experiments,
+    estimate,
+    first,
+    intervals,
+    levels,
+    noise,
+    valves,
+)
+from trueplant.identify.autoregression import Autoregression, Lags
 from trueplant.identify.covariance import initial_state_share, least_covariance
 from trueplant.identify.joint import _chosen_order, whiteness_p
 from trueplant.identify.missing import _Scan
-from trueplant.identify.noise import Autoregression, Lags, choose_lags
+from trueplant.identify.noise import choose_lags
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.prior import Prior
 from trueplant.identify.shared_disturbance import _at_common_instants, _Errors, _relation_p
@@ -61,9 +72,9 @@ def test_noise_is_looked_at_thirty_samples_back_where_nothing_asks_for_more(monk
 @pytest.mark.holds("identify.SHARED_SPAN")
 def test_samples_share_a_coefficient_over_a_quarter_of_how_far_they_are_back() -> None:
     """The group that begins near a hundred back; not by `Lags`, which remembers where groups end."""
-    begin = noise._group_end(90) + 1
+    begin = autoregression._group_end(90) + 1
     assert 85 < begin < 115
-    assert 18 < noise._group_end(begin) + 1 - begin < 35
+    assert 18 < autoregression._group_end(begin) + 1 - begin < 35
 
 
 @pytest.mark.holds("identify.FEWEST_PER_ORDER")

@@ -9,9 +9,9 @@ import pytest
 
 from support.simulated import WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant.identify import Row, Sampling, Spec, fit_row, identify_output, pieces_of
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.blocks import block_length, in_blocks, most_moved
 from trueplant.identify.levels import SEARCHED_ERRORS, SHORTEST_BLOCK
-from trueplant.identify.noise import Autoregression
 from trueplant.identify.validate import residual_tests
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti.structure import Structure, structure_of

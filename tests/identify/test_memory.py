@@ -11,9 +11,10 @@ from scipy.special import gammaln
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, levels, pieces_of
+from trueplant.identify.autoregression import NO_NOISE_MODEL, Autoregression
 from trueplant.identify.covariance import inflation, small_samples
 from trueplant.identify.memory import _before, _grown, _pieces, _told, memory_heights, remembering
-from trueplant.identify.noise import NO_NOISE_MODEL, Autoregression, choose_lags, fit_autoregression
+from trueplant.identify.noise import choose_lags, fit_autoregression
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
 

@@ -9,12 +9,12 @@ import pytest
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, Spec, fit_row, identify_output, intervals, minima, output, pieces_of
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.covariance import scaled
 from trueplant.identify.fit import refitted
 from trueplant.identify.intervals import as_wide_as, profile_of
 from trueplant.identify.likelihood import rise
 from trueplant.identify.minima import open_minima
-from trueplant.identify.noise import Autoregression
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
 

@@ -7,8 +7,8 @@ import pytest
 
 from support.simulated import random_switching, segment_of
 from trueplant.identify import Row, Spec, fit_row, pieces_of
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.moments import apart, in_row
-from trueplant.identify.noise import Autoregression
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
 

@@ -8,16 +8,8 @@ import numpy as np
 import pytest
 
 from trueplant.identify import levels, noise
-from trueplant.identify.noise import (
-    Lags,
-    _left_by_order,
-    _moments,
-    _sums_of,
-    fit_autoregression,
-    furthest,
-    lagged,
-    whitened_valid,
-)
+from trueplant.identify.autoregression import Lags, furthest, whitened_valid
+from trueplant.identify.noise import _left_by_order, _moments, _sums_of, fit_autoregression, lagged
 
 Array = np.ndarray
 

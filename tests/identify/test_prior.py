@@ -10,9 +10,9 @@ from scipy.stats import chi2
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.levels import PRIOR_SPREAD, SEARCHED_FREEDOM
 from trueplant.identify.likelihood import held_at, ratio_p, rise, without_element
-from trueplant.identify.noise import Autoregression
 from trueplant.identify.prior import Prior
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix

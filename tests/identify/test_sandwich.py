@@ -11,7 +11,7 @@ from scipy.stats import kstest
 
 from support.simulated import WOOD_BERRY, random_switching, segment_of, wood_berry
 from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of, prediction_errors, sandwich, specs_of
-from trueplant.identify.noise import NO_NOISE_MODEL
+from trueplant.identify.autoregression import NO_NOISE_MODEL
 from trueplant.identify.sandwich import correlated_lags, plant_covariance, sandwich_covariance
 from trueplant.identify.validate import squares_p
 from trueplant.lti.sampled import sampled_response

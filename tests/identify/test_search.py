@@ -9,8 +9,8 @@ import pytest
 
 from support.simulated import segment_of, wood_berry
 from trueplant.identify import Row, Spec, pieces_of
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.levels import STRETCH
-from trueplant.identify.noise import Autoregression
 from trueplant.identify.search import dead_time_grid, improved_element
 from trueplant.lti.structure import Structure
 

@@ -7,9 +7,9 @@ import pytest
 
 from support.simulated import WOOD_BERRY, segment_of, wood_berry
 from trueplant.identify import specs_of
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.blocks import in_blocks
 from trueplant.identify.fit import fit_row
-from trueplant.identify.noise import Autoregression
 from trueplant.identify.pieces import pieces_of
 from trueplant.identify.row import Row
 from trueplant.identify.validate import validate

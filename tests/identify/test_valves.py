@@ -21,7 +21,7 @@ from trueplant.identify import (
     try_valves,
     widened_for_bands,
 )
-from trueplant.identify.noise import NO_NOISE_MODEL
+from trueplant.identify.autoregression import NO_NOISE_MODEL
 from trueplant.identify.valve_effects import RowErrors, ValveTest, _rivals, behind
 from trueplant.identify.valves import FoundValve
 from trueplant.loop import PID, Controller, Valve, simulate

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from support.simulated import segment_of
-from trueplant.identify.noise import Autoregression
+from trueplant.identify.autoregression import Autoregression
 from trueplant.lti import Structure
 from trueplant.project.tables import TuningLimits
 from trueplant.study.data import excitation, law_judged, op_law

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from trueplant.identify import OutputEstimate, fit_row
+from trueplant.identify.autoregression import NO_NOISE_MODEL
 from trueplant.identify.estimate import fit_noise, furthest_back
-from trueplant.identify.noise import NO_NOISE_MODEL
 from trueplant.identify.validate import validate
 
 

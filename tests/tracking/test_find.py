@@ -18,7 +18,7 @@ from support.simulated import BLT, WOOD_BERRY, coloured, segment_of, wood_berry
 from support.stamped import AMSTERDAM, project_text, stamped
 from trueplant.cli import main
 from trueplant.identify import Row, Spec, fit_row, pieces_of
-from trueplant.identify.noise import NO_NOISE_MODEL
+from trueplant.identify.autoregression import NO_NOISE_MODEL
 from trueplant.loop import simulate
 from trueplant.lti.structure import Structure
 from trueplant.project import Project

@@ -24,7 +24,7 @@ from trueplant.cli.track import show
 from trueplant.detect.since import Shift
 from trueplant.errors import DataError, UsageError
 from trueplant.identify import Row, Spec, fit_row, pieces_of
-from trueplant.identify.noise import Autoregression
+from trueplant.identify.autoregression import Autoregression
 from trueplant.lti import Structure
 from trueplant.report.track import render
 from trueplant.result import (

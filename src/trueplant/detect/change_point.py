@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.detect import levels
-from trueplant.identify.noise import Autoregression, choose_lags, fit_autoregression
+from trueplant.identify.autoregression import Autoregression
+from trueplant.identify.noise import choose_lags, fit_autoregression
 from trueplant.identify.row import Row
 
 

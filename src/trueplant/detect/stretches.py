@@ -18,13 +18,14 @@ from trueplant.arrays import Array, IntArray
 from trueplant.detect import levels
 from trueplant.detect.change_point import change_point
 from trueplant.identify import RowFit, fit_row
+from trueplant.identify.autoregression import NO_NOISE_MODEL, whiten
 from trueplant.identify.covariance import inflation, scaled
 from trueplant.identify.estimate import fit_noise
 from trueplant.identify.fit import linearised, residuals
 from trueplant.identify.levels import SAMPLES_PER_PARAMETER, UNDERMODELLED
 from trueplant.identify.likelihood import held_at, rise
 from trueplant.identify.linear_algebra import inverse
-from trueplant.identify.noise import NO_NOISE_MODEL, fit_ar, whiten
+from trueplant.identify.noise import fit_ar
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
 from trueplant.identify.sandwich import noise_covariance, plant_covariance

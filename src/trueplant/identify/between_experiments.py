@@ -17,10 +17,11 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
+from trueplant.identify.autoregression import Lags
 from trueplant.identify.covariance import scaled
 from trueplant.identify.estimate import noise_signals
 from trueplant.identify.fit import RowFit, fit_row
-from trueplant.identify.noise import Lags, fit_autoregression
+from trueplant.identify.noise import fit_autoregression
 from trueplant.identify.search import grid_guess
 from trueplant.identify.validate import residual_tests
 

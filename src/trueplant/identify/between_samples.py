@@ -15,10 +15,10 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
+from trueplant.identify.autoregression import NO_NOISE_MODEL
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import best_dead_times, with_own_noise
 from trueplant.identify.fit import RowFit, fit_row
-from trueplant.identify.noise import NO_NOISE_MODEL
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
 

@@ -7,11 +7,11 @@ from scipy.stats import norm, t
 
 from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.fit import RowFit, restriction_of
 from trueplant.identify.lagged import at_samples, with_past
 from trueplant.identify.linear_algebra import inverse, scaled_eigen
 from trueplant.identify.memory import remembering
-from trueplant.identify.noise import Autoregression
 from trueplant.identify.restricted import Restriction
 from trueplant.identify.row import Row
 
@@ -119,7 +119,7 @@ def told_at(restriction: Restriction, ar: Autoregression, of: Array | None = Non
     for piece in restriction.whitened(ar):
         raw, use = piece.moved.rows, piece.moved.use
         now = at_samples(whole @ piece.rows[:size], use, reach, raw.shape[1])
-        moving += ar.lags.summed(with_past(now, whole @ (raw[:size] - piece.shares @ raw[size:]), reach))
+        moving += ar.lags.summed(with_past(now, whole @ (raw[:size] - piece.shares @ raw[size:]), ar.lags.reach))
     own = np.einsum("ia,ab,ib->i", whole, told.information, whole)
     told_at_all = (own > levels.LOST * np.einsum("ia,ia->i", whole, sums))[:, None]
     return np.asarray(np.divide(moving, own[:, None], out=np.zeros_like(moving), where=told_at_all))

@@ -7,10 +7,10 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.fit import RowFit
 from trueplant.identify.likelihood import held_at, rise
 from trueplant.identify.linear_algebra import orthonormal
-from trueplant.identify.noise import Autoregression
 from trueplant.identify.row import Row
 
 

@@ -9,18 +9,11 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
+from trueplant.identify.autoregression import NO_NOISE_MODEL, Autoregression, Lags, whitened_valid
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.dead_times import rival_dead_times
 from trueplant.identify.fit import RowFit, fit_row, residuals
-from trueplant.identify.noise import (
-    NO_NOISE_MODEL,
-    Autoregression,
-    Lags,
-    choose_lags,
-    fit_autoregression,
-    whitened_valid,
-    with_spare,
-)
+from trueplant.identify.noise import choose_lags, fit_autoregression, with_spare
 from trueplant.identify.row import Row
 from trueplant.identify.search import grid_guess, initial_theta
 from trueplant.identify.validate import residual_tests
@@ -168,14 +161,12 @@ def _whitened(fit: RowFit, reach: int) -> RowFit:
         if tests.whiteness_p > levels.NOT_WHITE or np.min(tests.cross_p) < levels.UNDERMODELLED:
             break
         own = fit.ar.lags
-        more = Lags(
-            min(own.single + max(2, own.single // 2), 2 * levels.SINGLE_LAGS),
-            own.groups + (levels.SPARE_ORDERS if own.groups else 0),
-        )
-        lags = more.within(reach)
-        if lags.order <= own.order:
+        single = min(own.single + max(2, own.single // 2), 2 * levels.SINGLE_LAGS)
+        lags = Lags(single, own.groups + (levels.SPARE_ORDERS if own.groups else 0)).within(reach)
+        ar = fit_noise(fit, lags)
+        if ar.order <= own.order:
             break
-        fit = fit_row(fit.row, fit.theta, fit_noise(fit, lags), weights=fit.weights, iterations=60)
+        fit = fit_row(fit.row, fit.theta, ar, weights=fit.weights, iterations=60)
     return fit
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from trueplant.identify import levels
 from trueplant.identify.answers import unanswered
+from trueplant.identify.autoregression import Lags
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.longest_noise import estimate_beside_longest_noise
-from trueplant.identify.noise import Lags
 from trueplant.identify.output import OutputEstimate, averaged
 from trueplant.identify.pieces import Held, pieces_of
 from trueplant.identify.row import Row, Spec

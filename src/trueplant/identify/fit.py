@@ -16,10 +16,10 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
+from trueplant.identify.autoregression import Autoregression, measured_from, whitened_valid
 from trueplant.identify.descent import Problem, descend
 from trueplant.identify.initial_state import Unknown
 from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse, remove, with_held
-from trueplant.identify.noise import Autoregression, measured_from, whitened_valid
 from trueplant.identify.restricted import Moved, Restriction
 from trueplant.identify.row import Row
 

@@ -21,10 +21,10 @@ from scipy.stats import t
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
+from trueplant.identify.autoregression import NO_NOISE_MODEL, Lags
 from trueplant.identify.between_experiments import kinds_of, sizes_of
 from trueplant.identify.estimate import fit_noise
 from trueplant.identify.fit import RowFit, fit_row, linearised, residuals
-from trueplant.identify.noise import NO_NOISE_MODEL, Lags
 from trueplant.identify.output import OutputEstimate
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row, Spec

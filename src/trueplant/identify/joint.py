@@ -16,12 +16,13 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify import levels
+from trueplant.identify.autoregression import whitened_valid
 from trueplant.identify.descent import Problem, descend
 from trueplant.identify.fit import RowFit, residuals
 from trueplant.identify.joint_errors import places_of
 from trueplant.identify.joint_plant import JointPlant, JointPoint
 from trueplant.identify.linear_algebra import inverse, with_held
-from trueplant.identify.noise import lagged, whitened_valid
+from trueplant.identify.noise import lagged
 from trueplant.identify.portmanteau import correlogram
 from trueplant.identify.row import Row
 

@@ -13,10 +13,10 @@ from functools import partial
 import numpy as np
 
 from trueplant.identify import levels
+from trueplant.identify.autoregression import furthest
 from trueplant.identify.covariance import joint_freedom, noise_freedom, scaled, student_factor
 from trueplant.identify.estimate import furthest_back, with_noise_of
 from trueplant.identify.fit import RowFit, fit_row, restriction_of
-from trueplant.identify.noise import furthest
 from trueplant.identify.output import OutputEstimate
 
 

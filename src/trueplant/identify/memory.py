@@ -22,11 +22,12 @@ from scipy.special import logsumexp
 
 from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.identify import levels
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.estimate import furthest_back
 from trueplant.identify.fit import RowFit, linearised
 from trueplant.identify.linear_algebra import inverse, log_determinant, scaled_eigen
-from trueplant.identify.noise import Autoregression, choose_lags, fit_autoregression
+from trueplant.identify.noise import choose_lags, fit_autoregression
 
 
 @dataclass(frozen=True, eq=False)

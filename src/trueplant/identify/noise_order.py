@@ -8,11 +8,11 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
+from trueplant.identify.autoregression import Lags
 from trueplant.identify.between_experiments import refit_noise
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
 from trueplant.identify.linear_algebra import inverse
-from trueplant.identify.noise import Lags
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 
 

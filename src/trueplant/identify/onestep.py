@@ -14,9 +14,9 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.fit import evaluate
 from trueplant.identify.linear_algebra import inverse
-from trueplant.identify.noise import Autoregression
 from trueplant.identify.row import Row
 
 

@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.lagged import at_samples, with_past
 from trueplant.identify.linear_algebra import inverse, log_determinant
-from trueplant.identify.noise import Autoregression, Lags
 
 
 class Moved(NamedTuple):
@@ -32,11 +32,10 @@ class Moved(NamedTuple):
     """(n_z,) what is known of operating points and initial states besides, in units of 1/variance: what a noise model
     takes away nearly whole is told by nothing else."""
 
-    def with_past(self, by: Array, lags: Lags) -> Array:
+    def with_past(self, by: Array, ar: Autoregression) -> Array:
         """(order,) sums of products of `by` (size + n_z, n_used) and the rows so many samples before each error."""
-        reach = lags.reach
-        products = with_past(at_samples(by, self.use, reach, self.rows.shape[1]), self.rows, reach)
-        return lags.summed(products.sum(axis=0))
+        products = with_past(at_samples(by, self.use, ar.reach, self.rows.shape[1]), self.rows, ar.lags.reach)
+        return ar.lags.summed(products.sum(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +96,7 @@ class Restriction:
         for piece in self.whitened(ar):
             by = np.vstack([told.covariance @ piece.rows[:size], inverse(piece.unknown) @ piece.rows[size:]])
             by[size:] -= piece.shares.T @ by[:size]
-            slope += piece.moved.with_past(by, ar.lags)
+            slope += piece.moved.with_past(by, ar)
         return 2 * (told.half_log_determinant - self._begun), slope
 
     def whitened(self, ar: Autoregression) -> Iterator[Whitened]:

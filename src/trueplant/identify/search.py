@@ -12,8 +12,8 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify import levels
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.linear_algebra import orthonormal
-from trueplant.identify.noise import Autoregression
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
 from trueplant.lti.sampled import rows_response

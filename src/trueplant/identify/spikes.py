@@ -19,10 +19,10 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify import levels
+from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.estimate import free_of_noise, with_own_noise
 from trueplant.identify.fit import RowFit, residuals
 from trueplant.identify.linear_algebra import inverse
-from trueplant.identify.noise import Autoregression
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
 from trueplant.record import levels as record_levels

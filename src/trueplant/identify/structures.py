@@ -15,6 +15,7 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
+from trueplant.identify.autoregression import NO_NOISE_MODEL, Autoregression
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.covariance import small_samples
 from trueplant.identify.estimate import free_of_noise, polished, with_own_noise
@@ -23,7 +24,6 @@ from trueplant.identify.further_lag import with_further_lags
 from trueplant.identify.kept_structures import with_richer
 from trueplant.identify.likelihood import ratio_p, with_element, with_parameters
 from trueplant.identify.longest_noise import beside_longest_noise, restricted
-from trueplant.identify.noise import NO_NOISE_MODEL, Autoregression
 from trueplant.identify.output import OutputEstimate, Rejected
 from trueplant.identify.row import Row, Spec
 from trueplant.identify.search import improved_element

@@ -11,9 +11,10 @@ from scipy.stats import norm
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
+from trueplant.identify.autoregression import whiten
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.linear_algebra import eliminated
-from trueplant.identify.noise import fit_ar, whiten
+from trueplant.identify.noise import fit_ar
 from trueplant.identify.pieces import Piece
 from trueplant.identify.portmanteau import correlogram, normal_scores
 from trueplant.identify.row import Row

@@ -18,7 +18,7 @@ from support.simulated import BLT, WOOD_BERRY, coloured, segment_of
 from trueplant import Project, run
 from trueplant.errors import ProjectError
 from trueplant.identify import Row, RowFit, Spec, fit_row, pieces_of
-from trueplant.identify.noise import Autoregression
+from trueplant.identify.autoregression import Autoregression
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
 from trueplant.study.data.prepare import prepare
