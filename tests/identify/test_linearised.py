@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.linalg import lstsq, orth
 
 from trueplant.identify import Row, Spec
-from trueplant.identify.autoregression import Autoregression, Lags, measured_from, whitened_valid
+from trueplant.identify.autoregression import Autoregression, Lags
 from trueplant.identify.fit import evaluate, linearised
 from trueplant.identify.linear_algebra import eliminated, remove
 from trueplant.identify.pieces import Piece
@@ -72,11 +72,18 @@ def plainly(row: Row, theta: np.ndarray, ar: Autoregression, k: int) -> tuple[np
     columns += [(at >= jump).astype(float) for jump in piece.jumps]
     shared = zip(ar.coefficients, ar.lags.starts, ar.lags.ends, strict=True)
     taps = [(0, 1.0)] + [(lag, a) for a, first, last in shared for lag in range(first, last + 1)]
-    reach = taps[-1][0]
-    seen = np.flatnonzero([piece.valid[at][m - reach : m + 1].all() for m in range(reach, at.size)])
+    reach, near, valid = taps[-1][0], int(np.sum(ar.lags.starts == ar.lags.ends)), piece.valid[at]
+    there = np.flatnonzero(valid)
+    between = zip(there[:-1], there[1:], strict=True)
+    few = [m for before, after in between if after - before < 5 for m in range(before, after)]
+    bridged = valid | np.isin(np.arange(at.size), few)
+    seen = np.flatnonzero(
+        [valid[m - near : m + 1].all() and bridged[m - reach : m + 1].all() for m in range(reach, at.size)]
+    )
 
     def white(x: np.ndarray) -> np.ndarray:
-        return sum(a * x[reach - lag : at.size - lag] for lag, a in taps)[seen]
+        whole = np.interp(np.arange(at.size), there, x[there])
+        return sum(a * whole[reach - lag : at.size - lag] for lag, a in taps)[seen]
 
     basis = orth(np.column_stack([white(c) / np.linalg.norm(white(c)) for c in columns]), rcond=1e-9)
     e = white(v)
@@ -180,12 +187,3 @@ def test_elimination_of_dependent_columns_against_scipy(seed, rank, more, decade
     rest = np.array([target])
     remove(basis.T.copy(), rest)
     assert np.allclose(rest[0], target - expected, atol=1e-9)
-
-
-@given(st.lists(st.booleans(), min_size=1, max_size=40), st.integers(0, 8))
-def test_where_prediction_errors_begin_and_whether_all_follow(measured, order):
-    valid = np.array(measured)
-    good = whitened_valid(order, valid)
-    first, all_follow = measured_from(order, valid)
-    assert first == (int(np.argmax(good)) if good.any() else -1)
-    assert first < 0 or all_follow == bool(good[first:].all())

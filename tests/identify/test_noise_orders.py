@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trueplant.identify import levels, noise
-from trueplant.identify.autoregression import Lags, furthest, whitened_valid
+from trueplant.identify.autoregression import Lags, bridge, furthest, whitened_valid
 from trueplant.identify.noise import _left_by_order, _moments, _sums_of, fit_autoregression, lagged
 
 Array = np.ndarray
@@ -51,8 +51,9 @@ def test_each_number_of_groups_leaves_what_least_squares_leaves(
     most, lags = furthest(12, reach), furthest(single, reach)
     signals, measured = [v[part] for part in parts], [valid[part] for part in parts]
     sums = _moments(signals, measured, most)
-    uses = [whitened_valid(most.reach, ok) for ok in measured]
-    seen = [by_coefficient(x, lags, most.reach)[use] for x, use in zip(signals, uses, strict=True)]
+    uses = [most.predicted(ok, most.reach) for ok in measured]
+    filled = [bridge(x, ok) for x, ok in zip(signals, measured, strict=True)]
+    seen = [by_coefficient(x, lags, most.reach)[use] for x, use in zip(filled, uses, strict=True)]
     now = np.concatenate([x[most.reach :][use] for x, use in zip(signals, uses, strict=True)])
     columns, own = np.vstack(seen), sums.of(_sums_of(most, lags))
     left = _left_by_order(own.gram, own.moment, own.power, levels.LOST**2)
@@ -65,8 +66,8 @@ def test_each_number_of_groups_leaves_what_least_squares_leaves(
 @pytest.mark.parametrize("lags", [Lags(), Lags(4), Lags(3, 6), Lags(0, 15)])
 def test_coefficients_are_those_of_least_squares(lags: Lags) -> None:
     v, valid = walk(0.005)
-    use = whitened_valid(lags.reach, valid)
-    columns, now = by_coefficient(v, lags, lags.reach)[use], v[lags.reach :][use]
+    use = lags.predicted(valid, lags.reach)
+    columns, now = by_coefficient(bridge(v, valid), lags, lags.reach)[use], v[lags.reach :][use]
     found = fit_autoregression([v], [valid], lags)
     assert found.lags == lags
     assert found.coefficients == pytest.approx(-np.linalg.lstsq(columns, now, rcond=None)[0], rel=1e-5, abs=1e-7)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.detect import levels
-from trueplant.identify.autoregression import Autoregression
+from trueplant.identify.autoregression import Autoregression, bridge
 from trueplant.identify.noise import choose_lags, fit_autoregression
 from trueplant.identify.row import Row
 
@@ -135,7 +135,7 @@ def _parts(row: Row, clock: Array, before: Array, after: Array, changing: BoolAr
         nuisance = np.zeros((y.size, sum(sizes)))
         nuisance[:, sum(sizes[:k]) : sum(sizes[: k + 1])] = row.nuisance(before, k)
         t = clock[k] + piece.start + piece.h * row.stride * np.arange(y.size)
-        found = (t, np.full(y.size, k), valid, np.where(valid, y - response, 0.0), other - response)
+        found = (t, np.full(y.size, k), valid, bridge(y - response, valid), other - response)
         derivatives = np.hstack([gradient[:, ~changing], nuisance])
         for part, column in zip(
             columns, (*found, derivatives, np.stack([gradient[:, changing], gradient_after[:, changing]])), strict=True

@@ -55,6 +55,22 @@ class Lags(NamedTuple):
             groups -= 1
         return Lags(single, groups)
 
+    def predicted(self, measured: BoolArray, reach: int) -> BoolArray:
+        """(n - reach,) which samples from the reach on are predicted from measured ones.
+
+        Behind the single lags a few missing samples in a row do not matter: they are bridged (`bridge`).
+        """
+        if measured.all():
+            return np.ones(max(measured.size - reach, 0), dtype=bool)
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], measured, [True]]).astype(np.int8)))
+        bridged = measured.copy()
+        for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            if begin > 0 and end < measured.size and end - begin <= levels.SPIKE_SAMPLES:
+                bridged[begin:end] = True
+        near = int(np.sum(self.starts == self.ends))
+        good: BoolArray = _predicted(min(near, reach), reach, measured, bridged)
+        return good
+
     def summed(self, by_lag: Array) -> Array:
         """(..., order) sums over the lags of each coefficient, of what is given for each lag (..., reach)."""
         if not self.groups:
@@ -154,9 +170,8 @@ class Autoregression:
         return out
 
     def valid(self, measured: BoolArray) -> BoolArray:
-        """(n - reach,) where a prediction error rests on measured samples only."""
-        good: BoolArray = whitened_valid(self.reach, measured)
-        return good
+        """(n - reach,) which samples are predicted from measured ones."""
+        return self.lags.predicted(measured, self.reach)
 
 
 NO_NOISE_MODEL = Autoregression.plain(np.zeros(0))
@@ -203,6 +218,31 @@ def _add(block: Array, weight: float, x: Array) -> None:
         block[k] += weight * x[k]
 
 
+def bridge(rows: Array, measured: BoolArray) -> Array:
+    """Rows (..., n) with a straight line between those measured in place of what was not."""
+    if measured.all() or not measured.any():
+        return rows
+    there, missing = np.flatnonzero(measured), np.flatnonzero(~measured)
+    place = np.searchsorted(there, missing)
+    before, after = there[np.maximum(place - 1, 0)], there[np.minimum(place, there.size - 1)]
+    share = (missing - before) / np.maximum(after - before, 1)
+    out: Array = rows.copy()
+    out[..., missing] = (1 - share) * rows[..., before] + share * rows[..., after]
+    return out
+
+
+@compiled
+def _predicted(near: int, reach: int, measured: BoolArray, bridged: BoolArray) -> BoolArray:
+    good = np.zeros(max(measured.size - reach, 0), dtype=np.bool_)
+    own = whole = 0
+    for k in range(measured.size):
+        own = own + 1 if measured[k] else 0
+        whole = whole + 1 if bridged[k] else 0
+        if k >= reach:
+            good[k - reach] = own > near and whole > reach
+    return good
+
+
 @compiled
 def whitened_valid(order: int, valid: BoolArray) -> BoolArray:
     """Where a prediction error of this order uses measured samples only."""
@@ -213,19 +253,3 @@ def whitened_valid(order: int, valid: BoolArray) -> BoolArray:
         if k >= order:
             good[k - order] = run > order
     return good
-
-
-@compiled
-def measured_from(order: int, valid: BoolArray) -> tuple[int, bool]:
-    """The first prediction error of this order that uses measured samples only, -1 for none; do all from there on?"""
-    first, run = -1, 0
-    for k in range(valid.size):
-        if not valid[k]:
-            if first >= 0:
-                return first, False
-            run = 0
-            continue
-        run += 1
-        if first < 0 and run > order:
-            first = k - order
-    return first, True

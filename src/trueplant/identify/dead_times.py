@@ -7,7 +7,7 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression
+from trueplant.identify.autoregression import Autoregression, bridge
 from trueplant.identify.fit import RowFit
 from trueplant.identify.likelihood import held_at, rise
 from trueplant.identify.linear_algebra import orthonormal
@@ -51,7 +51,7 @@ def _rivals(
             p[index - part.start] = value
             u, hold = piece.inputs[spec.column], piece.hold[spec.column]
             candidates[c] = spec.structure.response(p, u, piece.h, hold, row.stride)
-        errors = np.where(valid, y - response + candidates[0] - candidates, 0.0)
+        errors = bridge(y - response + candidates[0] - candidates, valid)
         basis = orthonormal(ar.whiten(row.nuisance(theta, k))[use])
         e = weights[k] * np.compress(use, ar.whiten(errors.T).T, axis=1)
         j = weights[k] * np.compress(use, ar.whiten(gradient[:, others]).T, axis=1)

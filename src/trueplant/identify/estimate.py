@@ -9,7 +9,7 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import NO_NOISE_MODEL, Autoregression, Lags, whitened_valid
+from trueplant.identify.autoregression import NO_NOISE_MODEL, Autoregression, Lags, furthest
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.dead_times import rival_dead_times
 from trueplant.identify.fit import RowFit, fit_row, residuals
@@ -32,15 +32,17 @@ class Options:
 def furthest_back(row: Row, limit: float = np.inf) -> int:
     """How many samples back a noise model may reach on these data, at most `limit`.
 
-    Samples bear it whose past is measured that far back, or up to where their piece begins.
+    Samples bear it whose past is measured that far back, or up to where their piece begins: so many that each sample of
+    the reach has its share, and most of those that there are.
     """
     measured = [row.measured(k)[1] for k in range(len(row.pieces))]
     samples = sum(int(ok.sum()) for ok in measured)
     most = int(max(0, min(limit, samples // levels.SAMPLES_PER_ORDER, min(ok.size for ok in measured) // 4)))
 
     def too_far(reach: int) -> bool:
-        bearing = sum(reach + int(whitened_valid(reach, ok).sum()) for ok in measured)
-        return bearing < levels.SAMPLES_PER_ORDER * reach
+        lags = furthest(levels.SINGLE_LAGS, reach)
+        bearing = sum(reach + int(lags.predicted(ok, reach).sum()) for ok in measured)
+        return bearing < max(levels.SAMPLES_PER_ORDER * reach, samples / 2)
 
     return bisect_left(range(1, most + 1), True, key=too_far)
 

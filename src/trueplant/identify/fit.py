@@ -9,14 +9,14 @@ out in every step (variable projection, Golub and Pereyra 1973, with the full de
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression, measured_from, whitened_valid
+from trueplant.identify.autoregression import Autoregression, bridge
 from trueplant.identify.descent import Problem, descend
 from trueplant.identify.initial_state import Unknown
 from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse, remove, with_held
@@ -152,6 +152,8 @@ class Linearised:
     """(n_z, n) responses to operating points and initial states, as far as they can be told."""
     largest: Array
     """(n_z,) amplitude that each of them may have."""
+    measured: BoolArray
+    """(n,)"""
 
     @cached_property
     def jacobian(self) -> Array:
@@ -176,20 +178,21 @@ def linearised(row: Row, theta: Array, ar: Autoregression, weights: Array) -> It
         y, valid = row.measured(k)
         if y.size <= ar.reach + 1:
             continue
-        use = _used(ar.reach, valid)
+        use = _used(ar, valid)
         if use is None:
             continue
         response, gradient = row.response_and_gradient(theta, k)
         unknown = row.unknown(theta, k)
-        v = np.where(valid, y - response, 0.0)
+        v, unknown = bridge(y - response, valid), replace(unknown, rows=bridge(unknown.rows, valid))
         coefficients, basis = _weights_of_unknowns(unknown, v, ar, use)
-        v = np.where(valid, v - unknown.columns @ coefficients, 0.0)
+        v = v - unknown.columns @ coefficients
         errors = weights[k] * ar.whiten(v)[use]
         moved = np.ascontiguousarray(gradient.T)
         unknown.add_gradient(coefficients, moved)
+        moved = bridge(moved, valid)
         told, weight = coefficients != 0, float(weights[k])
         yield Linearised(
-            k, use, errors, ar, weight, weight * v, basis, moved, unknown.rows[told], unknown.largest[told]
+            k, use, errors, ar, weight, weight * v, basis, moved, unknown.rows[told], unknown.largest[told], valid
         )
 
 
@@ -218,18 +221,22 @@ class Whitening:
     """(size + order, n_used) of the prediction errors, without what those span."""
     errors: Array
     """(n_used,)"""
+    measured: BoolArray
+    """(n,)"""
 
     @classmethod
     def of(cls, fit: RowFit) -> tuple[Whitening | None, ...]:
         """One a piece; None for a piece that has no prediction errors."""
         found: list[Whitening | None] = [None] * len(fit.row.pieces)
         for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
-            found[piece.number] = cls(fit.ar, piece.weight, piece.use, piece.basis, piece.jacobian, piece.errors)
+            found[piece.number] = cls(
+                fit.ar, piece.weight, piece.use, piece.basis, piece.jacobian, piece.errors, piece.measured
+            )
         return tuple(found)
 
     def __call__(self, responses: Array) -> Array:
         """(m, n_used) what each of the responses (m, n), subtracted from PV, takes off the prediction errors."""
-        filtered = self.weight * self.ar.whiten(responses.T)[self.use].T
+        filtered = self.weight * self.ar.whiten(bridge(responses, self.measured).T)[self.use].T
         return np.asarray(filtered - (filtered @ self.basis) @ self.basis.T)
 
 
@@ -254,12 +261,13 @@ class _Moved:
             yield Moved(rows, piece.use, fit.variance / np.maximum(piece.largest, np.finfo(float).tiny) ** 2)
 
 
-def _used(reach: int, valid: BoolArray) -> slice | BoolArray | None:
+def _used(ar: Autoregression, valid: BoolArray) -> slice | BoolArray | None:
     """The prediction errors that rest on measured outputs alone; None where there are none."""
-    first, rest = measured_from(reach, valid)
-    if first < 0:
+    use = ar.valid(valid)
+    if not use.any():
         return None
-    return slice(first, None) if rest else whitened_valid(reach, valid)
+    first = int(np.argmax(use))
+    return slice(first, None) if use[first:].all() else use
 
 
 def fit_row(
@@ -343,11 +351,12 @@ def residuals(fit: RowFit) -> list[tuple[Array, Array, BoolArray]]:
     for k in range(len(row.pieces)):
         y, valid = row.measured(k)
         response = row.response(fit.theta, k)
-        v = np.where(valid, y - response, 0.0)
+        v = bridge(y - response, valid)
         e = np.full(y.size, np.nan)
         if y.size > reach + 1 and (use := fit.ar.valid(valid)).any():
             unknown = row.unknown(fit.theta, k)
+            unknown = replace(unknown, rows=bridge(unknown.rows, valid))
             v = v - unknown.columns @ _weights_of_unknowns(unknown, v, fit.ar, use)[0]
-            e[reach:][use] = fit.ar.whiten(np.where(valid, v, 0.0))[use]
+            e[reach:][use] = fit.ar.whiten(v)[use]
         out.append((np.where(valid, v, np.nan), e, np.isfinite(e)))
     return out

@@ -17,6 +17,7 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
+from trueplant.identify.autoregression import bridge
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import free_of_noise, polished, with_own_noise
 from trueplant.identify.fit import RowFit, fit_row, linearised
@@ -96,7 +97,7 @@ def found_loads(fits: Fits) -> list[FoundLoad]:
                 continue
             unknown = fit.row.unknown(fit.theta, k).columns
             y, valid = fit.row.measured(k)
-            output = np.where(valid, y - fit.row.response(fit.theta, k), 0.0)
+            output = bridge(y - fit.row.response(fit.theta, k), valid)
             columns = fit.weights[k] * np.column_stack([fit.ar.whiten(unknown)[part.use], -part.jacobian.T])
             weights = np.linalg.lstsq(columns, fit.weights[k] * fit.ar.whiten(output)[part.use], rcond=1e-10)[0]
             variances = fit.variance * np.diag(inverse(columns.T @ columns))

@@ -22,7 +22,7 @@ from scipy.special import logsumexp
 
 from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression
+from trueplant.identify.autoregression import Autoregression, bridge
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.estimate import furthest_back
 from trueplant.identify.fit import RowFit, linearised
@@ -143,9 +143,7 @@ def _pieces(fit: RowFit) -> Iterator[_Piece]:
         # Those of the fit may be anything where its noise model cancels one with another.
         likely = inverse(white[1:] @ white[1:].T + np.diag(known)) @ (white[1:] @ white[0])
         rows = np.vstack([own - likely @ unknown, piece.weight * piece.moved, unknown])
-        at, there = np.arange(valid.size), np.flatnonzero(valid)
-        whole = rows if valid.all() else np.array([np.interp(at, there, row[there]) for row in rows])
-        yield _Piece(whole, known, valid)
+        yield _Piece(bridge(rows, valid), known, valid)
 
 
 def _left_to(fit: RowFit, pieces: Sequence[_Piece]) -> Autoregression:

@@ -11,7 +11,7 @@ import numpy as np
 from trueplant.arrays import Array, BoolArray
 from trueplant.compiled import compiled
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression, Lags, furthest, whitened_valid
+from trueplant.identify.autoregression import Autoregression, Lags, bridge, furthest
 
 CHUNK = 16_384
 """Samples whose past is written out at a time."""
@@ -44,7 +44,7 @@ def _moments(signals: Sequence[Array], valid: Sequence[BoolArray], lags: Lags) -
     for v, ok in zip(signals, valid, strict=True):
         if len(v) <= reach:
             continue
-        known, whole = np.where(ok, v, 0.0), whitened_valid(reach, ok)
+        known, whole = bridge(v, ok), lags.predicted(ok, reach)
         for begin in range(0, whole.size, CHUNK):
             use = whole[begin : begin + CHUNK]
             part = known[begin : begin + reach + use.size]

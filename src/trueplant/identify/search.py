@@ -12,7 +12,7 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression
+from trueplant.identify.autoregression import Autoregression, bridge
 from trueplant.identify.linear_algebra import orthonormal
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
@@ -111,7 +111,7 @@ def improved_element(row: Row, theta: Array, ar: Autoregression, m: int) -> tupl
         if not use.any():
             continue
         basis = orthonormal(ar.whiten(np.hstack([others[k], row.nuisance(nominal, k)]))[use])
-        target = ar.whiten(y)[use]
+        target = ar.whiten(bridge(y, valid))[use]
         columns = np.zeros((1 + basis.shape[1], use.size))
         columns[:, use] = np.vstack([target - basis @ (basis.T @ target), basis.T])
         stretched = unit * levels.STRETCH[:, None] ** exponents
@@ -214,7 +214,7 @@ def _least_squares_gains(row: Row, theta: Array, ar: Autoregression) -> Array:
         x = ar.whiten(columns[k])[use]
         x = x - basis @ (basis.T @ x)
         gram += x.T @ x
-        moment += x.T @ ar.whiten(y)[use]
+        moment += x.T @ ar.whiten(bridge(y, valid))[use]
     gains = np.linalg.lstsq(gram, moment, rcond=1e-10)[0]
     theta = theta.copy()
     for m, (spec, part) in enumerate(zip(row.specs, row.slices, strict=True)):
