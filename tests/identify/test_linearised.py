@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -74,8 +76,7 @@ def plainly(row: Row, theta: np.ndarray, ar: Autoregression, k: int) -> tuple[np
     taps = [(0, 1.0)] + [(lag, a) for a, first, last in shared for lag in range(first, last + 1)]
     reach, near, valid = taps[-1][0], int(np.sum(ar.lags.starts == ar.lags.ends)), piece.valid[at]
     there = np.flatnonzero(valid)
-    between = zip(there[:-1], there[1:], strict=True)
-    few = [m for before, after in between if after - before < 5 for m in range(before, after)]
+    few = [m for before, after in pairwise(there) if after - before < 5 for m in range(before, after)]
     bridged = valid | np.isin(np.arange(at.size), few)
     seen = np.flatnonzero(
         [valid[m - near : m + 1].all() and bridged[m - reach : m + 1].all() for m in range(reach, at.size)]
