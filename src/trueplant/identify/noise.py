@@ -38,7 +38,9 @@ class _Moments:
         return _Moments(chosen @ self.gram @ chosen.T, chosen @ self.moment, self.power, self.count)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _moments(signals: Sequence[Array], valid: Sequence[BoolArray], lags: Lags) -> _Moments:
+    """Signals of trials that are far off may overflow: their coefficients are no numbers then, and the descent refuses."""
     order, reach = lags.order, lags.reach
     gram, moment, power, count = np.zeros((order, order)), np.zeros(order), 0.0, 0
     for v, ok in zip(signals, valid, strict=True):
