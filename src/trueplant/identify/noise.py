@@ -40,7 +40,7 @@ class _Moments:
 
 @np.errstate(over="ignore", invalid="ignore")
 def _moments(signals: Sequence[Array], valid: Sequence[BoolArray], lags: Lags) -> _Moments:
-    """Signals of trials that are far off may overflow: their coefficients are no numbers then, and the descent refuses."""
+    """Signals of trials that are far off may overflow: what follows is no number, and the descent refuses it."""
     order, reach = lags.order, lags.reach
     gram, moment, power, count = np.zeros((order, order)), np.zeros(order), 0.0, 0
     for v, ok in zip(signals, valid, strict=True):
