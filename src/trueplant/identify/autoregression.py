@@ -233,6 +233,7 @@ def bridge(rows: Array, measured: BoolArray) -> Array:
 
 @compiled
 def _predicted(near: int, reach: int, measured: BoolArray, bridged: BoolArray) -> BoolArray:
+    """(n - reach,) where a sample and the `near` ones before it were measured, the others of the reach bridged at least."""
     good = np.zeros(max(measured.size - reach, 0), dtype=np.bool_)
     own = whole = 0
     for k in range(measured.size):
@@ -243,13 +244,7 @@ def _predicted(near: int, reach: int, measured: BoolArray, bridged: BoolArray) -
     return good
 
 
-@compiled
 def whitened_valid(order: int, valid: BoolArray) -> BoolArray:
     """Where a prediction error of this order uses measured samples only."""
-    good = np.zeros(max(valid.size - order, 0), dtype=np.bool_)
-    run = 0
-    for k in range(valid.size):
-        run = run + 1 if valid[k] else 0
-        if k >= order:
-            good[k - order] = run > order
+    good: BoolArray = _predicted(order, order, valid, valid)
     return good
