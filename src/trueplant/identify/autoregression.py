@@ -233,7 +233,7 @@ def bridge(rows: Array, measured: BoolArray) -> Array:
 
 @compiled
 def _predicted(near: int, reach: int, measured: BoolArray, bridged: BoolArray) -> BoolArray:
-    """(n - reach,) where a sample and the `near` ones before it were measured, the others of the reach bridged at least."""
+    """(n - reach,) where a sample and the `near` ones before it were measured, the others of the reach bridged."""
     good = np.zeros(max(measured.size - reach, 0), dtype=np.bool_)
     own = whole = 0
     for k in range(measured.size):

@@ -11,12 +11,12 @@ from scipy.stats import norm
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.autoregression import whiten
+from trueplant.identify.autoregression import Lags, furthest, whiten
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.linear_algebra import eliminated
 from trueplant.identify.noise import fit_ar
 from trueplant.identify.pieces import Piece
-from trueplant.identify.portmanteau import correlogram, normal_scores
+from trueplant.identify.portmanteau import correlogram, normal_scores, relation_beyond
 from trueplant.identify.row import Row
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction
@@ -168,7 +168,7 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
     """Whiteness of the prediction errors, and their correlation with what each input did before.
 
     The inputs are whitened by an autoregression first, so that the correlations at different lags are
-    nearly independent under the hypothesis.
+    nearly independent under the hypothesis. What an element does later than over those lags counts in groups of them.
     """
     stride = fit.row.stride
     errors = [e for _, e, _ in residuals(fit)]
@@ -181,6 +181,7 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
     ]
     scores = normal_scores(weighted)
     crossed = [correlogram(scores, levels.RESIDUAL_LAGS, past) for past in inputs]
+    beyond = [relation_beyond(scores, past, _answered_over(fit)) for past in inputs]
     begins = np.cumsum([0.0, *(piece.h * piece.y.size for piece in fit.row.pieces)])
     times = [
         begin + piece.h * stride * np.arange(e.size)
@@ -195,8 +196,17 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
         whiteness_p=own.p_value(fit.ar.order),
         size_p=squares_p(weighted),
         ccf=np.array([cross.value[:, 0, 0] for cross in crossed]),
-        cross_p=np.array([cross.p_value() for cross in crossed]),
+        cross_p=np.array([cross.p_value(beyond=more) for cross, more in zip(crossed, beyond, strict=True)]),
     )
+
+
+def _answered_over(fit: RowFit) -> Lags:
+    """The lags over which errors are held against inputs: for as long as the slowest element takes to answer."""
+    row = fit.row
+    parts = [(spec.structure, fit.theta[part]) for spec, part in zip(row.specs, row.slices, strict=True)]
+    longest = max((one.lag(p) + one.longest_dead_time(p) for one, p in parts), default=0.0)
+    reach = min(longest / (row.pieces[0].h * row.stride), fit.count // levels.SAMPLES_PER_ORDER)
+    return furthest(levels.RESIDUAL_LAGS, max(int(reach), levels.RESIDUAL_LAGS))
 
 
 def _prewhitened(u: Array, order: int = 8) -> Array:
