@@ -37,7 +37,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from support.simulated import WOOD_BERRY, segment_of, wood_berry
 from trueplant import Project
 from trueplant.errors import SourceError
-from trueplant.identify import Row, Spec, estimate_row, fit_percent, fit_row, pieces_of, samples_per_update
+from trueplant.identify import Row, Spec, choose_stride, estimate_row, fit_percent, fit_row, pieces_of
 from trueplant.identify.autoregression import Autoregression
 from trueplant.lti import sampled_response
 from trueplant.lti.structure import Structure, structure_of
@@ -239,7 +239,7 @@ def tclab(number: int) -> tuple[list[Row], float]:
     study = prepare(Project.load(EXAMPLES / f"tclab_pid_short_0{number}.toml"))
     specs = [[spec for (row, _), spec in sorted(study.specs.items()) if row == i] for i in range(2)]
     held = max(float(np.max(s.update_interval)) for s in study.screened)
-    stride = samples_per_update(held, study.segments[0].h)
+    stride = choose_stride(study.segments, list(study.specs.values()), held)
     taus = [s.initial[1] for row in specs for s in row if s.initial is not None]
     return [Row(tuple(specs[i]), pieces_of(study.segments, i), stride) for i in range(2)], float(np.median(taus))
 

@@ -14,6 +14,7 @@ from trueplant.identify.blocks import block_length, most_moved
 from trueplant.identify.descent import _limited
 from trueplant.identify.estimate import free_of_noise, furthest_back
 from trueplant.identify.pieces import Piece
+from trueplant.identify.strides import choose_stride
 from trueplant.lti import Structure
 from trueplant.record.types import Segment
 
@@ -30,6 +31,29 @@ def record(samples: int, seed: int = 1, first: float = 0.0, std: float = 1.0) ->
 
 def row_of(*segments: Segment) -> Row:
     return Row((Spec(0, FOPDT, (2.0, 10.0, 1.0)),), pieces_of(segments, 0))
+
+
+def stride(samples: int, lag: float, dead: float | None = None) -> int:
+    """Of a model with a dead time, or of an element of which nothing but the lag is guessed."""
+    known = {"guess": (1.0, lag, 0.0)} if dead is None else {"initial": (1.0, lag, dead)}
+    return choose_stride([record(samples)], [Spec(0, FOPDT, **known)], np.inf)
+
+
+@pytest.mark.holds("identify.SAMPLES_PER_LAG")
+def test_a_lag_keeps_eighty_samples() -> None:
+    assert 60 < 1600 / stride(60_000, 1600.0) < 110
+
+
+@pytest.mark.holds("identify.STRIDES_PER_DEAD_TIME")
+def test_a_dead_time_keeps_four_samples() -> None:
+    """However many a lag has: OP that acts between two samples is not to reach the second."""
+    assert 2.5 < 40 / stride(60_000, 1600.0, 40.0) < 6
+    assert stride(60_000, 1600.0, 3.0) == 1
+
+
+@pytest.mark.holds("identify.ENOUGH_SAMPLES")
+def test_a_short_record_keeps_a_thousand_samples() -> None:
+    assert 700 < 6000 / stride(6000, 1e5) < 1400
 
 
 @pytest.mark.holds("identify.SHORTEST_BLOCK", "identify.LAGS_PER_BLOCK")

@@ -20,7 +20,7 @@ from trueplant.identify.output import OutputEstimate, Rejected, identify_output
 from trueplant.identify.pieces import Held, pieces_of
 from trueplant.identify.residual_tests import RESIDUAL_TESTS
 from trueplant.identify.row import Row, Spec
-from trueplant.identify.strides import Sampling, samples_per_update
+from trueplant.identify.strides import Sampling, choose_stride, samples_per_update
 from trueplant.identify.unanswered import Unanswered, WhyUnanswered
 from trueplant.identify.validate import Validation, fit_percent, prediction_errors, simulate_piece
 from trueplant.identify.valves import (
@@ -59,6 +59,7 @@ __all__ = [
     "Worse",
     "as_if_sampled_on_the_grid",
     "behind_valves",
+    "choose_stride",
     "cost_of_loads",
     "counting_halves",
     "equation_error",

@@ -103,6 +103,12 @@ GUESSED_ORDER = 2
 """Order of the noise model meanwhile: noise and offset would else pass for slow elements."""
 
 # Which samples are taken
+SAMPLES_PER_LAG = 80
+"""More samples than this per lag of the fastest element are left out of long records."""
+STRIDES_PER_DEAD_TIME = 4.0
+"""Samples that are looked at in the shortest dead time of the model, at least, where others are left out."""
+ENOUGH_SAMPLES = 1000
+"""Samples that are kept in any case."""
 SHORTEST_BLOCK = 65_536
 """Samples of a block, at least."""
 LAGS_PER_BLOCK = 300

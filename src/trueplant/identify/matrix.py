@@ -22,7 +22,7 @@ from trueplant.identify.shared_disturbance import (
     together,
     widened_for_shared_disturbance,
 )
-from trueplant.identify.strides import Sampling, choose_block, samples_per_update, typical_lag
+from trueplant.identify.strides import Sampling, choose_block, choose_stride, samples_per_update, typical_lag
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix
 from trueplant.record.types import Segment
@@ -100,7 +100,12 @@ def identify_plant(
     wanted = {i: [j for k, j in asked.wanted if k == i] for i in held}
     own = {i: with_guesses(segments, i, row, wanted[i], held[i], update) for i, row in own.items()}
     everywhere = [spec for row in own.values() for spec in row]
-    sampling = Sampling(update=update, block=choose_block(segments, everywhere), timing=timing)
+    sampling = Sampling(
+        stride=choose_stride(segments, everywhere, update_interval),
+        update=update,
+        block=choose_block(segments, everywhere),
+        timing=timing,
+    )
     known = {*specs, *asked.passed_on}
     absent = [place for place in np.ndindex(*model.shape) if place not in known and model[place].is_zero]
     estimates, again = {}, {}

@@ -265,8 +265,8 @@ def _row(
     if not specs or not any(piece.spread for piece in pieces):
         return None
     if sampling.block is not None:
-        pieces = in_blocks(pieces, sampling.block, sampling.update)
-    return Row(tuple(specs), pieces, sampling.update)
+        pieces = in_blocks(pieces, sampling.block, sampling.stride)
+    return Row(tuple(specs), pieces, sampling.stride)
 
 
 def _beyond_likelihood(fit: RowFit, inflated: Array, uncounted: Mapping[Source, Array]) -> tuple[Array, Budget]:

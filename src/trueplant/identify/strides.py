@@ -1,4 +1,4 @@
-"""Which samples an estimate looks at: real updates of PV, all of them, in blocks."""
+"""Which samples an estimate looks at: real updates of PV, no finer than the lags deserve, in blocks."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.arrays import Array
+from trueplant.identify import levels
 from trueplant.identify.blocks import block_length
 from trueplant.identify.row import Spec
 from trueplant.record.types import Segment
@@ -18,10 +19,10 @@ class Sampling:
     """Which samples of the records an estimate takes, and how well their instants are known."""
 
     stride: int = 1
+    stride: int = 1
+    """Samples from one prediction error to the next (`choose_stride`)."""
     update: int = 1
-    """Samples for which PV is held by its instrument or historian (`samples_per_update`), and from one prediction error
-    to the next. No fewer of them are looked at, however many a lag has: in closed loop OP has acted on those between,
-    and would tell what the disturbance did meanwhile."""
+    """Samples for which PV is held by its instrument or historian (`samples_per_update`)."""
     block: int | None = None
     """Samples of the blocks into which long records are cut (`choose_block`); None: they are not cut."""
     timing: float = 0.0
@@ -34,6 +35,23 @@ class Sampling:
         own = np.max([segment.d_timing or (0.0,) * first.d.shape[1] for segment in segments], axis=0)
         timing: Array = np.hypot(self.timing, np.concatenate([np.zeros(first.u.shape[1]), own]))
         return timing
+
+
+def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_interval: float) -> int:
+    """Samples from one prediction error to the next: real updates of PV only, no finer than the lags deserve.
+
+    Nor coarser than the model's dead times allow: in closed loop OP acts on the samples between, and what it does may
+    not reach the next one that is looked at, or it would tell what the disturbance did meanwhile. `specs` are all
+    elements of the matrix: rows that share a stride can be compared.
+    """
+    h = segments[0].h
+    held = samples_per_update(update_interval, h)
+    samples = sum(len(segment) for segment in segments)
+    wanted = min((a for a in _answers(specs) if a > 0), default=0.0) / levels.SAMPLES_PER_LAG / h
+    known = [(spec.structure, np.array(spec.initial)) for spec in specs if spec.initial is not None]
+    shortest = min((float(np.min(one.dead_times(p), initial=np.inf)) for one, p in known), default=np.inf)
+    wanted = min(wanted, shortest / levels.STRIDES_PER_DEAD_TIME / h)
+    return held * max(1, min(int(wanted), samples // levels.ENOUGH_SAMPLES) // held)
 
 
 def choose_block(segments: Sequence[Segment], specs: Sequence[Spec]) -> int:

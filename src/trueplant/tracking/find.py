@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from trueplant.arrays import Array
-from trueplant.identify import Held, Row, RowFit, Spec, estimate_row, pieces_of, samples_per_update
+from trueplant.identify import Held, Row, RowFit, Spec, choose_stride, estimate_row, pieces_of, samples_per_update
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.strides import typical_lag
 from trueplant.project import Project
@@ -108,17 +108,21 @@ class _Candidate:
 
 def _first_estimate(study: Study, moves: Mapping[int, Array], settle: float) -> list[_EstimatedRow]:
     """Each output from the stretch with most moves, a longer one while no gain of it is told."""
-    update = samples_per_update(update_interval(study), study.segments[0].h)
-    samples, wanted = sum(map(len, study.segments)), levels.PILOT * update
+    interval = update_interval(study)
+    stride = choose_stride(study.segments, list(study.specs.values()), interval)
+    update = samples_per_update(interval, study.segments[0].h)
+    samples, wanted = sum(map(len, study.segments)), levels.PILOT * stride
     while True:
         segments = most_moves(study, moves, wanted)[1]
-        rows = [row for i in range(study.model.shape[0]) if (row := _row(study, segments, i, update, settle))]
+        rows = [row for i in range(study.model.shape[0]) if (row := _row(study, segments, i, stride, update, settle))]
         if wanted >= samples or (rows and all(_tells_a_gain(row) for row in rows)):
             return rows
         wanted *= levels.PILOT_GROWTH
 
 
-def _row(study: Study, segments: Sequence[Segment], i: int, update: int, settle: float) -> _EstimatedRow | None:
+def _row(
+    study: Study, segments: Sequence[Segment], i: int, stride: int, update: int, settle: float
+) -> _EstimatedRow | None:
     specs = tuple(spec for (output, _), spec in study.specs.items() if output == i)
     own = {spec.column for spec in specs}
     model = study.model
@@ -126,7 +130,7 @@ def _row(study: Study, segments: Sequence[Segment], i: int, update: int, settle:
     pieces = pieces_of(segments, i, held, update)
     if not specs or not pieces:
         return None
-    fit = estimate_row(Row(specs, pieces, update), settle / levels.SETTLED)
+    fit = estimate_row(Row(specs, pieces, stride), settle / levels.SETTLED)
     power = max((piece.spread for piece in pieces), default=0.0) ** 2
     floor = np.finfo(float).eps * power + np.finfo(float).tiny  # a record free of noise
     return _EstimatedRow(i, replace(fit, variance=max(fit.variance, floor)), held, update)

@@ -17,6 +17,7 @@ from trueplant.identify import (
     Sampling,
     Spec,
     as_if_sampled_on_the_grid,
+    choose_stride,
     find_holds,
     identify_matrix,
     identify_output,
@@ -203,7 +204,7 @@ class FollowedRow:
             self.specs,
             self.held,
             confidence=confidence,
-            sampling=Sampling(self.update, timing=self.timing),
+            sampling=Sampling(self.pilot.row.stride, self.update, timing=self.timing),
             time_scale=settle / levels.SETTLED,
         )
         if estimate is None:
@@ -249,8 +250,9 @@ def _pilots(
     study: Study, moves: Mapping[int, Array], interval: float, timing: float
 ) -> tuple[dict[int, OutputEstimate], tuple[int, list[Segment]]]:
     """Estimates of all outputs from the stretch with most moves; from a longer one while a gain is not identifiable."""
+    stride = choose_stride(study.segments, list(study.specs.values()), interval)
     samples = sum(len(s) for s in study.segments)
-    wanted = levels.PILOT * samples_per_update(interval, study.segments[0].h)
+    wanted = levels.PILOT * stride
     while True:
         stretch = most_moves(study, moves, wanted)
         found = identify_matrix(
