@@ -19,7 +19,6 @@ class Sampling:
     """Which samples of the records an estimate takes, and how well their instants are known."""
 
     stride: int = 1
-    stride: int = 1
     """Samples from one prediction error to the next (`choose_stride`)."""
     update: int = 1
     """Samples for which PV is held by its instrument or historian (`samples_per_update`)."""
