@@ -275,7 +275,7 @@ def _alone(fit: RowFit, pieces: Sequence[Piece]) -> RowFit | None:
 
 def _fewest(fit: RowFit) -> int:
     """Samples that a stretch needs to be fitted alone."""
-    return int(SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.order))
+    return int(SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.reach))
 
 
 def _correlation(signals: Sequence[Array]) -> float:

@@ -69,7 +69,7 @@ def single_runs(pooled: RowFit) -> list[tuple[int, RowFit]]:
         pieces = tuple(piece for piece in pooled.row.pieces if piece.experiment == experiment)
         row = replace(pooled.row, pieces=pieces)
         samples = sum(int(row.measured(k)[1].sum()) for k in range(len(pieces)))
-        if samples > levels.SAMPLES_PER_PARAMETER * (pooled.theta.size + pooled.ar.order):
+        if samples > levels.SAMPLES_PER_PARAMETER * (pooled.theta.size + pooled.ar.reach):
             own = np.where(pooled.free, grid_guess(row, pooled.theta, pooled.ar, rounds=1), pooled.theta)
             begun = (pooled.theta, np.clip(own, *row.bounds()))
             found = [fit_row(row, theta, pooled.ar, free=pooled.free, iterations=40) for theta in begun]

@@ -87,7 +87,7 @@ def validate(fit: RowFit) -> Validation | None:
     row = replace(fit.row, pieces=tuple(train))
     test = [p for p in test if p.y.size >= levels.SAMPLES_PER_PARAMETER * fit.theta.size]
     samples = sum(int(row.measured(k)[1].sum()) for k in range(len(train)))
-    if not test or samples < levels.SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.order):
+    if not test or samples < levels.SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.reach):
         return None
     trained = fit_row(row, fit.theta, fit.ar, free=fit.free, iterations=30)
     # Data that say little about some parameter would condemn the plant for that: it keeps its value there.
