@@ -33,8 +33,7 @@ from support.benchmark_records import (
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant.errors import Refused
 from trueplant.identify import Row, RowFit, Spec, estimate_row, fit_row, identify_matrix, pieces_of, specs_of
-from trueplant.identify.autoregression import NO_NOISE_MODEL
-from trueplant.identify.estimate import fit_noise, furthest_back
+from trueplant.identify.estimate import fit_noise, largest_order
 from trueplant.identify.instrumental import (
     ArmaNoise,
     Order,
@@ -81,9 +80,9 @@ def direct(order: Order, structure: str) -> Method:
         assert found == Structure.parse(structure), found
         row = Row((Spec(0, found),), pieces_of([segment], 0))
         free = np.array([not name.startswith("dead") for name in found.names])
-        fit = fit_row(row, start, NO_NOISE_MODEL, free=free)
+        fit = fit_row(row, start, np.zeros(0), free=free)
         for _ in range(2):
-            ar = fit_noise(fit, reach=furthest_back(row, 30))
+            ar = fit_noise(fit, None, largest_order(row, 30))
             fit = fit_row(row, fit.theta, ar, free=free)
         return as_coefficients(fit, order)
 

@@ -38,7 +38,7 @@ from support.simulated import WOOD_BERRY, segment_of, wood_berry
 from trueplant import Project
 from trueplant.errors import SourceError
 from trueplant.identify import Row, Spec, choose_stride, estimate_row, fit_percent, fit_row, pieces_of
-from trueplant.identify.autoregression import Autoregression
+from trueplant.identify.noise import whitened_valid
 from trueplant.lti import sampled_response
 from trueplant.lti.structure import Structure, structure_of
 from trueplant.record import Segment
@@ -74,25 +74,25 @@ def plain_response(row: Row) -> Response:
     return response
 
 
-def by_scipy(row: Row, response: Response, theta: Array, ar: Autoregression) -> tuple[Array, float]:
+def by_scipy(row: Row, response: Response, theta: Array, ar: Array) -> tuple[Array, float]:
     """Least prediction errors by `least_squares`: estimate and sum of squares."""
     y, valid = row.measured(0)
     t = row.pieces[0].h * row.stride * np.arange(y.size)
-    use = ar.valid(valid)
+    use = whitened_valid(ar.size, valid)
     lags = [part.start + 1 for part in row.slices]
 
     def errors(x: Array) -> Array:
-        theta, coefficients = np.split(x, [row.size])
+        theta, ar = np.split(x, [row.size])
         columns = [np.ones(t.size)] + ([] if row.rests(0) else [np.exp(-t / theta[k]) for k in lags])
         both = np.column_stack([np.where(valid, y - response(theta), 0.0), *columns])
-        filtered = lfilter(ar.with_coefficients(coefficients).taps, [1.0], both, axis=0)[ar.reach :][use]
+        filtered = lfilter(np.append(1.0, ar), [1.0], both, axis=0)[ar.size :][use]
         known, free = filtered[:, 0], filtered[:, 1:]
         return known - free @ np.linalg.lstsq(free, known)[0]
 
     low, high = row.bounds()
-    unbounded = np.full(ar.order, np.inf)
+    unbounded = np.full(ar.size, np.inf)
     bounds = np.append(low, -unbounded), np.append(high, unbounded)
-    found = least_squares(errors, np.append(theta, ar.coefficients), x_scale="jac", bounds=bounds)
+    found = least_squares(errors, np.append(theta, ar), x_scale="jac", bounds=bounds)
     return found.x[: row.size], 2 * found.cost
 
 
@@ -113,8 +113,7 @@ def compare_optimisers(name: str, row: Row, time_scale: float, starts: int) -> N
         "least_squares, scipy.signal": lambda x: by_scipy(row, plain_response(row), x, best.ar),
     }
     samples = row.measured(0)[0].size
-    noise = f"{best.ar.order} coefficients of the noise over {best.ar.reach} samples"
-    print(f"{name}: {samples} prediction errors, {row.size} parameters, {noise}, {starts} starts")
+    print(f"{name}: {samples} prediction errors, {row.size} parameters, AR({best.ar.size}), {starts} starts")
     first = None
     for label, solve in solvers.items():
         runs = [timed(partial(solve, x), repeats=3) for x in theta]

@@ -34,7 +34,6 @@ from scipy.stats import norm
 
 from trueplant.errors import TrueplantError
 from trueplant.identify import Row, Spec, fit_row, pieces_of
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.noise import fit_ar
 from trueplant.loop import Controller, Simulation, simulate, unstable_poles
 from trueplant.lti import Structure, TransferMatrix, to_formula
@@ -299,7 +298,7 @@ def ratios(case: Case, plan: MoreData, after: Array, runs: int, part: int, numbe
     out = []
     for i in sorted({int(s.output[2:]) for s in plan.settles if s.matters}):
         v = (long * case.sizes)[:, i]
-        ar = Autoregression.plain(fit_ar([v - v.mean()], [np.ones(v.size, dtype=bool)], AR_ORDER)[0])
+        ar = fit_ar([v - v.mean()], [np.ones(v.size, dtype=bool)], AR_ORDER)[0]
         errors = np.array([_refitted(case, sim, cut, i, ar) for sim in sims]) - np.concatenate(case.truth[i])
         rms = np.sqrt(np.mean(errors**2, axis=0))
         names = [(j, name) for j in range(case.size) for name in case.structures[i][j].names]
@@ -311,7 +310,7 @@ def ratios(case: Case, plan: MoreData, after: Array, runs: int, part: int, numbe
     return out
 
 
-def _refitted(case: Case, sim: Simulation, cut: int, i: int, ar: Autoregression) -> Array:
+def _refitted(case: Case, sim: Simulation, cut: int, i: int, ar: Array) -> Array:
     """The fit of one output to record and test, from the truth: the error of the minimum, not of a search."""
     n, segments = case.size, []
     for k, own in enumerate((slice(0, cut), slice(cut, None))):

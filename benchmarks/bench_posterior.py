@@ -74,11 +74,11 @@ def walk(estimate, steps, rng):
         theta = theta_of(x)
         if np.any(theta[:size] < low) or np.any(theta[:size] > high):
             return -np.inf
-        cost = evaluate(fit.row, theta[:size], fit.ar.with_coefficients(theta[size:]), fit.weights).cost
+        cost = evaluate(fit.row, theta[:size], theta[size:], fit.weights).cost
         volume = sum(x[gain] + x[dead + 1] for gain, dead in pairs)
         return volume - 0.5 * fit.left * np.log(cost) if np.isfinite(cost) else -np.inf
 
-    x = walked(np.concatenate([fit.theta, fit.ar.coefficients]))
+    x = walked(np.concatenate([fit.theta, fit.ar]))
     slopes = np.array([(theta_of(x + 1e-6 * d) - theta_of(x - 1e-6 * d)) / 2e-6 for d in np.eye(x.size)]).T
     spread = fit.variance * np.linalg.inv(slopes.T @ fit.information @ slopes)
     root = _root(spread)

@@ -29,7 +29,6 @@ from support.joint_bound import joint_bound
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant import plants
 from trueplant.identify import Row, Spec, fit_row, identify_matrix, identify_output, pieces_of
-from trueplant.identify.autoregression import Autoregression
 from trueplant.loop import Controller, simulate
 from trueplant.lti.structure import Structure, structure_of
 
@@ -84,7 +83,7 @@ def bound(segment, i: int, truth: np.ndarray, a: list[float], c: list[float]) ->
     innovation = STD**2 / power
     inverse = impulse(c, a)[:60]
     order = inverse.size - 1 if len(c) > 1 else len(a) - 1
-    fit = fit_row(row, truth, Autoregression.plain(inverse[1 : order + 1]), iterations=0)
+    fit = fit_row(row, truth, inverse[1 : order + 1], iterations=0)
     if len(c) == 1:
         return np.diag(fit.covariance) / fit.variance * innovation
     return arma_bound(row, truth, a, c, innovation)

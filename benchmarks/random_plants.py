@@ -7,7 +7,7 @@ block, so that all come equally often; the structures of the elements are drawn 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.signal import lfilter
@@ -15,8 +15,7 @@ from scipy.signal import lfilter
 import trueplant as tp
 from trueplant.errors import TrueplantError
 from trueplant.identify import OutputEstimate, Row, Spec, fit_row, pieces_of
-from trueplant.identify.autoregression import furthest
-from trueplant.identify.noise import fit_autoregression
+from trueplant.identify.noise import fit_ar
 from trueplant.loop import Controller, Simulation, Step, Valve, alternating_steps, simulate, unstable_poles
 from trueplant.lti import Structure, TransferFunction, TransferMatrix, to_formula
 from trueplant.lti.sampled import sampled_response
@@ -55,7 +54,7 @@ around one minute most loops answer within a sample or two."""
 OPERATING_POINTS = (50.0, 351.5, -18.0, 1210.0)
 """Of PV and set-point of each loop: real ones are no deviations."""
 ORDER = 25
-"""Of the autoregression that the Cramer-Rao bound takes for the noise; of finer records it reaches as far in time."""
+"""Of the autoregression that the Cramer-Rao bound takes for the noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +74,6 @@ class Case:
     """(n, 2)"""
     noise: Array
     """(N, n): all of PV that the plant does not make of the recorded OP."""
-    finer: int
 
     @property
     def size(self) -> int:
@@ -139,9 +137,7 @@ def _drawn(half: int, number: int, levels: dict[str, str], rng: np.random.Genera
         return None
     if np.max(np.abs(still.y)) > 4 * np.max(np.abs(r)):
         return None
-    return _record(
-        Case(half, number, levels, structures, model, truth, law, still, None, r, sampled.finer), plant, rng, sampled
-    )
+    return _record(Case(half, number, levels, structures, model, truth, law, still, None, r), plant, rng, sampled)
 
 
 def _parameters(
@@ -304,7 +300,9 @@ def _record(case: Case, plant: TransferMatrix, rng: np.random.Generator, sampled
     if np.max(np.abs(found.y)) > 20 * np.max(np.abs(still.y)):
         return None
     noise = found.y_true - sampled_response(plant, found.u, h)
-    return replace(case, simulation=found, op_limits=limits, noise=noise)
+    return Case(
+        case.half, case.number, case.levels, case.structures, case.model, case.truth, case.law, found, limits, noise
+    )
 
 
 @dataclass(frozen=True)
@@ -371,8 +369,8 @@ def bounds(case: Case) -> list[list[Array]]:
     found = []
     for i in range(n):
         v = case.noise[:, i] - np.mean(case.noise[:, i])
-        ar = fit_autoregression([v], [np.ones(size, dtype=bool)], furthest(ORDER, ORDER * case.finer))
-        innovation = float(np.var(ar.whiten(v)))
+        ar = fit_ar([v], [np.ones(size, dtype=bool)], ORDER)[0]
+        innovation = float(np.var(lfilter(np.concatenate([[1.0], ar]), [1.0], v)[ORDER:]))
         row = Row(tuple(Spec(j, case.structures[i][j]) for j in range(n)), pieces_of([segment], i))
         fit = fit_row(row, np.concatenate(case.truth[i]), ar, iterations=0)
         covariance = fit.covariance / max(fit.variance, 1e-300) * innovation

@@ -101,7 +101,6 @@ ELSEWHERE = {
     },
     "what the command line has by default": {"app/screens/track.py:PRECISION"},
     "a controller to begin from": {"app/faceplates.py:_BARE"},
-    "the noise model that is none": {"identify/autoregression.py:NO_NOISE_MODEL"},
     "mathematical constants, and numbers that formulas were derived for": {
         "lti/formula.py:_ONE",
         "mismatch/polynomial.py:NODES",
@@ -123,8 +122,7 @@ ELSEWHERE = {
     "sizes of files": {"output.py:MOST_SAMPLES"},
     "sizes of arrays held at once, which no result depends on": {
         "identify/initial_state.py:RUN",
-        "identify/autoregression.py:BLOCK",
-        "identify/noise.py:CHUNK",
+        "identify/noise.py:BLOCK",
         "identify/valve_effects.py:BATCH",
         "record/laplace.py:_CHUNK",
         "record/spectra.py:BATCH",

@@ -14,7 +14,6 @@ from scipy.signal import lfilter
 from support.simulated import segment_of
 from trueplant.detect import change_point, since
 from trueplant.detect.signals import NotApplicable, signals_of
-from trueplant.identify.autoregression import Lags
 from trueplant.lti import TransferMatrix
 from trueplant.record.types import Segment
 
@@ -53,7 +52,7 @@ def test_a_change_has_ten_errors_on_either_side(place: int, looked_at: bool) -> 
 def test_the_noise_about_a_change_comes_again_within_fifteen_samples(lag: int, seen: bool) -> None:
     parts: Any = Stub(piece=np.zeros(4000), valid=np.ones(4000, dtype=bool))
     row: Any = Stub(pieces=[None])
-    assert (change_point._noise(echo(4000, lag)[:, 0], parts, row).lags == Lags(lag)) is seen
+    assert (change_point._noise(echo(4000, lag)[:, 0], parts, row).size == lag) is seen
 
 
 @pytest.mark.holds("detect.PARTS")

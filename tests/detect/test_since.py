@@ -14,7 +14,6 @@ from trueplant.detect import change_point as change_points
 from trueplant.detect.change_point import change_point, critical
 from trueplant.detect.since import Series, Shift, history, slope
 from trueplant.identify import Row, Spec, estimate_row, pieces_of
-from trueplant.identify.autoregression import NO_NOISE_MODEL, Autoregression
 from trueplant.lti import Structure
 from trueplant.lti.sampled import sampled_response
 
@@ -186,9 +185,7 @@ def test_instant_is_covered(kind: str, size: float) -> None:
         before = np.array([*PARAMETERS[0, 0], *PARAMETERS[0, 1]])
         after = before * np.where(np.arange(6) == (0 if kind == "gain" else 1), 1 + size, 1.0)
         row = Row(specs, (piece,))
-        found = change_point(
-            row, np.zeros(1), before, after, changing, Autoregression.plain(np.array([-0.8])), (100.0, 1100.0)
-        )
+        found = change_point(row, np.zeros(1), before, after, changing, np.array([-0.8]), (100.0, 1100.0))
         assert found is not None
         # sample `at` is the first that the new process drives; PV shows it from the next on
         covered += found.interval[0] <= at + 1 and at <= found.interval[1]
@@ -201,7 +198,7 @@ def test_no_place_for_a_change() -> None:
     piece = pieces_of([segment_of(changing_wood_berry(0, 300))], 0)[0]
     row = Row((Spec(0, FOPDT, PARAMETERS[0, 0]),), (piece,))
     theta = estimate_row(row, 10.0).theta
-    assert change_point(row, np.zeros(1), theta, theta, np.ones(3, bool), NO_NOISE_MODEL, (500.0, 600.0)) is None
+    assert change_point(row, np.zeros(1), theta, theta, np.ones(3, bool), np.zeros(0), (500.0, 600.0)) is None
 
 
 def test_a_plant_that_runs_beyond_all_numbers_is_no_candidate(monkeypatch) -> None:
@@ -211,7 +208,7 @@ def test_a_plant_that_runs_beyond_all_numbers_is_no_candidate(monkeypatch) -> No
     row = Row(tuple(Spec(j, FOPDT, PARAMETERS[0, j]) for j in range(2)), (piece,))
     before = np.array([*PARAMETERS[0, 0], *PARAMETERS[0, 1]])
     after, changing = before * [1.4, 1, 1, 1, 1, 1], np.arange(6) < 3
-    given = row, np.zeros(1), before, after, changing, Autoregression.plain(np.array([-0.8])), (50.0, 550.0)
+    given = row, np.zeros(1), before, after, changing, np.array([-0.8]), (50.0, 550.0)
     well = change_point(*given)
     monkeypatch.setattr(change_points, "_limited", lambda theta, step: np.where(np.arange(6) == 0, 1e308, theta))
     with np.errstate(over="ignore", invalid="ignore"):

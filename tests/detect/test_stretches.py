@@ -10,7 +10,6 @@ from support.changing import changing_loop
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.detect import TwoFits, likeliest_change
 from trueplant.identify import Row, Spec, fit_row, pieces_of
-from trueplant.identify.autoregression import Autoregression
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix
 from trueplant.lti.structure import structure_of
@@ -23,7 +22,7 @@ SAMPLES = 1500
 def fitted(simulation, order=2):
     structure, theta = structure_of(PLANT[0, 0])
     row = Row((Spec(0, structure, tuple(theta)),), pieces_of([segment_of(simulation)], 0))
-    return fit_row(row, np.array(theta), Autoregression.plain(np.array([-0.5] + [0.0] * (order - 1))))
+    return fit_row(row, np.array(theta), np.array([-0.5] + [0.0] * (order - 1)))
 
 
 def recorded(seed, v, first=0.0, cut=0):

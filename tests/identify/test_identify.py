@@ -23,11 +23,10 @@ from trueplant.identify import (
     specs_of,
     unanswered,
 )
-from trueplant.identify.autoregression import Autoregression, Lags, whiten, whitened_valid
 from trueplant.identify.estimate import is_better
 from trueplant.identify.fit import residuals
 from trueplant.identify.intervals import profile_of
-from trueplant.identify.noise import choose_lags, fit_ar
+from trueplant.identify.noise import choose_order, fit_ar, whiten, whitened_valid
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import TransferMatrix, tf
 from trueplant.lti.structure import Structure, structure_of
@@ -67,7 +66,7 @@ def test_rms_error_is_at_the_bound_and_intervals_cover():
             fit = estimate_row(row, 15.0)
             error = fit.theta - truth(i)
             z.append(error / np.sqrt(np.diag(fit.covariance)))
-            at_truth = fit_row(row, truth(i), Autoregression.plain(np.array([-0.8])), iterations=0)
+            at_truth = fit_row(row, truth(i), np.array([-0.8]), iterations=0)
             crb = np.diag(at_truth.covariance) / at_truth.variance * 0.3**2 * (1 - 0.8**2)
             squared, bound = squared + np.sum(error**2 / crb), bound + crb.size
     # mean of 480 squared ratios: standard deviation about 0.07
@@ -243,7 +242,7 @@ def test_order_of_an_autoregression_is_found():
     rng = np.random.default_rng(6)
     v = coloured(rng, 5000, 1, [1, -1.5, 0.7], [1], 1.0)[:, 0]
     valid = np.ones(v.size, dtype=bool)
-    assert choose_lags([v], [valid], 20) == Lags(2)
+    assert choose_order([v], [valid], 20) == 2
     ar, variance, _ = fit_ar([v], [valid], 2)
     assert np.allclose(ar, [-1.5, 0.7], atol=0.05)
     assert np.isclose(np.var(whiten(ar, v)), variance, rtol=0.01)
@@ -259,7 +258,7 @@ def test_whitening_touches_no_missing_sample():
 
 def test_a_fixed_order_is_kept():
     row = Row(tuple(started_wrong(0)), pieces_of([segment_of(wood_berry(2, samples=1000))], 0))
-    assert estimate_row(row, 15.0, Options(lags=Lags(4))).ar.lags == Lags(4)
+    assert estimate_row(row, 15.0, Options(order=4)).ar.size == 4
 
 
 def test_a_free_response_that_the_noise_model_cancels_does_not_run_away():
@@ -299,7 +298,7 @@ def test_the_better_of_two_fits_does_not_depend_on_units_where_samples_are_missi
     y[::25] = np.nan
     row = Row((Spec(0, FOPDT), Spec(1, FOPDT)), pieces_of([replace(segment, y=y)], 0))
     theta = np.array([12.8 * unit, 16.7, 1.4, -18.9 * unit, 21.0, 3.4])
-    low, high = (fit_row(row, theta, Autoregression.plain(np.r_[-0.8, np.zeros(order - 1)])) for order in (1, 9))
+    low, high = (fit_row(row, theta, np.r_[-0.8, np.zeros(order - 1)]) for order in (1, 9))
     assert high.count < 0.8 * low.count
     assert is_better(low, high) and not is_better(high, low)
 

@@ -13,7 +13,6 @@ from support.joint_bound import joint_bound
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant import plants
 from trueplant.identify import Spec, identify_matrix, identify_output, shared_disturbance, specs_of
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.fit import fit_row
 from trueplant.identify.joint import _chosen_order, fit_jointly, fit_until_white, whiteness_p
 from trueplant.identify.shared_disturbance import predicted_outputs, related_at_once
@@ -117,7 +116,7 @@ def test_the_order_of_the_vector_autoregression_does_not_depend_on_units(lost):
     rng = np.random.default_rng(3)
     v = np.split(lfilter([1], [1, -0.7], rng.standard_normal((1500, 2)), axis=0), 3)
     valid = [np.arange(500) % lost != lost - 1 if lost else np.ones(500, dtype=bool) for _ in v]
-    fits = [SimpleNamespace(ar=Autoregression.plain(np.zeros(5)))] * 2
+    fits = [SimpleNamespace(ar=np.zeros(5))] * 2
     assert {_chosen_order([unit * x for x in v], valid, fits) for unit in (1e-3, 1.0, 1e3)} == {1}
 
 

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import lstsq, orth
 
-from trueplant.identify import Row, Spec
-from trueplant.identify.autoregression import Autoregression, Lags
+from trueplant.identify import Row, Spec, levels
 from trueplant.identify.fit import evaluate, linearised
 from trueplant.identify.linear_algebra import eliminated, remove
+from trueplant.identify.noise import measured_from, whitened_valid
 from trueplant.identify.pieces import Piece
 from trueplant.lti import sampled_response
 from trueplant.lti.structure import Structure
 
 STRUCTURES = ("sopdt+lead", "integrator+lag", "pair+lag", "sopdt+delayed")
-AR = Autoregression.plain(np.array([-0.9, 0.2, 0.05]))
+AR = np.array([-0.9, 0.2, 0.05])
 H = 0.5
 
 
@@ -54,8 +52,8 @@ def row_of(names: tuple[str, ...], stride: int = 1, gaps: bool = False) -> Row:
     return Row(tuple(Spec(k, Structure.parse(name)) for k, name in enumerate(names)), tuple(pieces), stride)
 
 
-def plainly(row: Row, theta: np.ndarray, ar: Autoregression, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Prediction errors of one piece and what is taken out: transfer functions, exponentials, least squares."""
+def plain_errors(row: Row, theta: np.ndarray, ar: np.ndarray, k: int) -> np.ndarray:
+    """Prediction errors of one piece: responses of transfer functions, exponentials, least squares."""
     piece, specs = row.pieces[k], row.specs
     at = np.arange(0, piece.y.size, row.stride)
     v = piece.y[at].copy()
@@ -72,27 +70,14 @@ def plainly(row: Row, theta: np.ndarray, ar: Autoregression, k: int) -> tuple[np
             if spec.structure.integrators:
                 columns.append(began * (t if start == 0 else 1.0))
     columns += [(at >= jump).astype(float) for jump in piece.jumps]
-    shared = zip(ar.coefficients, ar.lags.starts, ar.lags.ends, strict=True)
-    taps = [(0, 1.0)] + [(lag, a) for a, first, last in shared for lag in range(first, last + 1)]
-    reach, near, valid = taps[-1][0], int(np.sum(ar.lags.starts == ar.lags.ends)), piece.valid[at]
-    there = np.flatnonzero(valid)
-    few = [m for before, after in pairwise(there) if after - before < 5 for m in range(before, after)]
-    bridged = valid | np.isin(np.arange(at.size), few)
-    seen = np.flatnonzero(
-        [valid[m - near : m + 1].all() and bridged[m - reach : m + 1].all() for m in range(reach, at.size)]
-    )
+    seen = np.flatnonzero([piece.valid[at][m - ar.size : m + 1].all() for m in range(ar.size, at.size)])
 
     def white(x: np.ndarray) -> np.ndarray:
-        whole = np.interp(np.arange(at.size), there, x[there])
-        return sum(a * whole[reach - lag : at.size - lag] for lag, a in taps)[seen]
+        return sum(a * x[ar.size - m : at.size - m] for m, a in enumerate([1.0, *ar]))[seen]
 
     basis = orth(np.column_stack([white(c) / np.linalg.norm(white(c)) for c in columns]), rcond=1e-9)
     e = white(v)
-    return e - basis @ (basis.T @ e), basis
-
-
-def plain_errors(row: Row, theta: np.ndarray, ar: Autoregression, k: int) -> np.ndarray:
-    return plainly(row, theta, ar, k)[0]
+    return e - basis @ (basis.T @ e)
 
 
 @pytest.mark.parametrize(("stride", "gaps"), [(1, False), (1, True), (3, False)])
@@ -111,7 +96,7 @@ def test_cost_information_and_slope_against_a_plain_reference(names, stride, gap
         assert np.allclose(piece.errors, e, rtol=0, atol=1e-9 * np.max(np.abs(e)))
     stacked = np.hstack([piece.jacobian for piece in found])
     slope = stacked @ np.hstack([piece.errors for piece in found])
-    x = np.concatenate([theta, AR.coefficients])
+    x = np.concatenate([theta, AR])
     for m in range(x.size):
         step = 2e-4 * x[m] * np.eye(x.size)[m]
         ends = [_cost(row, x + times * step, theta.size, weights) for times in (-2, -1, 1, 2)]
@@ -121,39 +106,22 @@ def test_cost_information_and_slope_against_a_plain_reference(names, stride, gap
 
 @pytest.mark.parametrize(("stride", "gaps"), [(1, False), (1, True), (2, True)])
 @pytest.mark.parametrize("names", [STRUCTURES[:2], ()])
-@pytest.mark.parametrize("lags", [Lags(3, 6), Lags(1, 10)])
-def test_normal_equations_of_lags_that_share_coefficients_against_differences(lags, names, stride, gaps):
-    """Differences of the plain errors, without what operating points and initial states span."""
+def test_normal_equations_are_the_same_whether_or_not_derivatives_are_written_out(names, stride, gaps, monkeypatch):
     row = row_of(names, stride, gaps)
     theta = np.concatenate([np.zeros(0), *(parameters(name) for name in names)])
-    more = 0.02 * np.random.default_rng(4).standard_normal(lags.order - 1)
-    ar, weights = Autoregression(np.append(-0.7, more), lags), np.array([1.0, 0.7])
-    x, information, slope = np.concatenate([theta, ar.coefficients]), 0.0, 0.0
-
-    def errors_at(x: np.ndarray, k: int) -> np.ndarray:
-        return weights[k] * plain_errors(row, x[: theta.size], ar.with_coefficients(x[theta.size :]), k)
-
-    for k, piece in enumerate(linearised(row, theta, ar, weights)):
-        e, basis = plainly(row, theta, ar, k)
-        assert np.allclose(piece.errors, weights[k] * e, rtol=0, atol=1e-9 * np.max(np.abs(e)))
-        jacobian = []
-        for m in range(x.size):
-            step = 2e-4 * max(abs(x[m]), 0.02) * np.eye(x.size)[m]
-            ends = [errors_at(x + times * step, k) for times in (-2, -1, 1, 2)]
-            by_x = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step[m])
-            jacobian.append(by_x - basis @ (basis.T @ by_x))
-            assert np.linalg.norm(piece.jacobian[m] - jacobian[m]) < 1e-7 * np.linalg.norm(jacobian[m])
-        information = information + np.array(jacobian) @ np.array(jacobian).T
-        slope = slope + weights[k] * np.array(jacobian) @ e
-    point = evaluate(row, theta, ar, weights)
-    size = np.sqrt(np.diag(information))
-    assert np.all(np.abs(point.information - information) < 1e-7 * np.outer(size, size))
-    assert np.all(np.abs(point.slope - slope) < 1e-7 * size * np.sqrt(point.power[:, 0].sum()))
+    ar = np.concatenate([AR, 0.02 * np.random.default_rng(3).standard_normal(20)])
+    weights = np.array([1.0, 0.7])
+    plain = evaluate(row, theta, ar, weights)
+    monkeypatch.setattr(levels, "WRITTEN_OUT", 5)
+    by_correlations = evaluate(row, theta, ar, weights)
+    size = np.sqrt(np.diag(plain.information))
+    assert plain.cost == by_correlations.cost
+    assert np.all(np.abs(by_correlations.information - plain.information) < 1e-11 * np.outer(size, size))
+    assert np.all(np.abs(by_correlations.slope - plain.slope) < 1e-11 * size * np.sqrt(plain.power[:, 0].sum()))
 
 
 def _cost(row: Row, x: np.ndarray, size: int, weights: np.ndarray) -> float:
-    ar = Autoregression.plain(x[size:])
-    return sum(float(w**2 * np.sum(plain_errors(row, x[:size], ar, k) ** 2)) for k, w in enumerate(weights))
+    return sum(float(w**2 * np.sum(plain_errors(row, x[:size], x[size:], k) ** 2)) for k, w in enumerate(weights))
 
 
 @pytest.mark.parametrize(("stride", "gaps"), [(1, True), (3, False)])
@@ -188,3 +156,12 @@ def test_elimination_of_dependent_columns_against_scipy(seed, rank, more, decade
     rest = np.array([target])
     remove(basis.T.copy(), rest)
     assert np.allclose(rest[0], target - expected, atol=1e-9)
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=40), st.integers(0, 8))
+def test_where_prediction_errors_begin_and_whether_all_follow(measured, order):
+    valid = np.array(measured)
+    good = whitened_valid(order, valid)
+    first, all_follow = measured_from(order, valid)
+    assert first == (int(np.argmax(good)) if good.any() else -1)
+    assert first < 0 or all_follow == bool(good[first:].all())

@@ -11,7 +11,6 @@ from scipy.stats import norm
 
 from support.simulated import segment_of
 from trueplant.identify import Spec, answers, between_experiments, intervals, noise_order, pieces_of, shared_disturbance
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.covariance import noise_freedom, student_factor
 from trueplant.identify.instrumental.choice import Candidate, _said
 from trueplant.identify.instrumental.order import Order
@@ -88,14 +87,10 @@ def test_an_interval_is_profiled_where_a_lag_is_known_poorly_but_not_hopelessly(
 def test_a_parameter_depends_on_the_noise_model_that_moves_it_by_a_third(shift, error, variance, depends, monkeypatch):
     covariance = np.array([[error**2]])
     row = Stub(lag_of_dead_times=lambda theta: np.zeros(1), pieces=[0], measured=lambda k: (np.zeros(1000), None))
-    fit: Any = Stub(
-        ar=Autoregression.plain(np.zeros(2)), theta=np.ones(1), row=row, variance=1.0, covariance=covariance, count=1000
-    )
-    moved = Stub(
-        theta=np.ones(1) + shift, covariance=covariance, variance=variance, ar=Autoregression.plain(np.zeros(2))
-    )
+    fit: Any = Stub(ar=np.zeros(2), theta=np.ones(1), row=row, variance=1.0, covariance=covariance, count=1000)
+    moved = Stub(theta=np.ones(1) + shift, covariance=covariance, variance=variance, ar=np.zeros(2))
     monkeypatch.setattr(noise_order, "of_a_part", lambda run: run)
-    monkeypatch.setattr(noise_order, "refit_noise", lambda run, lags: moved)
+    monkeypatch.setattr(noise_order, "refit_noise", lambda run, order: moved)
     found, _ = noise_order.order_dependence(fit, covariance, np.array([0.5]), [fit])
     assert bool(found) is depends
 
@@ -146,9 +141,7 @@ def test_a_run_is_fitted_alone_if_it_has_four_samples_for_each_coefficient(sampl
         measured=lambda k: (None, np.ones(samples, dtype=bool)),
         bounds=lambda: (np.zeros(3), np.ones(3)),
     )
-    pooled: Any = Stub(
-        row=row, theta=np.full(3, 0.5), ar=Autoregression.plain(np.zeros(1)), free=np.ones(3, dtype=bool)
-    )
+    pooled: Any = Stub(row=row, theta=np.full(3, 0.5), ar=np.zeros(1), free=np.ones(3, dtype=bool))
     assert bool(between_experiments.single_runs(pooled)) is fitted
 
 
@@ -157,8 +150,6 @@ def test_hardly_any_noise_known_widens_intervals_by_a_fifth_at_most(monkeypatch)
     """Student's quantile over the normal one; with fewer degrees of freedom it would say nothing sensible."""
     monkeypatch.setattr("trueplant.identify.covariance.restriction_of", lambda fit: None)
     monkeypatch.setattr("trueplant.identify.covariance._uncertain", lambda *_: np.array([100.0]))
-    fit: Any = Stub(
-        variance=1.0, information=np.eye(2), theta=np.zeros(1), ar=Autoregression.plain(np.zeros(1)), left=3.0
-    )
+    fit: Any = Stub(variance=1.0, information=np.eye(2), theta=np.zeros(1), ar=np.zeros(1), left=3.0)
     (widening,) = np.sqrt(student_factor(noise_freedom(fit), 0.95))
     assert 1.1 < widening < 1.2

@@ -9,23 +9,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from trueplant.identify import (
-    Spec,
-    autoregression,
-    between_experiments,
-    estimate,
-    first,
-    intervals,
-    levels,
-    noise,
-    valves,
-)
-from trueplant.identify.autoregression import Autoregression, Lags
+from support.simulated import segment_of
+from trueplant.identify import Row, Spec, between_experiments, estimate, first, intervals, valves
 from trueplant.identify.covariance import initial_state_share, least_covariance
 from trueplant.identify.joint import _chosen_order, whiteness_p
 from trueplant.identify.missing import _Scan
-from trueplant.identify.noise import choose_lags
+from trueplant.identify.noise import choose_order
 from trueplant.identify.output import OutputEstimate
+from trueplant.identify.pieces import pieces_of
 from trueplant.identify.prior import Prior
 from trueplant.identify.shared_disturbance import _at_common_instants, _Errors, _relation_p
 from trueplant.identify.validate import squares_p
@@ -51,37 +42,17 @@ def everywhere(x: Array) -> Any:
 # -- noise models ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.holds("identify.SINGLE_LAGS")
+@pytest.mark.holds("identify.USUAL_ORDER")
 @pytest.mark.parametrize(("lag", "seen"), [(25, True), (40, False)])
-def test_noise_that_comes_again_is_seen_within_thirty_samples(lag: int, seen: bool, monkeypatch: Any) -> None:
-    """By a coefficient of its own, however far back is looked."""
-    monkeypatch.setattr(levels, "USUAL_REACH", 60)
-    assert (choose_lags(*everywhere(echo(4000, lag)), 240).single == lag) is seen
-
-
-@pytest.mark.holds("identify.USUAL_REACH")
-def test_noise_is_looked_at_thirty_samples_back_where_nothing_asks_for_more(monkeypatch: Any) -> None:
-    asked: list[int] = []
-    best = noise._best_lags
-    monkeypatch.setattr(noise, "_best_lags", lambda *given: asked.append(given[2]) or best(*given))
-    assert choose_lags(*everywhere(white(4000)), 240).order == 0
-    (reach,) = asked
-    assert 20 < reach < 45
-
-
-@pytest.mark.holds("identify.SHARED_SPAN")
-def test_samples_share_a_coefficient_over_a_quarter_of_how_far_they_are_back() -> None:
-    """The group that begins near a hundred back; not by `Lags`, which remembers where groups end."""
-    begin = autoregression._group_end(90) + 1
-    assert 85 < begin < 115
-    assert 18 < autoregression._group_end(begin) + 1 - begin < 35
+def test_noise_that_comes_again_is_seen_within_thirty_samples(lag: int, seen: bool) -> None:
+    assert (choose_order(*everywhere(echo(4000, lag)), 240) == lag) is seen
 
 
 @pytest.mark.holds("identify.FEWEST_PER_ORDER")
 @pytest.mark.parametrize(("samples", "seen"), [(50, False), (80, True)])
 def test_five_samples_are_enough_to_try_a_coefficient(samples: int, seen: bool) -> None:
     """Noise that comes again after eight: fifty of them, beside the eight before."""
-    assert (choose_lags(*everywhere(echo(1000 + samples, 8)[1000:]), 8) == Lags(8)) is seen
+    assert (choose_order(*everywhere(echo(1000 + samples, 8)[1000:]), 8) == 8) is seen
 
 
 @pytest.mark.holds("identify.SPARE_ORDERS")
@@ -90,14 +61,27 @@ def test_a_noise_model_has_two_coefficients_more_than_the_criterion_asks_for(mon
     monkeypatch.setattr(estimate, "free_of_noise", lambda fit: False)
     monkeypatch.setattr(estimate, "noise_signals", lambda fit: everywhere(echo(4000, 1)))
     fit: Any = None
-    assert estimate.fit_noise(fit, reach=30).order == 3
+    assert estimate.fit_noise(fit, None, 30).size == 3
+
+
+@pytest.mark.holds("identify.LARGEST_ORDER")
+@pytest.mark.parametrize("seen", [180, 300])
+def test_a_fit_with_a_noise_model_of_its_own_has_240_coefficients_at_most(seen: int, monkeypatch: Any) -> None:
+    """Of a record that affords so many."""
+    monkeypatch.setattr(estimate, "_with_noise", lambda fit, order, limit, *_, **__: limit)
+    n = 41 * seen
+    columns = {name: white(n)[:, None] for name in "uy"} | {"t": np.arange(n, dtype=float), "r": np.zeros((n, 1))}
+    segments = [segment_of(Stub(h=1.0, **columns))]  # type: ignore[arg-type]
+    fit: Any = Stub(row=Row((Spec(0, FOPDT, (2.0, 10.0, 1.0)),), pieces_of(segments, 0)))
+    limit: Any = estimate.with_own_noise(fit, 1)
+    assert 170 < limit < 190 if seen == 180 else 220 < limit < 260
 
 
 @pytest.mark.holds("identify.JOINT_LARGEST_ORDER")
 @pytest.mark.parametrize(("lag", "seen"), [(32, True), (55, False)])
 def test_outputs_together_remember_forty_samples_at_most(lag: int, seen: bool) -> None:
     v = np.column_stack([echo(4000, lag), echo(4000, lag, 2)])
-    fits: Any = [Stub(ar=Autoregression.plain(np.zeros(100)))] * 2
+    fits: Any = [Stub(ar=np.zeros(100))] * 2
     assert (_chosen_order([v], [np.ones(4000, dtype=bool)], fits) == lag) is seen
 
 

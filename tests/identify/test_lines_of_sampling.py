@@ -12,7 +12,7 @@ from support.simulated import segment_of
 from trueplant.identify import Row, Spec, estimate, initial_state, loads, pieces_of
 from trueplant.identify.blocks import block_length, most_moved
 from trueplant.identify.descent import _limited
-from trueplant.identify.estimate import free_of_noise, furthest_back
+from trueplant.identify.estimate import free_of_noise, largest_order
 from trueplant.identify.pieces import Piece
 from trueplant.identify.strides import choose_stride
 from trueplant.lti import Structure
@@ -33,22 +33,13 @@ def row_of(*segments: Segment) -> Row:
     return Row((Spec(0, FOPDT, (2.0, 10.0, 1.0)),), pieces_of(segments, 0))
 
 
-def stride(samples: int, lag: float, dead: float | None = None) -> int:
-    """Of a model with a dead time, or of an element of which nothing but the lag is guessed."""
-    known = {"guess": (1.0, lag, 0.0)} if dead is None else {"initial": (1.0, lag, dead)}
-    return choose_stride([record(samples)], [Spec(0, FOPDT, **known)], np.inf)
+def stride(samples: int, lag: float) -> int:
+    return choose_stride([record(samples)], [Spec(0, FOPDT, (1.0, lag, 0.0))], np.inf)
 
 
 @pytest.mark.holds("identify.SAMPLES_PER_LAG")
 def test_a_lag_keeps_eighty_samples() -> None:
     assert 60 < 1600 / stride(60_000, 1600.0) < 110
-
-
-@pytest.mark.holds("identify.STRIDES_PER_DEAD_TIME")
-def test_a_dead_time_keeps_four_samples() -> None:
-    """However many a lag has: OP that acts between two samples is not to reach the second."""
-    assert 2.5 < 40 / stride(60_000, 1600.0, 40.0) < 6
-    assert stride(60_000, 1600.0, 3.0) == 1
 
 
 @pytest.mark.holds("identify.ENOUGH_SAMPLES")
@@ -70,7 +61,7 @@ def test_a_long_record_is_searched_on_twenty_thousand_errors() -> None:
 
 @pytest.mark.holds("identify.SAMPLES_PER_ORDER")
 def test_each_coefficient_of_the_noise_model_has_forty_samples() -> None:
-    assert 30 < 1200 / furthest_back(row_of(record(1200)), 1000) < 55
+    assert 30 < 1200 / largest_order(row_of(record(1200)), 1000) < 55
 
 
 @pytest.mark.holds("identify.FASTEST_LAG")

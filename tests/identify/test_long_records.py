@@ -9,7 +9,6 @@ import pytest
 
 from support.simulated import WOOD_BERRY, coloured, random_switching, segment_of
 from trueplant.identify import Row, Sampling, Spec, fit_row, identify_output, pieces_of
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.blocks import block_length, in_blocks, most_moved
 from trueplant.identify.levels import SEARCHED_ERRORS, SHORTEST_BLOCK
 from trueplant.identify.validate import residual_tests
@@ -59,7 +58,7 @@ def test_blocks_tell_what_the_whole_record_tells(long):
     pieces = pieces_of([long], 0)
     for ar in ([-0.8], [-0.8, 0.0, 0.0], [-0.8, 0.0, 0.0, 0.0, 0.0, 0.0]):
         whole, cut = (
-            fit_row(Row(SPECS, p).without_unseen(TRUTH), TRUTH, Autoregression.plain(np.array(ar)), reweight=False)
+            fit_row(Row(SPECS, p).without_unseen(TRUTH), TRUTH, np.array(ar), reweight=False)
             for p in (pieces, in_blocks(pieces, len(long) // 30, 1))
         )
         sigma = np.sqrt(np.diag(whole.covariance))

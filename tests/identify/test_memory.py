@@ -11,10 +11,9 @@ from scipy.special import gammaln
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, RowFit, Spec, fit_row, levels, pieces_of
-from trueplant.identify.autoregression import NO_NOISE_MODEL, Autoregression
 from trueplant.identify.covariance import inflation, small_samples
 from trueplant.identify.memory import _before, _grown, _pieces, _told, memory_heights, remembering
-from trueplant.identify.noise import choose_lags, fit_autoregression
+from trueplant.identify.noise import choose_order, fit_ar
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
 
@@ -44,8 +43,8 @@ def fitted(seed: int, d: float, samples: int = 1500, std: float = 0.05, missing:
         valid = gone.valid
     errors = y - row.response(TRUTH, 0)
     errors = errors - errors.mean()
-    lags = choose_lags([errors], [valid], 30)
-    return fit_row(row, TRUTH, fit_autoregression([errors], [valid], lags))
+    order = choose_order([errors], [valid], 30)
+    return fit_row(row, TRUTH, fit_ar([errors], [valid], order)[0])
 
 
 def memory_growth(fit: RowFit) -> np.ndarray:
@@ -81,7 +80,7 @@ def test_restricted_likelihood_and_squares_are_those_of_dense_matrices(d):
         of_others = determinant + np.linalg.slogdet(np.linalg.inv(information)[:3, :3])[1]
         return left * np.log(variance) + determinant, 298 * np.log(whole / 298) + of_others, squares[:3, :3]
 
-    own = {memory: _told(fit, [piece.with_memory(memory)], NO_NOISE_MODEL) for memory in (0.0, d)}
+    own = {memory: _told(fit, [piece.with_memory(memory)], np.zeros(0), 0) for memory in (0.0, d)}
     assert columns.shape[1] == 5
     (deviance, height, squares), (at_none, height_at_none, _) = dense(d), dense(0.0)
     np.testing.assert_allclose(own[d].squares, squares, rtol=1e-6, atol=1e-9 * np.abs(squares).max())
@@ -151,7 +150,7 @@ def test_initial_states_that_the_noise_model_cancels_widen_nothing():
         v = coloured(rng, 2000, 1, [1, *ar], [1], 0.007)
         segment = segment_of(simulate(plant, law, random_switching(rng, 2000, 1, 60.0), 1.0, v=v))
         row = Row((Spec(0, structure, tuple(truth)),), pieces_of([segment], 0))
-        assert np.all(memory_growth(fit_row(row, truth, Autoregression.plain(ar))) < 1.5)
+        assert np.all(memory_growth(fit_row(row, truth, ar)) < 1.5)
 
 
 def test_likelihood_ratios_leave_to_the_largest_noise_model_what_slow_noise_could_explain():

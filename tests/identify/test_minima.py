@@ -9,7 +9,6 @@ import pytest
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, Spec, fit_row, identify_output, intervals, minima, output, pieces_of
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.covariance import scaled
 from trueplant.identify.fit import refitted
 from trueplant.identify.intervals import as_wide_as, profile_of
@@ -37,7 +36,7 @@ def record(structure: Structure, truth, seed: int, std: float, samples: int = 15
 def test_a_wrong_minimum_is_left():
     truth = np.array([2.0, 10.0, 4.6])
     row = Row((Spec(0, FIRST, tuple(truth)),), pieces_of([record(FIRST, truth, 1, 0.05)], 0))
-    good = fit_row(row, truth, Autoregression.plain(np.array([-0.9])))
+    good = fit_row(row, truth, np.array([-0.9]))
     held = fit_row(row, np.array([2.0, 10.0, 41.4]), good.ar, free=np.array([True, True, False]))
     wrong = fit_row(row, held.theta, held.ar)
     assert wrong.cost > 1.02 * good.cost and abs(wrong.theta[2] - truth[2]) > 5
@@ -58,7 +57,7 @@ def test_leads_or_terms_that_change_places_are_no_other_minimum():
         plant = TransferMatrix(((structure.transfer(p),),), "min")
         spec = Spec(0, structure, tuple(p[swapped]))
         row = Row((spec,), pieces_of([segment_of(simulate(plant, LAW, r, 1.0, v=v))], 0))
-        fit = fit_row(row, p, Autoregression.plain(np.array([-0.8])))
+        fit = fit_row(row, p, np.array([-0.8]))
         other = fit_row(row, p[swapped], fit.ar)
         assert np.abs(other.theta[swapped] - fit.theta).max() < 0.2 * np.abs(p).max()
         found = open_minima(fit, 0.95)
@@ -103,7 +102,7 @@ def test_lags_that_have_changed_places_are_no_other_minimum():
     sopdt = Structure.parse("sopdt")
     truth = np.array([2.0, 12.0, 4.0, 3.4])
     row = Row((Spec(0, sopdt, tuple(truth)),), pieces_of([record(sopdt, truth, 3, 0.02)], 0))
-    fit = fit_row(row, truth[[0, 2, 1, 3]], Autoregression.plain(np.array([-0.9])))
+    fit = fit_row(row, truth[[0, 2, 1, 3]], np.array([-0.9]))
     assert fit.theta[1] < fit.theta[2]
     found = open_minima(fit, 0.95)
     assert len(found.fits) == 1 and found.best.theta[1] > found.best.theta[2]
@@ -140,9 +139,7 @@ def test_profiles_say_how_far_the_others_go():
     """Quadratic near the minimum: the ends are at 1.96 standard errors, and the others follow as they correlate."""
     truth = np.array([2.0, 10.0, 4.6])
     fit = fit_row(
-        Row((Spec(0, FIRST, tuple(truth)),), pieces_of([record(FIRST, truth, 3, 0.02)], 0)),
-        truth,
-        Autoregression.plain(np.zeros(1)),
+        Row((Spec(0, FIRST, tuple(truth)),), pieces_of([record(FIRST, truth, 3, 0.02)], 0)), truth, np.zeros(1)
     )
     profile, sigma = profile_of(fit, 1, 0.95), np.sqrt(np.diag(fit.covariance))
     np.testing.assert_allclose(np.subtract(profile.ends, fit.theta[1]), [-1.96 * sigma[1], 1.96 * sigma[1]], rtol=0.1)
@@ -158,7 +155,7 @@ def test_a_dead_time_of_a_term_that_may_have_no_gain_has_the_hull_of_all_valleys
     """Against the likelihood at every dead time up to 100, begun anew from three places each."""
     truth = np.array([3.0, -0.3, 14.0, 9.0, 3.4, 26.7])
     row = Row((Spec(0, TWO_TERMS, tuple(truth)),), pieces_of([record(TWO_TERMS, truth, seed, std)], 0))
-    fit = open_minima(fit_row(row, truth, Autoregression.plain(np.array([-0.9]))), 0.95).best
+    fit = open_minima(fit_row(row, truth, np.array([-0.9])), 0.95).best
     profile, begun = profile_of(fit, 5, 0.95), (fit.theta, truth, truth * [1, 0, 1, 1, 1, 1])
     places, free = np.arange(0.0, 101.0, 2.0), np.arange(6) != 5
 
@@ -180,7 +177,7 @@ def test_intervals_of_two_lags_end_where_they_would_change_places(seed):
     v = coloured(rng, 1500, 1, [1, -0.8], [1], 0.05)
     moved = segment_of(simulate(plant, LAW, random_switching(rng, 1500, 1, 80.0), 1.0, v=v))
     row = Row((Spec(0, sopdt, tuple(truth)),), pieces_of([moved], 0))
-    fit = open_minima(fit_row(row, truth, Autoregression.plain(np.array([-0.8]))), 0.95).best
+    fit = open_minima(fit_row(row, truth, np.array([-0.8])), 0.95).best
     free = np.array([True, False, False, True])
 
     def risen(*lags: float) -> float:
@@ -238,7 +235,7 @@ def test_the_end_of_a_dead_time_is_found_in_the_next_sample_interval(monkeypatch
 def test_where_a_profile_has_no_end_it_says_how_far_was_looked():
     truth = np.array([3.0, -0.3, 14.0, 9.0, 3.4, 26.7])
     row = Row((Spec(0, TWO_TERMS, tuple(truth)),), pieces_of([record(TWO_TERMS, truth, 2, 0.1)], 0))
-    fit = open_minima(fit_row(row, truth, Autoregression.plain(np.array([-0.9]))), 0.95).best
+    fit = open_minima(fit_row(row, truth, np.array([-0.9])), 0.95).best
     profile, sigma = profile_of(fit, 5, 0.95), np.sqrt(fit.covariance[5, 5])
     assert profile.ends == (0.0, np.inf)
     low, high = profile.reach(profile.ends, 1.0)
@@ -262,7 +259,7 @@ def test_the_search_ends_where_no_second_minimum_is_expected(std, descents, monk
     descend = minima._ended
     monkeypatch.setattr(minima, "_ended", ended)
     row = Row((Spec(0, TWO_TERMS, tuple(truth)),), pieces_of([record(TWO_TERMS, truth, 1, std)], 0))
-    found = open_minima(fit_row(row, np.array(truth), Autoregression.plain(np.array([-0.9]))), 0.95)
+    found = open_minima(fit_row(row, np.array(truth), np.array([-0.9])), 0.95)
     assert len(begun) == descents
     assert (len(found.fits) == 1) is (descents == 8)
     assert further_minima(1, 8) < 0.5 <= further_minima(1, 7)

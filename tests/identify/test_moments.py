@@ -7,7 +7,6 @@ import pytest
 
 from support.simulated import random_switching, segment_of
 from trueplant.identify import Row, Spec, fit_row, pieces_of
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.moments import apart, in_row
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
@@ -22,7 +21,7 @@ def fit_of(structure: Structure, p: np.ndarray, column: int = 0):
     r = random_switching(np.random.default_rng(1), 200, 1, 60.0)
     segment = segment_of(simulate(plant, law, r, 1.0))
     row = Row((Spec(column, structure, tuple(p)),), pieces_of([segment], 0))
-    return fit_row(row, p, Autoregression.plain(np.zeros(1)), free=np.zeros(p.size, dtype=bool))
+    return fit_row(row, p, np.zeros(1), free=np.zeros(p.size, dtype=bool))
 
 
 def gain_and_time(structure: Structure, p: np.ndarray) -> tuple[float, float]:

@@ -10,7 +10,6 @@ from scipy.stats import chi2
 
 from support.simulated import coloured, random_switching, segment_of
 from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.levels import PRIOR_SPREAD, SEARCHED_FREEDOM
 from trueplant.identify.likelihood import held_at, ratio_p, rise, without_element
 from trueplant.identify.prior import Prior
@@ -62,7 +61,7 @@ def test_what_the_record_determines_is_left_alone_however_far_from_the_model():
     pieces = pieces_of([record(fopdt, truth)], 0)
     far = Row((Spec(0, fopdt, (truth[0] / 30, truth[1] / 5, 1.0)),), pieces)
     alone = Row((Spec(0, fopdt),), pieces)
-    fits = [fit_row(row, truth, Autoregression.plain(np.array([-0.8]))) for row in (far, alone)]
+    fits = [fit_row(row, truth, np.array([-0.8])) for row in (far, alone)]
     sigma = np.sqrt(np.diag(fits[1].covariance))
     assert np.all(np.abs(fits[0].theta - fits[1].theta) < 0.1 * sigma)
     assert np.allclose(np.sqrt(np.diag(fits[0].covariance)), sigma, rtol=0.02)
@@ -103,7 +102,7 @@ def test_an_input_that_stands_still_leaves_the_others_as_they_are():
     both = replace(alone, u=np.column_stack([alone.u, np.full(len(alone), 3.0)]), free=np.ones((len(alone), 2), bool))
     one = Row((Spec(0, fopdt, tuple(truth)),), pieces_of([alone], 0))
     two = Row((*one.specs, Spec(1, fopdt, tuple(truth))), pieces_of([replace(both, hold=("zoh", "zoh"))], 0))
-    ar = Autoregression.plain(np.array([-0.5]))
+    ar = np.array([-0.5])
     few = fit_row(one, truth, ar).standard_errors_by_data
     more = fit_row(two, np.tile(truth, 2), ar).standard_errors_by_data
     np.testing.assert_allclose(more[:3], few, rtol=0.15)

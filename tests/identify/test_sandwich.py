@@ -11,7 +11,6 @@ from scipy.stats import kstest
 
 from support.simulated import WOOD_BERRY, random_switching, segment_of, wood_berry
 from trueplant.identify import Row, Spec, fit_row, identify_output, pieces_of, prediction_errors, sandwich, specs_of
-from trueplant.identify.autoregression import NO_NOISE_MODEL
 from trueplant.identify.sandwich import correlated_lags, plant_covariance, sandwich_covariance
 from trueplant.identify.validate import squares_p
 from trueplant.lti.sampled import sampled_response
@@ -39,7 +38,7 @@ def step_test(seed, loud=4.0):
 
 
 def fitted(segment):
-    return fit_row(Row((SPEC,), pieces_of([segment], 0)), TRUTH, NO_NOISE_MODEL)
+    return fit_row(Row((SPEC,), pieces_of([segment], 0)), TRUTH, np.zeros(0))
 
 
 def test_standard_errors_are_those_of_monte_carlo():

@@ -9,12 +9,12 @@ import pytest
 
 from support.simulated import segment_of, wood_berry
 from trueplant.identify import Row, Spec, pieces_of
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.levels import STRETCH
+from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.search import dead_time_grid, improved_element
 from trueplant.lti.structure import Structure
 
-AR = Autoregression.plain(np.array([-0.7, 0.1, 0.05]))
+AR = np.array([-0.7, 0.1, 0.05])
 FOPDT = Structure.parse("fopdt")
 OTHER = np.array([-18.9, 21.0, 3.4])
 
@@ -33,12 +33,12 @@ def row_of(structure: Structure, stride: int, gaps: bool) -> Row:
 def plainly(row: Row, theta: np.ndarray, stretch: float, dead_time: float) -> float:
     """What element 0, of first order, explains of PV's whitened squares that nothing else does, by projection."""
     piece, (y, valid) = row.pieces[0], row.measured(0)
-    use = AR.valid(valid)
+    use = whitened_valid(AR.size, valid)
     other = FOPDT.response(OTHER, piece.inputs[1], piece.h, "zoh", row.stride)
-    known = AR.whiten(np.column_stack([other, row.nuisance(theta, 0)]))[use]
+    known = whiten(AR, np.column_stack([other, row.nuisance(theta, 0)]))[use]
     p = np.array([1.0, theta[1] * stretch, dead_time])
-    own = AR.whiten(FOPDT.response(p, piece.inputs[0], piece.h, "zoh", row.stride))[use]
-    target = AR.whiten(y)[use]
+    own = whiten(AR, FOPDT.response(p, piece.inputs[0], piece.h, "zoh", row.stride))[use]
+    target = whiten(AR, y)[use]
     basis = np.linalg.qr(known)[0]
     left, wanted = own - basis @ (basis.T @ own), target - basis @ (basis.T @ target)
     return float((left @ wanted) ** 2 / (left @ left))

@@ -10,7 +10,6 @@ import pytest
 from support.lag_loop import LAW, MODEL, PLANT, SPEC, TRUTH
 from support.simulated import random_switching, segment_of
 from trueplant.identify import Row, identify_matrix, identify_output, pieces_of, specs_of
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.between_samples import _thinned
 from trueplant.identify.spikes import _Errors, set_aside, without_spikes
 from trueplant.loop import simulate
@@ -138,7 +137,7 @@ def errors_with(*spikes, loud=0, samples=400):
     for at, size in spikes:
         e[at] += size
         e[at + 1] -= POLE * size
-    return _Errors(e, Autoregression.plain(np.array([-POLE])), 0.0)
+    return _Errors(e, np.array([-POLE]), 0.0)
 
 
 def found(errors):

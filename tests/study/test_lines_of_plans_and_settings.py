@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from support.simulated import segment_of
-from trueplant.identify.autoregression import Autoregression
 from trueplant.lti import Structure
 from trueplant.project.tables import TuningLimits
 from trueplant.study.data import excitation, law_judged, op_law
@@ -121,7 +120,7 @@ def test_op_is_averaged_well_after_the_last_move_and_lately(since, lags):
 @pytest.mark.parametrize(("share", "drifts"), [(0.04, False), (0.065, True)])
 def test_noise_that_is_slow_beside_its_record_is_taken_for_a_drift(share, drifts):
     """Its time constant, over the length of the record."""
-    assert stand._with_drift(np.array([1.0, -np.exp(-1 / (share * 1000))]), 1000)[1] is drifts
+    assert stand._with_drift(np.array([-np.exp(-1 / (share * 1000))]), 1000)[1] is drifts
 
 
 @pytest.mark.holds("study.LARGER_DISTURBANCE")
@@ -130,7 +129,7 @@ def test_the_disturbance_of_a_plan_is_larger_than_the_noise_model_says_but_not_t
     segment = segment_of(Stub(h=1.0, t=np.arange(50.0), **{x: np.zeros((50, 1)) for x in "ruy"}))  # type: ignore[arg-type]
     monkeypatch.setattr(stand, "_last", lambda study: segment)
     study: Any = Stub(segments=[segment], model=np.zeros((1, 1)))
-    fit = Stub(variance=1.0, ar=Autoregression.plain(np.zeros(1)))
+    fit = Stub(variance=1.0, ar=np.zeros(1))
     estimate: Any = Stub(fit=fit, row=Stub(stride=1))
     v = stand._disturbance(study, {0: estimate}, {}, 20_000, np.random.default_rng(1))
     assert 1.2 < np.std(v) < 1.8

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from trueplant.identify import OutputEstimate, fit_row
-from trueplant.identify.autoregression import NO_NOISE_MODEL
-from trueplant.identify.estimate import fit_noise, furthest_back
+from trueplant.identify.estimate import fit_noise, largest_order
 from trueplant.identify.validate import validate
 
 
@@ -17,8 +18,8 @@ def forced(estimate: OutputEstimate, values: Mapping[int, float]) -> OutputEstim
     for k, value in values.items():
         theta[k], free[k] = value, False
     row = estimate.row.without_unseen(theta)
-    plain = fit_row(row, theta, NO_NOISE_MODEL, free=free)
-    ar = fit_noise(plain, reach=furthest_back(row, 30))
+    plain = fit_row(row, theta, np.zeros(0), free=free)
+    ar = fit_noise(plain, None, largest_order(row, 30))
     fit = fit_row(row, plain.theta, ar, free=free, weights=plain.weights)
     held = validate(fit)
     if held is not None:

@@ -38,7 +38,7 @@ NO_THRESHOLDS = {
         study.CORRECTED
     """,
     "size": """
-        identify.LEVEL_SAMPLES identify.GUESSED_FROM identify.LARGEST_JACOBIAN
+        identify.LEVEL_SAMPLES identify.GUESSED_FROM identify.WRITTEN_OUT identify.LARGEST_JACOBIAN
         identify.VARX_TESTED identify.PAPER_POINTS identify.ARX_MOST_SAMPLES
         detect.DRAWS detect.SHIFTS
         study.OTHER_TIMES study.ROUNDING_DRAWS study.COHERENCE_LISTED study.COHERENCE_DRAWN study.FREQUENCIES

@@ -18,7 +18,6 @@ from support.simulated import BLT, WOOD_BERRY, coloured, segment_of, wood_berry
 from support.stamped import AMSTERDAM, project_text, stamped
 from trueplant.cli import main
 from trueplant.identify import Row, Spec, fit_row, pieces_of
-from trueplant.identify.autoregression import NO_NOISE_MODEL
 from trueplant.loop import simulate
 from trueplant.lti.structure import Structure
 from trueplant.project import Project
@@ -220,7 +219,7 @@ def test_an_element_that_would_settle_in_a_million_years_takes_no_memory() -> No
     """Blocks are as long as the piece at most; they were as long as the element takes to settle."""
     segment = segment_of(wood_berry(3, 400))
     row = Row(tuple(Spec(j, Structure.parse("fopdt")) for j in range(2)), pieces_of([segment], 0))
-    fit = fit_row(row, np.array([12.8, 5e11, 1.4, -18.9, 21.0, 3.4]), NO_NOISE_MODEL, iterations=0)
+    fit = fit_row(row, np.array([12.8, 5e11, 1.4, -18.9, 21.0, 3.4]), np.zeros(0), iterations=0)
     found = blocks_of(fit, row, np.array([50.0]))
     assert found.start.size == 1
     assert found.end[0] - found.start[0] < segment.t[-1] - segment.t[0] + segment.h

@@ -24,7 +24,7 @@ from trueplant.cli.track import show
 from trueplant.detect.since import Shift
 from trueplant.errors import DataError, UsageError
 from trueplant.identify import Row, Spec, fit_row, pieces_of
-from trueplant.identify.autoregression import Autoregression
+from trueplant.identify.noise import whiten
 from trueplant.lti import Structure
 from trueplant.report.track import render
 from trueplant.result import (
@@ -221,14 +221,14 @@ def test_blocks_hold_the_information_of_the_record(monkeypatch: pytest.MonkeyPat
     theta = np.array([*PARAMETERS[0, 0], *PARAMETERS[0, 1]])
     for stride in (1, 4):
         row = Row(specs, pieces_of([segment], 0), stride)
-        fit = fit_row(row, theta, Autoregression.plain(np.array([-0.5])), iterations=0)
+        fit = fit_row(row, theta, np.array([-0.5]), iterations=0)
         moves = moves_of([segment])
         monkeypatch.setattr(levels, "CHUNK", 20_000)
         blocks = blocks_of(fit, row, moves)
         assert blocks.end[-1] <= segment.t[-1] + segment.h and np.all(blocks.start[1:] == blocks.end[:-1])
         assert blocks.active.all() and blocks.errors.sum() == pytest.approx(1501 / stride, abs=2)
         _, gradient = row.response_and_gradient(theta, 0)
-        x = fit.ar.whiten(np.column_stack([gradient, np.ones(len(gradient))]))
+        x = whiten(fit.ar, np.column_stack([gradient, np.ones(len(gradient))]))
         assert np.allclose(blocks.information.sum(axis=0), x.T @ x / fit.variance, rtol=1e-9)
         monkeypatch.setattr(levels, "CHUNK", 100)
         again = blocks_of(fit, row, moves)

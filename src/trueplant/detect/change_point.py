@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.detect import levels
-from trueplant.identify.autoregression import Autoregression, bridge
-from trueplant.identify.noise import choose_lags, fit_autoregression
+from trueplant.identify.noise import choose_order, fit_ar, whiten, whitened_valid
 from trueplant.identify.row import Row
 
 
@@ -76,7 +75,7 @@ def change_point(
     before: Array,
     after: Array,
     changing: BoolArray,
-    ar: Autoregression,
+    ar: Array,
     search: tuple[float, float],
     confidence: float = 0.95,
 ) -> ChangePoint | None:
@@ -135,7 +134,7 @@ def _parts(row: Row, clock: Array, before: Array, after: Array, changing: BoolAr
         nuisance = np.zeros((y.size, sum(sizes)))
         nuisance[:, sum(sizes[:k]) : sum(sizes[: k + 1])] = row.nuisance(before, k)
         t = clock[k] + piece.start + piece.h * row.stride * np.arange(y.size)
-        found = (t, np.full(y.size, k), valid, bridge(y - response, valid), other - response)
+        found = (t, np.full(y.size, k), valid, np.where(valid, y - response, 0.0), other - response)
         derivatives = np.hstack([gradient[:, ~changing], nuisance])
         for part, column in zip(
             columns, (*found, derivatives, np.stack([gradient[:, changing], gradient_after[:, changing]])), strict=True
@@ -155,28 +154,28 @@ def _parts(row: Row, clock: Array, before: Array, after: Array, changing: BoolAr
 class _Filtered:
     """The parts through the inverse noise model, and the least squares at each instant."""
 
-    def __init__(self, parts: _Parts, ar: Autoregression) -> None:
-        self.parts, self.ar, reach = parts, ar, ar.reach
+    def __init__(self, parts: _Parts, ar: Array) -> None:
+        self.parts, self.ar, order = parts, ar, ar.size
         starts = np.flatnonzero(np.diff(parts.piece, prepend=-1))
         self.bounds = [*starts.tolist(), parts.t.size]
         use = [
-            np.concatenate([np.zeros(min(reach, b - a), dtype=bool), ar.valid(parts.valid[a:b])])
+            np.concatenate([np.zeros(min(order, b - a), dtype=bool), whitened_valid(order, parts.valid[a:b])])
             for a, b in zip(self.bounds[:-1], self.bounds[1:], strict=True)
         ]
         self.use: BoolArray = np.concatenate(use)
         self.edges = parts.t
         self.common = self._white(parts.common)
         self.nothing = self._white(np.column_stack([parts.old, parts.target]))
-        freedom = self.use.sum() - self.common.shape[1] - 2 * parts.old.shape[1] - ar.order
+        freedom = self.use.sum() - self.common.shape[1] - 2 * parts.old.shape[1] - order
         self.left = max(int(freedom), 1)
         columns = np.hstack([self.common, self.nothing[:, :-1]])
         self.constant = self.left * float(np.log(_remainder(columns, self.nothing[:, -1])))
 
     def _white(self, x: Array) -> Array:
         """(n used, ...) filtered; each piece by itself."""
-        reach = self.ar.reach
+        order = self.ar.size
         out = [
-            np.concatenate([np.zeros((min(reach, b - a), x.shape[1])), self.ar.whiten(x[a:b])])[: b - a]
+            np.concatenate([np.zeros((min(order, b - a), x.shape[1])), whiten(self.ar, x[a:b])])[: b - a]
             for a, b in zip(self.bounds[:-1], self.bounds[1:], strict=True)
         ]
         return np.concatenate(out)[self.use]
@@ -244,8 +243,8 @@ def _profile(filtered: _Filtered, places: NDArray[np.intp], threshold: float) ->
             return tried, deviance
 
 
-def _noise(errors: Array, parts: _Parts, row: Row) -> Autoregression:
+def _noise(errors: Array, parts: _Parts, row: Row) -> Array:
     """The noise model of the output errors, of the order that the Bayesian criterion chooses."""
     pieces = [parts.piece == k for k in range(len(row.pieces))]
     signals, valid = [errors[p] for p in pieces], [parts.valid[p] for p in pieces]
-    return fit_autoregression(signals, valid, choose_lags(signals, valid, levels.CHANGE_LARGEST_ORDER))
+    return fit_ar(signals, valid, choose_order(signals, valid, levels.CHANGE_LARGEST_ORDER))[0]

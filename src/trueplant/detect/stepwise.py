@@ -8,7 +8,7 @@ from scipy.stats import t as student
 from trueplant.arrays import Array
 from trueplant.detect import levels
 from trueplant.detect.signals import Detection, Signals, explained, flagged, lagged
-from trueplant.identify.noise import choose_lags, fit_autoregression
+from trueplant.identify.noise import choose_order, fit_ar, whiten
 
 
 def stepwise(signals: Signals, level: float = 0.05) -> Detection:
@@ -27,9 +27,8 @@ def stepwise(signals: Signals, level: float = 0.05) -> Detection:
     statistic = np.zeros((n_y, n_u))
     for i in range(n_y):
         valid = [np.ones(rest.shape[0], dtype=bool)]
-        lags = choose_lags([rest[:, i]], valid, levels.STEPWISE_LARGEST_ORDER)
-        ar = fit_autoregression([rest[:, i]], valid, lags)
-        statistic[i] = _forward(ar.whiten(past), ar.whiten(signals.e[:, i]), threshold, n_u)
+        ar = fit_ar([rest[:, i]], valid, choose_order([rest[:, i]], valid, levels.STEPWISE_LARGEST_ORDER))[0]
+        statistic[i] = _forward(whiten(ar, past), whiten(ar, signals.e[:, i]), threshold, n_u)
     note = "inputs that move together stand in for each other"
     return flagged("stepwise", statistic, threshold, note)
 

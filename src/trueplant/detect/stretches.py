@@ -18,14 +18,13 @@ from trueplant.arrays import Array, IntArray
 from trueplant.detect import levels
 from trueplant.detect.change_point import change_point
 from trueplant.identify import RowFit, fit_row
-from trueplant.identify.autoregression import NO_NOISE_MODEL, whiten
 from trueplant.identify.covariance import inflation, scaled
 from trueplant.identify.estimate import fit_noise
 from trueplant.identify.fit import linearised, residuals
 from trueplant.identify.levels import SAMPLES_PER_PARAMETER, UNDERMODELLED
 from trueplant.identify.likelihood import held_at, rise
 from trueplant.identify.linear_algebra import inverse
-from trueplant.identify.noise import fit_ar
+from trueplant.identify.noise import fit_ar, whiten
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
 from trueplant.identify.sandwich import noise_covariance, plant_covariance
@@ -90,11 +89,11 @@ class TwoFits:
     @cached_property
     def colour_p(self) -> float:
         """p-value that one noise model, its size apart, suits both."""
-        order = self.one.ar.order
+        order = self.one.ar.size
         if not order:
             return 1.0
         covariance = noise_covariance(self.one) + noise_covariance(self.other)
-        moved = self.other.ar.coefficients - self.one.ar.coefficients
+        moved = self.other.ar - self.one.ar
         return float(chi2.sf(float(moved @ inverse(covariance) @ moved), order))
 
     @property
@@ -246,7 +245,7 @@ def _blocks(fit: RowFit) -> Iterator[_Block]:
     length = -(-int(starts[-1]) // (row.stride * levels.FIRST_PASS))
     for part in linearised(row, fit.theta, fit.ar, fit.weights):
         total = len(range(0, row.pieces[part.number].y.size, row.stride))
-        places = fit.ar.reach + np.arange(total - fit.ar.reach)[part.use]
+        places = fit.ar.size + np.arange(total - fit.ar.size)[part.use]
         for begin in range(0, total, length):
             a, b = np.searchsorted(places, [begin, begin + length])
             own = part.jacobian[:size, a:b]
@@ -268,14 +267,15 @@ def _alone(fit: RowFit, pieces: Sequence[Piece]) -> RowFit | None:
     row = row.without_unseen(fit.theta)
     # A free response that a noise model cancels is left out (`identifiable_columns`): there can be a minimum with it
     # and one without. Hence one start from the noise of the whole record, and one from that of the stretch.
-    still = fit_row(row, fit.theta, NO_NOISE_MODEL, free=np.zeros(fit.theta.size, dtype=bool))
-    starts = [ar for ar in (fit.ar, fit_noise(still, fit.ar.lags)) if ar.lags == fit.ar.lags]
-    return min((fit_row(row, fit.theta, ar, free=fit.free) for ar in starts), key=lambda f: f.cost)
+    still = fit_row(row, fit.theta, np.zeros(0), free=np.zeros(fit.theta.size, dtype=bool))
+    order = fit.ar.size
+    starts = [fit.ar, fit_noise(still, order, order)]
+    return min((fit_row(row, fit.theta, ar, free=fit.free) for ar in starts if ar.size == order), key=lambda f: f.cost)
 
 
 def _fewest(fit: RowFit) -> int:
     """Samples that a stretch needs to be fitted alone."""
-    return int(SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.reach))
+    return int(SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.size))
 
 
 def _correlation(signals: Sequence[Array]) -> float:

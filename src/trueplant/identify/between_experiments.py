@@ -17,11 +17,10 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Lags
 from trueplant.identify.covariance import scaled
 from trueplant.identify.estimate import noise_signals
 from trueplant.identify.fit import RowFit, fit_row
-from trueplant.identify.noise import fit_autoregression
+from trueplant.identify.noise import fit_ar
 from trueplant.identify.search import grid_guess
 from trueplant.identify.validate import residual_tests
 
@@ -69,7 +68,7 @@ def single_runs(pooled: RowFit) -> list[tuple[int, RowFit]]:
         pieces = tuple(piece for piece in pooled.row.pieces if piece.experiment == experiment)
         row = replace(pooled.row, pieces=pieces)
         samples = sum(int(row.measured(k)[1].sum()) for k in range(len(pieces)))
-        if samples > levels.SAMPLES_PER_PARAMETER * (pooled.theta.size + pooled.ar.reach):
+        if samples > levels.SAMPLES_PER_PARAMETER * (pooled.theta.size + pooled.ar.size):
             own = np.where(pooled.free, grid_guess(row, pooled.theta, pooled.ar, rounds=1), pooled.theta)
             begun = (pooled.theta, np.clip(own, *row.bounds()))
             found = [fit_row(row, theta, pooled.ar, free=pooled.free, iterations=40) for theta in begun]
@@ -155,8 +154,8 @@ def _mixture(theta: Array, covariance: Array, pooled: Array, sizes: Array, kinds
     return _Mixture(p_value, weights @ grid, mean * sizes - pooled, (whole - means[0]) * scale)
 
 
-def refit_noise(fit: RowFit, lags: Lags) -> RowFit:
-    """The same row with a noise model of other lags, started from the present estimate."""
+def refit_noise(fit: RowFit, order: int) -> RowFit:
+    """The same row with a noise model of another order, started from the present estimate."""
     signals, valid = noise_signals(fit)
-    ar = fit_autoregression(signals, valid, lags)
+    ar = fit_ar(signals, valid, order)[0]
     return fit_row(fit.row, fit.theta, ar, weights=fit.weights, free=fit.free, iterations=40)

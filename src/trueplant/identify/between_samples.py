@@ -15,7 +15,6 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.autoregression import NO_NOISE_MODEL
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import best_dead_times, with_own_noise
 from trueplant.identify.fit import RowFit, fit_row
@@ -35,7 +34,7 @@ def covariance_between_samples(fit: RowFit, timing: float) -> Array:
 
 
 def _refitted(fit: RowFit, row: Row) -> RowFit:
-    again = fit_row(row, fit.theta, NO_NOISE_MODEL, free=fit.free)
+    again = fit_row(row, fit.theta, np.zeros(0), free=fit.free)
     return best_dead_times(with_own_noise(again, levels.TRIED_STEPS), reach=1, rounds=1)
 
 

@@ -7,7 +7,6 @@ from scipy.stats import norm, t
 
 from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.fit import RowFit, restriction_of
 from trueplant.identify.lagged import at_samples, with_past
 from trueplant.identify.linear_algebra import inverse, scaled_eigen
@@ -107,19 +106,19 @@ def scaled(covariance: Array, factors: Array) -> Array:
     return np.asarray(covariance * np.sqrt(np.outer(factors, factors)))
 
 
-def told_at(restriction: Restriction, ar: Autoregression, of: Array | None = None) -> Array:
+def told_at(restriction: Restriction, ar: Array, of: Array | None = None) -> Array:
     """(size, order) rho: how what tells a parameter, or each sum `of` (m, size) them, moves with the noise model.
 
     The sum over time of what tells it, whitened, times the same so many samples before, as it was before it was
     whitened; relative to the sum of squares of the first.
     """
-    reach, size, told = ar.reach, restriction.size, restriction.told(ar)
+    order, size, told = ar.size, restriction.size, restriction.told(ar)
     sums = np.eye(size) if of is None else of
-    whole, moving = sums @ told.covariance, np.zeros((len(sums), ar.order))
+    whole, moving = sums @ told.covariance, np.zeros((len(sums), order))
     for piece in restriction.whitened(ar):
         raw, use = piece.moved.rows, piece.moved.use
-        now = at_samples(whole @ piece.rows[:size], use, reach, raw.shape[1])
-        moving += ar.lags.summed(with_past(now, whole @ (raw[:size] - piece.shares @ raw[size:]), ar.lags.reach))
+        now = at_samples(whole @ piece.rows[:size], use, order, raw.shape[1])
+        moving += with_past(now, whole @ (raw[:size] - piece.shares @ raw[size:]), order)
     own = np.einsum("ia,ab,ib->i", whole, told.information, whole)
     told_at_all = (own > levels.LOST * np.einsum("ia,ia->i", whole, sums))[:, None]
     return np.asarray(np.divide(moving, own[:, None], out=np.zeros_like(moving), where=told_at_all))

@@ -7,16 +7,14 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression, bridge
 from trueplant.identify.fit import RowFit
 from trueplant.identify.likelihood import held_at, rise
 from trueplant.identify.linear_algebra import orthonormal
+from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.row import Row
 
 
-def rival_dead_times(
-    row: Row, theta: Array, ar: Autoregression, weights: Array, reach: int
-) -> list[tuple[float, Array]]:
+def rival_dead_times(row: Row, theta: Array, ar: Array, weights: Array, reach: int) -> list[tuple[float, Array]]:
     """Other dead times that may fit as well: pairs of cost and theta, best first.
 
     Inputs that carry measurement noise give the cost of a dead time a minimum of its own in every sample
@@ -28,9 +26,7 @@ def rival_dead_times(
     return sorted(rivals, key=lambda rival: rival[0])
 
 
-def _rivals(
-    row: Row, theta: Array, ar: Autoregression, weights: Array, index: int, reach: int
-) -> list[tuple[float, Array]]:
+def _rivals(row: Row, theta: Array, ar: Array, weights: Array, index: int, reach: int) -> list[tuple[float, Array]]:
     m = row.element_of(index)
     spec, part = row.specs[m], row.slices[m]
     h = row.pieces[0].h
@@ -41,9 +37,9 @@ def _rivals(
     gram, moment, power, count = 0.0, 0.0, 0.0, 0
     for k, piece in enumerate(row.pieces):
         y, valid = row.measured(k)
-        if y.size <= ar.reach + 1:
+        if y.size <= ar.size + 1:
             continue
-        use = ar.valid(valid)
+        use = whitened_valid(ar.size, valid)
         response, gradient = row.response_and_gradient(theta, k)
         candidates = np.empty((tried.size, y.size))
         for c, value in enumerate(tried):
@@ -51,10 +47,10 @@ def _rivals(
             p[index - part.start] = value
             u, hold = piece.inputs[spec.column], piece.hold[spec.column]
             candidates[c] = spec.structure.response(p, u, piece.h, hold, row.stride)
-        errors = bridge(y - response + candidates[0] - candidates, valid)
-        basis = orthonormal(ar.whiten(row.nuisance(theta, k))[use])
-        e = weights[k] * np.compress(use, ar.whiten(errors.T).T, axis=1)
-        j = weights[k] * np.compress(use, ar.whiten(gradient[:, others]).T, axis=1)
+        errors = np.where(valid, y - response + candidates[0] - candidates, 0.0)
+        basis = orthonormal(whiten(ar, row.nuisance(theta, k))[use])
+        e = weights[k] * np.compress(use, whiten(ar, errors.T).T, axis=1)
+        j = weights[k] * np.compress(use, whiten(ar, gradient[:, others]).T, axis=1)
         e, j = e - e @ basis @ basis.T, j - j @ basis @ basis.T
         gram, moment, power = gram + j @ j.T, moment + j @ e.T, power + np.sum(e**2, axis=1)
         count += int(use.sum())

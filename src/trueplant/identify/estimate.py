@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import NO_NOISE_MODEL, Autoregression, Lags, furthest
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.dead_times import rival_dead_times
 from trueplant.identify.fit import RowFit, fit_row, residuals
-from trueplant.identify.noise import choose_lags, fit_autoregression, with_spare
+from trueplant.identify.noise import choose_order, fit_ar, whitened_valid
 from trueplant.identify.row import Row
 from trueplant.identify.search import grid_guess, initial_theta
 from trueplant.identify.validate import residual_tests
@@ -23,28 +21,27 @@ from trueplant.identify.validate import residual_tests
 class Options:
     """How a row is estimated."""
 
-    lags: Lags | None = None
-    """Those of the noise model; None chooses them."""
+    largest_order: int = levels.LARGEST_ORDER
+    """Of the autoregressive noise model."""
+    order: int | None = None
+    """Fixed order of the noise model; None chooses it."""
     start: RowFit | None = None
     """A fit of the row on nearly the same data to start from, instead of a search."""
 
 
-def furthest_back(row: Row, limit: float = np.inf) -> int:
-    """How many samples back a noise model may reach on these data, at most `limit`.
+def largest_order(row: Row, limit: int) -> int:
+    """The largest order of a noise model that these data bear, at most `limit`.
 
-    Samples bear it whose past is measured that far back, or up to where their piece begins: so many that each sample of
-    the reach has its share, and most of those that there are.
+    Samples bear it whose past is measured that far back, or up to where their piece begins.
     """
     measured = [row.measured(k)[1] for k in range(len(row.pieces))]
     samples = sum(int(ok.sum()) for ok in measured)
-    most = int(max(0, min(limit, samples // levels.SAMPLES_PER_ORDER, min(ok.size for ok in measured) // 4)))
+    most = max(0, min(limit, samples // levels.SAMPLES_PER_ORDER, min(ok.size for ok in measured) // 4))
 
-    def too_far(reach: int) -> bool:
-        lags = furthest(levels.SINGLE_LAGS, reach)
-        bearing = sum(reach + int(lags.predicted(ok, reach).sum()) for ok in measured)
-        return bearing < max(levels.SAMPLES_PER_ORDER * reach, samples / 2)
+    def bearing(order: int) -> int:
+        return sum(order + int(whitened_valid(order, ok).sum()) for ok in measured)
 
-    return bisect_left(range(1, most + 1), True, key=too_far)
+    return next((k for k in range(most, 0, -1) if bearing(k) >= levels.SAMPLES_PER_ORDER * k), 0)
 
 
 def noise_signals(fit: RowFit) -> tuple[list[Array], list[BoolArray]]:
@@ -61,13 +58,13 @@ def free_of_noise(fit: RowFit) -> bool:
     return left <= levels.NOISE_FREE * energy or fit.cost <= levels.EXACT * energy
 
 
-def fit_noise(fit: RowFit, lags: Lags | None = None, reach: int = 0) -> Autoregression:
-    """The noise model of the output error of a fit; where no lags are given they are chosen, up to that reach."""
+def fit_noise(fit: RowFit, order: int | None, limit: int) -> Array:
+    """AR coefficients of the output error of a fit; the order is chosen where none is given."""
     if free_of_noise(fit):
-        return NO_NOISE_MODEL
+        return np.zeros(0)
     signals, valid = noise_signals(fit)
-    chosen = with_spare(choose_lags(signals, valid, reach)).within(reach) if lags is None else lags
-    return fit_autoregression(signals, valid, chosen)
+    chosen = min(choose_order(signals, valid, limit) + levels.SPARE_ORDERS, limit) if order is None else order
+    return fit_ar(signals, valid, chosen)[0]
 
 
 def estimate_row(row: Row, time_scale: float, options: Options | None = None) -> RowFit:
@@ -80,24 +77,25 @@ def estimate_row(row: Row, time_scale: float, options: Options | None = None) ->
     fit = options.start or _searched(part, time_scale, options)
     if options.start is not None or part is not row:
         fit = _on_the_whole(row, fit, options)
-    return fit if options.lags is not None else _whitened(fit, furthest_back(row))
+    limit = largest_order(row, options.largest_order)
+    return fit if options.order is not None else _whitened(fit, limit)
 
 
 def _searched(row: Row, time_scale: float, options: Options) -> RowFit:
     """The best minimum, from the grid and from the model."""
-    reach = furthest_back(row)
+    limit = largest_order(row, options.largest_order)
     model = initial_theta(row, time_scale)
-    fit = _from_grid(row, model, options.lags, reach)
+    fit = _from_grid(row, model, options.order, limit)
     if all(spec.initial is not None for spec in row.specs):
-        fit = _better(row, fit, _from_model(row, model, options.lags, reach))
-    return best_dead_times(_with_noise(fit, options.lags, reach, iterations=60))
+        fit = _better(row, fit, _from_model(row, model, options.order, limit))
+    return best_dead_times(_with_noise(fit, options.order, limit, iterations=60))
 
 
-def _from_grid(row: Row, model: Array, lags: Lags | None, reach: int) -> RowFit:
-    fit = fit_row(row, grid_guess(row, model, NO_NOISE_MODEL), NO_NOISE_MODEL)
+def _from_grid(row: Row, model: Array, order: int | None, limit: int) -> RowFit:
+    fit = fit_row(row, grid_guess(row, model, np.zeros(0)), np.zeros(0))
     row = row.without_unseen(fit.theta)
-    fit = fit_row(row, fit.theta, NO_NOISE_MODEL)
-    fit = _with_noise(fit, lags, reach, iterations=25)
+    fit = fit_row(row, fit.theta, np.zeros(0))
+    fit = _with_noise(fit, order, limit, iterations=25)
     # The grid again, now weighted by the noise model, and the model itself as another initial guess.
     fit = _tried(fit, model)
     while (better := _tried(fit, grid_guess(row, fit.theta, fit.ar, rounds=1))) is not fit:
@@ -112,13 +110,13 @@ def _tried(fit: RowFit, theta: Array) -> RowFit:
     return rival if gain > levels.TRIED_SETTLED else fit
 
 
-def _from_model(row: Row, model: Array, lags: Lags | None, reach: int) -> RowFit:
+def _from_model(row: Row, model: Array, order: int | None, limit: int) -> RowFit:
     """From the model with the noise model that it leaves: beside a plant that explains disturbances as well there is
     another noise, under which the right plant may look worse than it is."""
     row = row.without_unseen(model)
-    kept = fit_row(row, model, NO_NOISE_MODEL, free=np.zeros(model.size, dtype=bool))
-    fit = fit_row(row, model, fit_noise(kept, lags, reach), weights=kept.weights, iterations=25)
-    return _with_noise(fit, lags, reach, iterations=25)
+    kept = fit_row(row, model, np.zeros(0), free=np.zeros(model.size, dtype=bool))
+    fit = fit_row(row, model, fit_noise(kept, order, limit), weights=kept.weights, iterations=25)
+    return _with_noise(fit, order, limit, iterations=25)
 
 
 def _better(row: Row, one: RowFit, other: RowFit) -> RowFit:
@@ -139,34 +137,33 @@ def is_better(one: RowFit, other: RowFit) -> bool:
 
     def criterion(fit: RowFit) -> float:
         size = max(fit.cost, np.finfo(float).tiny) / fit.count
-        return float(count * np.log(size) + np.log(count) * fit.ar.order)
+        return float(count * np.log(size) + np.log(count) * fit.ar.size)
 
     return criterion(one) <= criterion(other)
 
 
 def _on_the_whole(row: Row, part: RowFit, options: Options) -> RowFit:
     """The fit of a long record, started from that of a part of it: only dead times within reach are tried again."""
+    limit = largest_order(row, options.largest_order)
     sigma = np.sqrt(np.diag(part.covariance)[row.is_dead_time])
     reach = min(levels.DEAD_TIME_REACH, 1 + int(np.ceil(4 * float(np.max(sigma, initial=0.0)) / row.pieces[0].h)))
     fit = fit_row(row.without_unseen(part.theta), part.theta, part.ar)
-    return best_dead_times(_with_noise(fit, options.lags, furthest_back(row), iterations=60), reach)
+    return best_dead_times(_with_noise(fit, options.order, limit, iterations=60), reach)
 
 
-def _whitened(fit: RowFit, reach: int) -> RowFit:
+def _whitened(fit: RowFit, limit: int) -> RowFit:
     """The fit with a larger noise model, as long as its prediction errors are not white.
 
     The Bayesian criterion is content with less, at the price of intervals that are a little too narrow.
     Where the errors follow the inputs, the structure is at fault and a larger noise model no cure.
     """
-    while True:
+    while fit.ar.size < limit:
         tests = residual_tests(fit)
         if tests.whiteness_p > levels.NOT_WHITE or np.min(tests.cross_p) < levels.UNDERMODELLED:
             break
-        own = fit.ar.lags
-        single = min(own.single + max(2, own.single // 2), 2 * levels.SINGLE_LAGS)
-        lags = Lags(single, own.groups + (levels.SPARE_ORDERS if own.groups else 0)).within(reach)
-        ar = fit_noise(fit, lags)
-        if ar.order <= own.order:
+        order = min(fit.ar.size + max(2, fit.ar.size // 2), limit)
+        ar = fit_noise(fit, order, limit)
+        if ar.size != order:
             break
         fit = fit_row(fit.row, fit.theta, ar, weights=fit.weights, iterations=60)
     return fit
@@ -189,14 +186,9 @@ def best_dead_times(fit: RowFit, reach: int = levels.DEAD_TIME_REACH, rounds: in
 
 
 def _with_noise(
-    fit: RowFit,
-    lags: Lags | None,
-    reach: int,
-    iterations: int,
-    reweight: bool = True,
-    settled: float = levels.SETTLED,
+    fit: RowFit, order: int | None, limit: int, iterations: int, reweight: bool = True, settled: float = levels.SETTLED
 ) -> RowFit:
-    ar = fit_noise(fit, lags, reach)
+    ar = fit_noise(fit, order, limit)
     return fit_row(
         fit.row,
         fit.theta,
@@ -214,9 +206,9 @@ def polished(fit: RowFit) -> RowFit:
     return with_own_noise(with_own_noise(fit, levels.TRIED_STEPS), levels.POLISHED_STEPS)
 
 
-def with_noise_of(fit: RowFit, lags: Lags, iterations: int) -> RowFit:
-    """The fit with a noise model of these lags, under the weights that it has."""
-    return _with_noise(fit, lags, 0, iterations, reweight=False)
+def with_noise_of_order(fit: RowFit, order: int, iterations: int) -> RowFit:
+    """The fit with a noise model of that order, under the weights that it has."""
+    return _with_noise(fit, order, order, iterations, reweight=False)
 
 
 def with_own_noise(fit: RowFit, iterations: int) -> RowFit:
@@ -224,4 +216,5 @@ def with_own_noise(fit: RowFit, iterations: int) -> RowFit:
 
     As far as comparisons need it.
     """
-    return _with_noise(fit, None, furthest_back(fit.row), iterations, reweight=False, settled=levels.TRIED_SETTLED)
+    limit = largest_order(fit.row, levels.LARGEST_ORDER)
+    return _with_noise(fit, None, limit, iterations, reweight=False, settled=levels.TRIED_SETTLED)

@@ -13,7 +13,6 @@ import numpy as np
 
 from trueplant.identify import levels
 from trueplant.identify.answers import unanswered
-from trueplant.identify.autoregression import Lags
 from trueplant.identify.estimate import Options, estimate_row
 from trueplant.identify.longest_noise import estimate_beside_longest_noise
 from trueplant.identify.output import OutputEstimate, averaged
@@ -56,7 +55,7 @@ def with_guesses(
     samples = sum(piece.y.size for piece in pieces)
     row = Row(tuple(specs), pieces, update * max(1, samples // levels.GUESSED_FROM // update))
     fits = [
-        estimate_row(row, max(p.span for p in pieces) / share, Options(lags=Lags(levels.GUESSED_ORDER)))
+        estimate_row(row, max(p.span for p in pieces) / share, Options(order=levels.GUESSED_ORDER))
         for share in levels.FIRST_SCALES
     ]
     best = min(fits, key=lambda fit: fit.cost / fit.count)

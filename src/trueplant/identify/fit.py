@@ -9,17 +9,18 @@ out in every step (variable projection, Golub and Pereyra 1973, with the full de
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression, bridge
 from trueplant.identify.descent import Problem, descend
 from trueplant.identify.initial_state import Unknown
+from trueplant.identify.lagged import at_samples, gram_of_past, with_past
 from trueplant.identify.linear_algebra import eliminated, identifiable_columns, inverse, remove, with_held
+from trueplant.identify.noise import filter_rows, measured_from, whiten, whitened_valid
 from trueplant.identify.restricted import Moved, Restriction
 from trueplant.identify.row import Row
 
@@ -31,7 +32,8 @@ class RowFit:
     row: Row
     theta: Array
     """(row.size,) parameters of the elements, stacked in the order of row.specs."""
-    ar: Autoregression
+    ar: Array
+    """(order,) coefficients a1, a2, ... of A(q) = 1 + a1 q^-1 + ..."""
     variance: float
     """Of the prediction error e."""
     information: Array
@@ -77,7 +79,7 @@ class RowFit:
     @property
     def left(self) -> int:
         """Degrees of freedom that parameters, noise model and nuisance terms leave, all of them counted as free."""
-        return max(self.count - self.theta.size - self.ar.order - self.row.unknown_count, 1)
+        return max(self.count - self.theta.size - self.ar.size - self.row.unknown_count, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +104,13 @@ class Point:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def evaluate(row: Row, theta: Array, ar: Autoregression, weights: Array) -> Point:
+def evaluate(row: Row, theta: Array, ar: Array, weights: Array) -> Point:
     """Cost and normal equations at theta and ar, operating points and initial states projected out.
 
     The prior of theta is in both: the fit is the most probable plant. Trials may be far off enough that numbers
     overflow: the cost is then not finite, and the descent refuses them.
     """
-    size = theta.size + ar.order
+    size = theta.size + ar.size
     information, slope = np.zeros((size, size)), np.zeros(size)
     power = np.zeros((len(row.pieces), 2))
     for piece in linearised(row, theta, ar, weights):
@@ -140,7 +142,8 @@ class Linearised:
     """The prediction errors that there are."""
     errors: Array
     """(n_used,)"""
-    ar: Autoregression
+    ar: Array
+    """(order,)"""
     weight: float
     output_errors: Array
     """(n,) weighted."""
@@ -152,56 +155,76 @@ class Linearised:
     """(n_z, n) responses to operating points and initial states, as far as they can be told."""
     largest: Array
     """(n_z,) amplitude that each of them may have."""
-    measured: BoolArray
-    """(n,)"""
 
     @cached_property
     def jacobian(self) -> Array:
-        """(size + order, n_used) by theta and the coefficients of ar, without what `basis` spans."""
-        first = self.use.start if isinstance(self.use, slice) else 0
-        size, reach = len(self.moved), self.ar.reach
-        out = np.empty((size + self.ar.order, self.output_errors.size - reach - first))
-        out[:size] = self.ar.whitened_rows(-self.weight * self.moved, first)
-        self.ar.lags.past(self.output_errors[first:], reach, out[size:])
-        out = out if isinstance(self.use, slice) else np.compress(self.use, out, axis=1)
-        remove(self.basis.T, out)
-        return out
+        """(size + order, n_used) by theta and ar."""
+        return self._derivatives(self.ar.size)
 
     def normal_equations(self) -> tuple[Array, Array]:
         """Information (size + order, size + order) and half the gradient (size + order,)."""
-        return self.jacobian @ self.jacobian.T, self.jacobian @ self.errors
+        order, size = self.ar.size, len(self.moved)
+        if order <= levels.WRITTEN_OUT:
+            return self.jacobian @ self.jacobian.T, self.jacobian @ self.errors
+        by_theta, basis, past = self._derivatives(0), self.basis.T, self.output_errors
+        rows = np.vstack([by_theta, self.errors, basis])
+        products = with_past(at_samples(rows, self.use, order, past.size), past, order)
+        across, slope, spanned = products[:size], products[size], products[size + 1 :]
+        noise = gram_of_past(past, self.use, order) - spanned.T @ spanned
+        information = np.block([[by_theta @ by_theta.T, across], [across.T, noise]])
+        return information, np.concatenate([by_theta @ self.errors, slope])
+
+    def _derivatives(self, lags: int) -> Array:
+        """(size + lags, n_used) by theta and so many coefficients, without what `basis` spans."""
+        out = _derivatives(self.moved, self.output_errors, self.weight, self.ar, self.use, lags)
+        remove(self.basis.T, out)
+        return out
 
 
-def linearised(row: Row, theta: Array, ar: Autoregression, weights: Array) -> Iterator[Linearised]:
+def linearised(row: Row, theta: Array, ar: Array, weights: Array) -> Iterator[Linearised]:
     """The pieces that have prediction errors."""
+    order = ar.size
     for k in range(len(row.pieces)):
         y, valid = row.measured(k)
-        if y.size <= ar.reach + 1:
+        if y.size <= order + 1:
             continue
-        use = _used(ar, valid)
+        use = _used(order, valid)
         if use is None:
             continue
         response, gradient = row.response_and_gradient(theta, k)
         unknown = row.unknown(theta, k)
-        v, unknown = bridge(y - response, valid), replace(unknown, rows=bridge(unknown.rows, valid))
+        v = np.where(valid, y - response, 0.0)
         coefficients, basis = _weights_of_unknowns(unknown, v, ar, use)
-        v = v - unknown.columns @ coefficients
-        errors = weights[k] * ar.whiten(v)[use]
+        v = np.where(valid, v - unknown.columns @ coefficients, 0.0)
+        errors = weights[k] * whiten(ar, v)[use]
         moved = np.ascontiguousarray(gradient.T)
         unknown.add_gradient(coefficients, moved)
-        moved = bridge(moved, valid)
         told, weight = coefficients != 0, float(weights[k])
         yield Linearised(
-            k, use, errors, ar, weight, weight * v, basis, moved, unknown.rows[told], unknown.largest[told], valid
+            k, use, errors, ar, weight, weight * v, basis, moved, unknown.rows[told], unknown.largest[told]
         )
 
 
-def _weights_of_unknowns(unknown: Unknown, v: Array, ar: Autoregression, use: slice | BoolArray) -> tuple[Array, Array]:
+def _derivatives(moved: Array, v: Array, weight: float, ar: Array, use: slice | BoolArray, lags: int) -> Array:
+    """(size + lags, n_used) of the weighted prediction errors, by theta and the first coefficients of the noise model.
+
+    `moved` (size, n) is what theta does to the output, v (n,) the weighted output errors.
+    """
+    order, size = ar.size, len(moved)
+    first = use.start if isinstance(use, slice) else 0
+    out = np.empty((size + lags, v.size - order - first))
+    filter_rows(-weight * np.concatenate([[1.0], ar]), moved, first, out[:size])
+    for lag in range(1, lags + 1):
+        out[size + lag - 1] = v[order + first - lag : v.size - lag]
+    return out if isinstance(use, slice) else np.compress(use, out, axis=1)
+
+
+def _weights_of_unknowns(unknown: Unknown, v: Array, ar: Array, use: slice | BoolArray) -> tuple[Array, Array]:
     """Weights (n_z,) of the unknowns in the output errors v (n,), 0 where not identifiable, and what they span.
 
     The basis (n_used, rank) is that of the unknowns in the prediction errors that `use` picks.
     """
-    columns, errors = ar.whiten(unknown.columns)[use], ar.whiten(v)[use]
+    columns, errors = whiten(ar, unknown.columns)[use], whiten(ar, v)[use]
     identifiable = identifiable_columns(columns, errors, unknown.largest)
     weights = np.zeros(identifiable.size)
     weights[identifiable], basis = eliminated(columns.T[identifiable].T, errors)
@@ -212,7 +235,7 @@ def _weights_of_unknowns(unknown: Unknown, v: Array, ar: Autoregression, use: sl
 class Whitening:
     """How changes of the response of one piece reach its prediction errors, at the end of a fit."""
 
-    ar: Autoregression
+    ar: Array
     weight: float
     use: slice | BoolArray
     basis: Array
@@ -221,22 +244,18 @@ class Whitening:
     """(size + order, n_used) of the prediction errors, without what those span."""
     errors: Array
     """(n_used,)"""
-    measured: BoolArray
-    """(n,)"""
 
     @classmethod
     def of(cls, fit: RowFit) -> tuple[Whitening | None, ...]:
         """One a piece; None for a piece that has no prediction errors."""
         found: list[Whitening | None] = [None] * len(fit.row.pieces)
         for piece in linearised(fit.row, fit.theta, fit.ar, fit.weights):
-            found[piece.number] = cls(
-                fit.ar, piece.weight, piece.use, piece.basis, piece.jacobian, piece.errors, piece.measured
-            )
+            found[piece.number] = cls(fit.ar, piece.weight, piece.use, piece.basis, piece.jacobian, piece.errors)
         return tuple(found)
 
     def __call__(self, responses: Array) -> Array:
         """(m, n_used) what each of the responses (m, n), subtracted from PV, takes off the prediction errors."""
-        filtered = self.weight * self.ar.whiten(bridge(responses, self.measured).T)[self.use].T
+        filtered = self.weight * whiten(self.ar, responses.T)[self.use].T
         return np.asarray(filtered - (filtered @ self.basis) @ self.basis.T)
 
 
@@ -261,19 +280,18 @@ class _Moved:
             yield Moved(rows, piece.use, fit.variance / np.maximum(piece.largest, np.finfo(float).tiny) ** 2)
 
 
-def _used(ar: Autoregression, valid: BoolArray) -> slice | BoolArray | None:
+def _used(order: int, valid: BoolArray) -> slice | BoolArray | None:
     """The prediction errors that rest on measured outputs alone; None where there are none."""
-    use = ar.valid(valid)
-    if not use.any():
+    first, rest = measured_from(order, valid)
+    if first < 0:
         return None
-    first = int(np.argmax(use))
-    return slice(first, None) if use[first:].all() else use
+    return slice(first, None) if rest else whitened_valid(order, valid)
 
 
 def fit_row(
     row: Row,
     theta: Array,
-    ar: Autoregression,
+    ar: Array,
     *,
     weights: Array | None = None,
     free: BoolArray | None = None,
@@ -290,30 +308,29 @@ def fit_row(
     free = np.ones(theta.size, dtype=bool) if free is None else free
     n = theta.size
     low, high = row.bounds()
-    anywhere = np.full(ar.order, np.inf)
-    moving = np.concatenate([free, np.ones(ar.order, dtype=bool)])
+    anywhere = np.full(ar.size, np.inf)
+    moving = np.concatenate([free, np.ones(ar.size, dtype=bool)])
 
     def at(x: Array, near: Point) -> Point:
-        return evaluate(row, x[:n], ar.with_coefficients(x[n:]), near.weights)
+        return evaluate(row, x[:n], x[n:], near.weights)
 
     def reweighted(x: Array, point: Point, step: int) -> Point | None:
         if not reweight or len(row.pieces) == 1 or step not in levels.REWEIGHTED:
             return None
-        return evaluate(row, x[:n], ar.with_coefficients(x[n:]), _level_weights(point.power, point.weights))
+        return evaluate(row, x[:n], x[n:], _level_weights(point.power, point.weights))
 
     problem = Problem(
         at,
         np.concatenate([low, -anywhere]),
         np.concatenate([high, anywhere]),
         moving,
-        np.concatenate([row.is_dead_time, np.zeros(ar.order, dtype=bool)]),
+        np.concatenate([row.is_dead_time, np.zeros(ar.size, dtype=bool)]),
         levels.EXACT * max(row.energy, 1e-300),
         settled,
         reweighted,
     )
-    begun = np.concatenate([theta, ar.coefficients])
-    found = descend(problem, begun, evaluate(row, theta, ar, weights), iterations)
-    theta, ar, point = found.x[:n], ar.with_coefficients(found.x[n:]), found.point
+    found = descend(problem, np.concatenate([theta, ar]), evaluate(row, theta, ar, weights), iterations)
+    theta, ar, point = found.x[:n], found.x[n:], found.point
     left = max(point.count - int(moving.sum()) - row.unknown_count, 1)
     information = with_held(point.information, moving)
     variance = float(point.power[:, 0].sum()) / left
@@ -347,16 +364,15 @@ def _level_weights(power: Array, weights: Array) -> Array:
 def residuals(fit: RowFit) -> list[tuple[Array, Array, BoolArray]]:
     """For each piece: the output error v (NaN where not measured), the prediction error e, and where e is valid."""
     out = []
-    row, reach = fit.row, fit.ar.reach
+    row, order = fit.row, fit.ar.size
     for k in range(len(row.pieces)):
         y, valid = row.measured(k)
         response = row.response(fit.theta, k)
-        v = bridge(y - response, valid)
+        v = np.where(valid, y - response, 0.0)
         e = np.full(y.size, np.nan)
-        if y.size > reach + 1 and (use := fit.ar.valid(valid)).any():
+        if y.size > order + 1 and (use := whitened_valid(order, valid)).any():
             unknown = row.unknown(fit.theta, k)
-            unknown = replace(unknown, rows=bridge(unknown.rows, valid))
             v = v - unknown.columns @ _weights_of_unknowns(unknown, v, fit.ar, use)[0]
-            e[reach:][use] = fit.ar.whiten(v)[use]
+            e[order:][use] = whiten(fit.ar, np.where(valid, v, 0.0))[use]
         out.append((np.where(valid, v, np.nan), e, np.isfinite(e)))
     return out

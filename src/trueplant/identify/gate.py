@@ -21,7 +21,6 @@ from scipy.stats import t
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.autoregression import NO_NOISE_MODEL, Lags
 from trueplant.identify.between_experiments import kinds_of, sizes_of
 from trueplant.identify.estimate import fit_noise
 from trueplant.identify.fit import RowFit, fit_row, linearised, residuals
@@ -117,16 +116,16 @@ def _compared(estimate: OutputEstimate, part: _Part, row: Row, model: Array) -> 
     own = replace(estimate.row, pieces=part.pieces).without_unseen(part.theta)
     row = replace(row, pieces=own.pieces).without_unseen(model)
     own = replace(own, pieces=row.pieces)
-    lags = estimate.fit.ar.lags
-    ours, theirs = _fairest(own, part.theta, lags), _fairest(row, model, lags)
-    return _p_value(_errors(ours), _errors(theirs), _leeway(ours, part.covariance), lags.reach + 1)
+    order = estimate.fit.ar.size
+    ours, theirs = _fairest(own, part.theta, order), _fairest(row, model, order)
+    return _p_value(_errors(ours), _errors(theirs), _leeway(ours, part.covariance), order + 1)
 
 
-def _fairest(row: Row, theta: Array, lags: Lags) -> RowFit:
+def _fairest(row: Row, theta: Array, order: int) -> RowFit:
     """A plant with the starts, offsets and noise coefficients that suit it best."""
     fixed = np.zeros(theta.size, dtype=bool)
-    plain = fit_row(row, theta, NO_NOISE_MODEL, free=fixed)
-    return fit_row(row, theta, fit_noise(plain, lags), weights=plain.weights, free=fixed)
+    plain = fit_row(row, theta, np.zeros(0), free=fixed)
+    return fit_row(row, theta, fit_noise(plain, order, order), weights=plain.weights, free=fixed)
 
 
 def _errors(fit: RowFit) -> list[Array]:

@@ -16,13 +16,12 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import whitened_valid
 from trueplant.identify.descent import Problem, descend
 from trueplant.identify.fit import RowFit, residuals
 from trueplant.identify.joint_errors import places_of
 from trueplant.identify.joint_plant import JointPlant, JointPoint
 from trueplant.identify.linear_algebra import inverse, with_held
-from trueplant.identify.noise import lagged
+from trueplant.identify.noise import lagged, whitened_valid
 from trueplant.identify.portmanteau import correlogram
 from trueplant.identify.row import Row
 
@@ -205,7 +204,7 @@ def _vector_ar(v: Sequence[Array], valid: Sequence[BoolArray], order: int, past:
 def _chosen_order(v: Sequence[Array], valid: Sequence[BoolArray], fits: Sequence[RowFit]) -> int:
     """By Akaike's criterion, all on the same samples: fewer of them would count as likelier in some units of PV."""
     n = len(fits)
-    most = min(levels.JOINT_LARGEST_ORDER, max(2 * max(fit.ar.order for fit in fits), 4))
+    most = min(levels.JOINT_LARGEST_ORDER, max(2 * max(fit.ar.size for fit in fits), 4))
 
     def bearing(order: int) -> int:
         return sum(int(whitened_valid(order, ok).sum()) for ok in valid)

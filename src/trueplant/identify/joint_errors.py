@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
-from trueplant.identify.autoregression import whitened_valid
 from trueplant.identify.linear_algebra import eliminated, identifiable_columns
-from trueplant.identify.noise import lagged
+from trueplant.identify.noise import lagged, whitened_valid
 from trueplant.identify.row import Row
 
 

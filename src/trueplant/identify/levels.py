@@ -105,8 +105,6 @@ GUESSED_ORDER = 2
 # Which samples are taken
 SAMPLES_PER_LAG = 80
 """More samples than this per lag of the fastest element are left out of long records."""
-STRIDES_PER_DEAD_TIME = 4.0
-"""Samples that are looked at in the shortest dead time of the model, at least, where others are left out."""
 ENOUGH_SAMPLES = 1000
 """Samples that are kept in any case."""
 SHORTEST_BLOCK = 65_536
@@ -201,14 +199,13 @@ NOISE_SHIFT_ERRORS, NOISE_SHIFT_SHARE = 3.0, 3.0
 """A parameter depends on the noise model if another order moves it by more than three standard errors and by more than
 a third of its size."""
 
-USUAL_REACH = 30
-"""Samples back that noise models are looked at; twice as many as long as they are asked for. A random walk that flows
-into a vessel asks for many: PV integrates it, and below the measurement's noise that shows late. So do drifts that are
-slow beside the sampling."""
-SINGLE_LAGS = 30
-"""Past samples that may have a coefficient each, at most."""
-SHARED_SPAN = 0.25
-"""Samples that share a coefficient, as a share of how far they are back."""
+USUAL_ORDER, LARGEST_ORDER = 30, 240
+"""Of the autoregressive noise model, at most; the larger where the Bayesian criterion asks for all of the usual ones. A
+random walk that flows into a vessel takes them: PV integrates it, and below the measurement's noise that shows late."""
+
+WRITTEN_OUT = 40
+"""Coefficients of the noise model up to which derivatives are written out. Beyond, normal equations come from
+correlations: the same numbers, from where on they are the cheaper ones."""
 
 # Tests
 RESIDUAL_LAGS = 25

@@ -12,6 +12,7 @@ from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.fit import RowFit, Whitening
 from trueplant.identify.linear_algebra import orthonormal
+from trueplant.identify.noise import whiten
 from trueplant.record.types import Load
 
 
@@ -82,7 +83,7 @@ class _Scan:
         self._fit = fit
         found = enumerate(Whitening.of(fit))
         every = [(k, whitening) for k, whitening in found if whitening is not None]
-        free = np.concatenate([fit.free, np.ones(fit.ar.order, dtype=bool)])
+        free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
         known = [whitening.jacobian[free] for _, whitening in every]
         basis = orthonormal(np.hstack(known).T) if known else np.zeros((0, 0))
         e = np.concatenate([np.zeros(0), *(whitening.errors for _, whitening in every)])
@@ -116,7 +117,7 @@ class _Piece:
         self._part, self._use = part, whitening.use
         row, piece = fit.row, fit.row.pieces[number]
         self._experiment, self._start, self._h = piece.experiment, piece.start, piece.h * row.stride
-        self._taps, self._reach = fit.ar.near_taps, fit.ar.reach
+        self._taps = np.concatenate([[1.0], fit.ar])
         n = self._count = len(range(0, piece.y.size, row.stride))
         others = np.fft.rfft(self._laid(np.vstack([np.ones(explained.shape[1]), explained])), 2 * n)
         self._shapes: dict[int, tuple[Array, Array]] = {}
@@ -128,7 +129,7 @@ class _Piece:
             step, hold = np.ones(piece.y.size), piece.hold[spec.column]
             answer = spec.structure.response(p, step, piece.h, hold, row.stride)
             # before the load there is nothing: its errors begin with it
-            shape = whitening.weight * fit.ar.whiten(np.concatenate([np.zeros(fit.ar.reach), answer]))
+            shape = whitening.weight * whiten(fit.ar, np.concatenate([np.zeros(fit.ar.size), answer]))
             spectrum = np.conj(np.fft.rfft(shape, 2 * n))
             squares = np.fft.irfft(others[0] * np.conj(np.fft.rfft(shape**2, 2 * n)), 2 * n)[:n]
             left = squares - np.sum(np.fft.irfft(others[1:] * spectrum, 2 * n)[:, :n] ** 2, axis=0)
@@ -138,7 +139,7 @@ class _Piece:
     def _laid(self, rows: Array) -> Array:
         """Rows (m, n_used) of prediction errors where they belong among all samples (m, n)."""
         out = np.zeros((len(rows), self._count))
-        out[:, self._reach :][:, self._use] = rows
+        out[:, self._taps.size - 1 :][:, self._use] = rows
         return out
 
     def seen(self, e: Array, variance: float) -> list[_Seen]:
@@ -158,4 +159,4 @@ class _Piece:
             squares = sizes**2 * size
             peak = (squares > least) & (squares == maximum_filter1d(squares, 2 * taps.size - 1))
             out += np.convolve(np.where(peak, sizes, 0.0), taps)[: self._count]
-        return np.asarray(out[self._reach :][self._use])
+        return np.asarray(out[self._taps.size - 1 :][self._use])

@@ -17,13 +17,13 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.autoregression import bridge
 from trueplant.identify.blocks import most_moved
 from trueplant.identify.estimate import free_of_noise, polished, with_own_noise
 from trueplant.identify.fit import RowFit, fit_row, linearised
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.load_gains import likeliest_load
 from trueplant.identify.longest_noise import beside_longest_noise
+from trueplant.identify.noise import whiten
 from trueplant.identify.row import Row
 from trueplant.record.types import Load, Segment
 
@@ -97,9 +97,9 @@ def found_loads(fits: Fits) -> list[FoundLoad]:
                 continue
             unknown = fit.row.unknown(fit.theta, k).columns
             y, valid = fit.row.measured(k)
-            output = bridge(y - fit.row.response(fit.theta, k), valid)
-            columns = fit.weights[k] * np.column_stack([fit.ar.whiten(unknown)[part.use], -part.jacobian.T])
-            weights = np.linalg.lstsq(columns, fit.weights[k] * fit.ar.whiten(output)[part.use], rcond=1e-10)[0]
+            output = np.where(valid, y - fit.row.response(fit.theta, k), 0.0)
+            columns = fit.weights[k] * np.column_stack([whiten(fit.ar, unknown)[part.use], -part.jacobian.T])
+            weights = np.linalg.lstsq(columns, fit.weights[k] * whiten(fit.ar, output)[part.use], rcond=1e-10)[0]
             variances = fit.variance * np.diag(inverse(columns.T @ columns))
             first = unknown.shape[1] - len(loads)
             for n, (load, _) in enumerate(loads, start=first):

@@ -13,16 +13,16 @@ from functools import partial
 import numpy as np
 
 from trueplant.identify import levels
-from trueplant.identify.autoregression import furthest
 from trueplant.identify.covariance import joint_freedom, noise_freedom, scaled, student_factor
-from trueplant.identify.estimate import furthest_back, with_noise_of
+from trueplant.identify.estimate import largest_order, with_noise_of_order
 from trueplant.identify.fit import RowFit, fit_row, restriction_of
 from trueplant.identify.output import OutputEstimate
 
 
 def beside_longest_noise(fit: RowFit) -> RowFit:
     """The fit with the largest noise model, to the end."""
-    return with_noise_of(fit, furthest(levels.SINGLE_LAGS, furthest_back(fit.row)), levels.POLISHED_STEPS)
+    order = largest_order(fit.row, levels.LARGEST_ORDER)
+    return with_noise_of_order(fit, order, levels.POLISHED_STEPS)
 
 
 def restricted(fit: RowFit, by: RowFit | None = None) -> RowFit:

@@ -22,12 +22,11 @@ from scipy.special import logsumexp
 
 from trueplant.arrays import Array, BoolArray, ComplexArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression, bridge
 from trueplant.identify.blocks import of_a_part
-from trueplant.identify.estimate import furthest_back
+from trueplant.identify.estimate import largest_order
 from trueplant.identify.fit import RowFit, linearised
 from trueplant.identify.linear_algebra import inverse, log_determinant, scaled_eigen
-from trueplant.identify.noise import choose_lags, fit_autoregression
+from trueplant.identify.noise import choose_order, fit_ar, whiten, whitened_valid
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +119,9 @@ def _told_of(fits: Sequence[RowFit]) -> list[list[_Told]]:
     each = [tuple(_pieces(fit)) for fit in fits]
     moved = [[[piece.with_memory(d) for piece in pieces] for d in levels.MEMORIES] for pieces in each]
     models = [[_left_to(fit, some) for some in own] for fit, own in zip(fits, moved, strict=True)]
-    furthest = max(ar.reach for own in models for ar in own)
+    longest = max(ar.size for own in models for ar in own)
     return [
-        [_told(fit, some, replace(ar, waits=furthest)) for some, ar in zip(own, ars, strict=True)]
+        [_told(fit, some, ar, longest) for some, ar in zip(own, ars, strict=True)]
         for fit, own, ars in zip(fits, moved, models, strict=True)
     ]
 
@@ -139,15 +138,17 @@ def _pieces(fit: RowFit) -> Iterator[_Piece]:
         known = fit.variance / np.maximum(piece.largest, np.finfo(float).tiny) ** 2
         unknown = piece.weight * piece.unknown
         own = piece.weight * np.where(valid, y - fit.row.response(fit.theta, piece.number), 0.0)
-        white = fit.ar.whiten(np.vstack([own, unknown]).T)[piece.use].T
+        white = whiten(fit.ar, np.vstack([own, unknown]).T)[piece.use].T
         # Those of the fit may be anything where its noise model cancels one with another.
         likely = inverse(white[1:] @ white[1:].T + np.diag(known)) @ (white[1:] @ white[0])
         rows = np.vstack([own - likely @ unknown, piece.weight * piece.moved, unknown])
-        yield _Piece(bridge(rows, valid), known, valid)
+        at, there = np.arange(valid.size), np.flatnonzero(valid)
+        whole = rows if valid.all() else np.array([np.interp(at, there, row[there]) for row in rows])
+        yield _Piece(whole, known, valid)
 
 
-def _left_to(fit: RowFit, pieces: Sequence[_Piece]) -> Autoregression:
-    """The autoregression of what is left of the errors.
+def _left_to(fit: RowFit, pieces: Sequence[_Piece]) -> Array:
+    """(order,) the autoregression of what is left of the errors.
 
     Operating points and initial states are taken out anew: those of the fit need not hold before its first error.
     """
@@ -157,8 +158,8 @@ def _left_to(fit: RowFit, pieces: Sequence[_Piece]) -> Autoregression:
         known = unknown @ unknown.T + np.diag(piece.known)
         errors.append(own - unknown.T @ (inverse(known) @ (unknown @ own)))
     valid = [piece.valid for piece in pieces]
-    lags = choose_lags(errors, valid, furthest_back(fit.row, max(levels.USUAL_REACH, fit.ar.reach)))
-    return fit_autoregression(errors, valid, lags)
+    order = choose_order(errors, valid, largest_order(fit.row, max(levels.USUAL_ORDER, fit.ar.size)))
+    return fit_ar(errors, valid, order)[0]
 
 
 def _moving(fit: RowFit) -> BoolArray:
@@ -171,14 +172,15 @@ def _moving(fit: RowFit) -> BoolArray:
     return np.asarray(fit.free & ~fit.row.is_dead_time & (fit.theta > low) & (fit.theta < high))
 
 
-def _told(fit: RowFit, pieces: Sequence[_Piece], ar: Autoregression) -> _Told:
-    """What the record tells under this autoregression."""
+def _told(fit: RowFit, pieces: Sequence[_Piece], ar: Array, longest: int) -> _Told:
+    """By those prediction errors that a noise model of the `longest` order has."""
     size, free = fit.theta.size, fit.free
     diagonal, pull = fit.row.prior.normal_equations(fit.theta)
     information, slope = np.diag(fit.variance * diagonal), -fit.variance * pull
     squares, count, determinant = fit.variance * fit.row.prior.penalty(fit.theta), 0, 0.0
+    whole = np.append(ar, np.zeros(longest - ar.size))
     for piece in pieces:
-        white = ar.whiten(piece.rows.T)[ar.valid(piece.valid)].T
+        white = whiten(whole, piece.rows.T)[whitened_valid(longest, piece.valid)].T
         own, unknown = white[: 1 + size], white[1 + size :]
         known = unknown @ unknown.T + np.diag(piece.known)
         products = own @ (own - own @ unknown.T @ inverse(known) @ unknown).T
@@ -194,6 +196,6 @@ def _told(fit: RowFit, pieces: Sequence[_Piece], ar: Autoregression) -> _Told:
     there = max(count - sum(piece.known.size for piece in pieces), 1)
     left = max(there - int(free.sum()), 1)
     squares = max(squares - float(slope @ shift), np.finfo(float).tiny)
-    taken = determinant + ar.order * np.log(max(count, 1))
+    taken = determinant + ar.size * np.log(max(count, 1))
     height, deviance = there * np.log(squares / there), left * np.log(squares / left) + log_determinant(told)
     return _Told(height + taken, deviance + taken, covariance * squares / left + np.outer(shift, shift))

@@ -49,7 +49,7 @@ def with_missing(
     left, doubtful = list(absent), []
     freedom = levels.SEARCHED_FREEDOM + len(SELF_REGULATING.names)
     level = levels.MISSING_ELEMENT / tested
-    while left and estimate.fit.ar.order:
+    while left and estimate.fit.ar.size:
         gains = _Scan(estimate.fit)
         gained = [gains.of(column) for column in left]
         column = left.pop(int(np.argmax(gained)))
@@ -72,7 +72,7 @@ class _Scan:
     def __init__(self, fit: RowFit) -> None:
         self._fit = fit
         self._pieces = [(k, whitening) for k, whitening in enumerate(Whitening.of(fit)) if whitening is not None]
-        free = np.concatenate([fit.free, np.ones(fit.ar.order, dtype=bool)])
+        free = np.concatenate([fit.free, np.ones(fit.ar.size, dtype=bool)])
         self._basis = orthonormal(np.hstack([whitening.jacobian[free] for _, whitening in self._pieces]).T)
         self._errors = self._beyond(np.concatenate([whitening.errors for _, whitening in self._pieces]))
 

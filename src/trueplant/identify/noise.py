@@ -1,20 +1,73 @@
-"""Autoregressive noise models by least squares, and how far back they look."""
+"""Autoregressive noise models: filtering with missing samples, estimation, choice of the order."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.compiled import compiled
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression, Lags, bridge, furthest
+from trueplant.identify.lagged import moments_of_past
 
-CHUNK = 16_384
-"""Samples whose past is written out at a time."""
+BLOCK = 1024
+"""Samples that are filtered at a time."""
+
+
+def whiten(ar: Array, x: Array) -> Array:
+    """``x[k] + a1 x[k-1] + ... `` along the first axis of x (n,) or (n, m), without the first len(ar) samples."""
+    rows = np.ascontiguousarray(x.T, dtype=float).reshape(-1, len(x))
+    out = np.empty((len(rows), max(rows.shape[1] - len(ar), 0)))
+    filter_rows(np.concatenate([[1.0], ar]), rows, 0, out)
+    return out[0] if x.ndim == 1 else out.T
+
+
+@compiled
+def filter_rows(taps: Array, rows: Array, first: int, out: Array) -> None:
+    """``taps[0] x[k] + taps[1] x[k-1] + ...`` of rows x (m, N) into (m, n), from sample k = len(taps) - 1 + first on.
+
+    In blocks that stay in the fastest cache, tap by tap.
+    """
+    p, n = taps.size - 1, out.shape[1]
+    for i in range(out.shape[0]):
+        for begin in range(0, n, BLOCK):
+            end = min(begin + BLOCK, n)
+            block = out[i, begin:end]
+            block[:] = taps[0] * rows[i, begin + first + p : end + first + p]
+            for tap in range(1, p + 1):
+                past = rows[i, begin + first + p - tap : end + first + p - tap]
+                for k in range(block.size):
+                    block[k] += taps[tap] * past[k]
+
+
+@compiled
+def whitened_valid(order: int, valid: BoolArray) -> BoolArray:
+    """Where a prediction error of this order uses measured samples only."""
+    good = np.zeros(max(valid.size - order, 0), dtype=np.bool_)
+    run = 0
+    for k in range(valid.size):
+        run = run + 1 if valid[k] else 0
+        if k >= order:
+            good[k - order] = run > order
+    return good
+
+
+@compiled
+def measured_from(order: int, valid: BoolArray) -> tuple[int, bool]:
+    """The first prediction error of this order that uses measured samples only, -1 for none; do all from there on?"""
+    first, run = -1, 0
+    for k in range(valid.size):
+        if not valid[k]:
+            if first >= 0:
+                return first, False
+            run = 0
+            continue
+        run += 1
+        if first < 0 and run > order:
+            first = k - order
+    return first, True
 
 
 def lagged(v: Array, order: int) -> Array:
@@ -26,110 +79,71 @@ def lagged(v: Array, order: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Moments:
-    """Sums of products of v and of what coefficients multiply, where all that the furthest reaches was measured."""
+    """Sums of products of v and its lags up to an order, over samples where all of them were measured."""
 
     gram: Array
     moment: Array
     power: float
     count: int
 
-    def of(self, chosen: Array) -> _Moments:
-        """Those of sums (order, n) of the coefficients."""
-        return _Moments(chosen @ self.gram @ chosen.T, chosen @ self.moment, self.power, self.count)
 
-
-@np.errstate(over="ignore", invalid="ignore")
-def _moments(signals: Sequence[Array], valid: Sequence[BoolArray], lags: Lags) -> _Moments:
-    """Signals of trials that are far off may overflow: what follows is no number, and the descent refuses it."""
-    order, reach = lags.order, lags.reach
+def _moments(signals: Sequence[Array], valid: Sequence[BoolArray], order: int) -> _Moments:
     gram, moment, power, count = np.zeros((order, order)), np.zeros(order), 0.0, 0
     for v, ok in zip(signals, valid, strict=True):
-        if len(v) <= reach:
+        if len(v) <= order:
             continue
-        known, whole = bridge(v, ok), lags.predicted(ok, reach)
-        for begin in range(0, whole.size, CHUNK):
-            use = whole[begin : begin + CHUNK]
-            part = known[begin : begin + reach + use.size]
-            now, past = part[reach:][use], np.compress(use, lags.past(part, reach), axis=1)
-            gram += past @ past.T
-            moment += past @ now
-            power += float(now @ now)
-            count += now.size
+        use = whitened_valid(order, ok)
+        now = v[order:][use]
+        own, products = moments_of_past(np.where(ok, v, 0.0), use, order)
+        moment += own
+        gram += products
+        power += float(now @ now)
+        count += now.size
     return _Moments(gram, moment, power, count)
 
 
-def _solve(sums: _Moments) -> tuple[Array, float]:
-    """Coefficients and residual sum of squares."""
-    order = sums.moment.size
-    scale = np.trace(sums.gram) / order if order else 0.0
+def _solve(sums: _Moments, order: int) -> tuple[Array, float]:
+    """Coefficients and residual sum of squares of an order not above that of the sums."""
+    gram, moment = sums.gram[:order, :order], sums.moment[:order]
+    scale = np.trace(gram) / order if order else 0.0
     if scale <= 0 or sums.count <= order:
         return np.zeros(order), sums.power
-    size = np.sqrt(np.maximum(np.diag(sums.gram), levels.LOST**2 * scale))
-    normal = sums.gram / np.outer(size, size) + 1e-12 * np.eye(order)
-    coefficients = np.asarray(np.linalg.solve(normal, sums.moment / size) / size, dtype=float)
-    return coefficients, max(sums.power - float(sums.moment @ coefficients), 0.0)
+    coefficients = np.asarray(np.linalg.solve(gram + 1e-12 * scale * np.eye(order), moment), dtype=float)
+    return coefficients, max(sums.power - float(moment @ coefficients), 0.0)
 
 
 def fit_ar(signals: Sequence[Array], valid: Sequence[BoolArray], order: int) -> tuple[Array, float, int]:
-    """Least-squares coefficients (order,) of single lags, residual variance and number of residuals."""
-    sums = _moments(signals, valid, Lags(order))
-    coefficients, power = _solve(sums)
+    """Least-squares AR coefficients (order,), residual variance and number of residuals."""
+    sums = _moments(signals, valid, order)
+    coefficients, power = _solve(sums, order)
     return -coefficients, power / max(sums.count - order, 1), sums.count
 
 
-def fit_autoregression(signals: Sequence[Array], valid: Sequence[BoolArray], lags: Lags) -> Autoregression:
-    """The noise model of least squares with these lags."""
-    return Autoregression(-_solve(_moments(signals, valid, lags))[0], lags)
-
-
-def choose_lags(signals: Sequence[Array], valid: Sequence[BoolArray], furthest_back: int) -> Lags:
-    """Lags with the least Bayesian criterion on common data, none beyond the furthest that the data bear.
+def choose_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: int) -> int:
+    """Order with the least Bayesian criterion on common data.
 
     Akaike's larger orders fit what the structure leaves out as if it were noise, at the price of the low
-    frequencies; on simulated data of the right structure the two agree in the estimates. Further ones than usual
-    are looked at as long as nearly all of those looked at are asked for: they cost the first samples.
+    frequencies; on simulated data of the right structure the two agree in the estimates. More than the usual orders
+    are looked at as long as nearly all of those looked at are asked for.
     """
-    most = min(levels.USUAL_REACH, furthest_back)
-    lags = _best_lags(signals, valid, most)
-    while with_spare(lags).reach >= most < furthest_back:
-        most = min(2 * most, furthest_back)
-        lags = _best_lags(signals, valid, most)
-    return lags
+    most = min(levels.USUAL_ORDER, largest)
+    order = _best_order(signals, valid, most)
+    while order + levels.SPARE_ORDERS >= most < largest:
+        most = min(2 * most, largest)
+        order = _best_order(signals, valid, most)
+    return order
 
 
-def with_spare(lags: Lags) -> Lags:
-    """With `SPARE_ORDERS` more, of single lags and of groups where there are any."""
-    return Lags(lags.single + levels.SPARE_ORDERS, lags.groups + (levels.SPARE_ORDERS if lags.groups else 0))
-
-
-def _best_lags(signals: Sequence[Array], valid: Sequence[BoolArray], reach: int) -> Lags:
-    """Of all numbers of single lags, and of those of groups behind single lags up to where a group begins."""
-    singles = min(levels.SINGLE_LAGS, reach)
-    most = furthest(singles, reach)
-    sums = _moments(signals, valid, most)
-    orders = np.arange(reach + 1)
-    bearable = sums.count >= levels.FEWEST_PER_ORDER * (orders + 2)
-    best, least = Lags(), np.inf
-    for single in sorted({*furthest(0, singles).ends.tolist(), singles}):
-        lags = furthest(single, reach)
-        own = sums.of(_sums_of(most, lags))
-        powers = _left_by_order(own.gram, own.moment, own.power, levels.LOST**2)
-        allowed = bearable[: powers.size] & (powers > 0)
-        powers = powers[: powers.size if allowed.all() else int(np.argmin(allowed))]
-        criterion = sums.count * np.log(powers / sums.count) + np.log(sums.count) * orders[: powers.size]
-        order = int(np.argmax(criterion <= criterion.min(initial=np.inf) + 1e-9)) if powers.size else 0
-        if powers.size and criterion[order] <= least + 1e-9:
-            best, least = Lags(min(order, lags.single), max(order - lags.single, 0)), float(criterion[order])
-    return best
-
-
-@lru_cache(maxsize=256)
-def _sums_of(of: Lags, lags: Lags) -> Array:
-    """(order, order) which coefficients of others each coefficient is the sum of."""
-    return np.array(
-        [(of.starts >= first) & (of.ends <= last) for first, last in zip(lags.starts, lags.ends, strict=True)],
-        dtype=float,
-    ).reshape(lags.order, of.order)
+def _best_order(signals: Sequence[Array], valid: Sequence[BoolArray], largest: int) -> int:
+    sums = _moments(signals, valid, largest)
+    powers = _left_by_order(sums.gram, sums.moment, sums.power, levels.LOST**2)
+    orders = np.arange(largest + 1)
+    bearable = (sums.count >= levels.FEWEST_PER_ORDER * (orders + 2)) & (powers > 0)
+    most = largest + 1 if bearable.all() else int(np.argmin(bearable))
+    if most == 0:
+        return 0
+    criterion = sums.count * np.log(powers[:most] / sums.count) + np.log(sums.count) * orders[:most]
+    return int(np.argmax(criterion <= criterion.min() + 1e-9))
 
 
 @compiled

@@ -8,7 +8,6 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Lags
 from trueplant.identify.between_experiments import refit_noise
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
@@ -30,21 +29,20 @@ def order_dependence(
     inputs: then the structure is too simple, every noise model weighs its error differently, and none is right.
     """
     runs = [of_a_part(run) for run in runs]
-    used = fit.ar.lags
+    used = fit.ar.size
     undermodelled = bool(np.min(cross_p) < levels.UNDERMODELLED)
     limit = max(run.row.measured(k)[0].size for run in runs for k in range(len(run.row.pieces))) // 20
-    fewer, more = Lags(used.single // 2, used.groups // 2), Lags(2 * used.single + 2, 2 * used.groups)
-    tried = {fewer, Lags(min(used.order, 1)), more} | ({Lags()} if undermodelled else set())
+    orders = {used // 2, min(used, 1), 2 * used + 2} | ({0} if undermodelled else set())
     sigma = np.sqrt(np.diag(covariance))
     scale = np.maximum(np.abs(fit.theta), fit.row.lag_of_dead_times(fit.theta))
     moved: dict[int, Unanswered] = {}
     why = WhyUnanswered.DEPENDS_ON_NOISE_MODEL
     shifts, furthest = np.zeros(fit.theta.size), 0.0
     precision = inverse(covariance)
-    for lags in sorted(tried - {used}):
-        if lags.reach > limit or (lags.order == 0 and not undermodelled):
+    for order in sorted(orders - {used}):
+        if order > limit or (order == 0 and not undermodelled):
             continue
-        others = [refit_noise(run, lags) for run in runs]
+        others = [refit_noise(run, order) for run in runs]
         shift = np.mean([other.theta - run.theta for other, run in zip(others, runs, strict=True)], axis=0)
         other_sigma = np.sqrt(np.sum([np.diag(other.covariance) for other in others], axis=0)) / len(others)
         beyond = (np.abs(shift) > levels.NOISE_SHIFT_ERRORS * np.minimum(sigma, other_sigma)) & (
@@ -53,7 +51,7 @@ def order_dependence(
         beyond &= all(_is_rival(other, run) for other, run in zip(others, runs, strict=True))
         for index in np.flatnonzero(beyond):
             there = fit.theta[index] + shift[index]
-            text = f"{why.value}: {fit.theta[index]:.3g} with order {used.order}, {there:.3g} with order {lags.order}"
+            text = f"{why.value}: {fit.theta[index]:.3g} with order {used}, {there:.3g} with order {order}"
             moved.setdefault(int(index), Unanswered(why, text))
         distance = float(shift @ precision @ shift)
         if undermodelled and distance > furthest:
@@ -64,5 +62,5 @@ def order_dependence(
 def _is_rival(other: RowFit, fit: RowFit) -> bool:
     """Might the other noise model be the right one, by the Bayesian criterion?"""
     size = max(other.variance, np.finfo(float).tiny) / max(fit.variance, np.finfo(float).tiny)
-    worse = fit.count * np.log(size) + np.log(fit.count) * (other.ar.order - fit.ar.order)
+    worse = fit.count * np.log(size) + np.log(fit.count) * (other.ar.size - fit.ar.size)
     return bool(worse < levels.RIVAL_NEAR)

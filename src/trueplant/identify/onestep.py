@@ -14,7 +14,6 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.fit import evaluate
 from trueplant.identify.linear_algebra import inverse
 from trueplant.identify.row import Row
@@ -33,8 +32,8 @@ class OneStep:
     """(K, size, size)"""
 
 
-def one_step(rows: Sequence[Row], noise: Sequence[Autoregression], theta: Array) -> OneStep:
-    """Each row holds one window's pieces; `noise` its noise model, `theta` (size,) is where the search starts.
+def one_step(rows: Sequence[Row], noise: Sequence[Array], theta: Array) -> OneStep:
+    """Each row holds one window's pieces; `noise` has its AR coefficients, `theta` (size,) is where the search starts.
 
     All windows share the structure of the row; each keeps its own noise, operating point and initial state.
     """
@@ -56,16 +55,16 @@ def one_step(rows: Sequence[Row], noise: Sequence[Autoregression], theta: Array)
     return OneStep(theta, inverse(total, levels.WINDOW_FLOOR), theta + steps, covariance)
 
 
-def _window(row: Row, ar: Autoregression, theta: Array) -> tuple[Array, Array]:
+def _window(row: Row, ar: Array, theta: Array) -> tuple[Array, Array]:
     """Information and slope of theta in units of this window's own variance, its noise model left free."""
     size = theta.size
     seen = row.without_unseen(theta)
     point = evaluate(seen, theta, ar, np.ones(len(row.pieces)))
     step = _solve(point.information, point.slope)
-    left = max(point.count - size - ar.order - seen.unknown_count, 1)
+    left = max(point.count - size - ar.size - seen.unknown_count, 1)
     variance = max(point.cost - float(step @ point.slope), 1e-300) / left
     a, b, c = point.information[:size, :size], point.information[:size, size:], point.information[size:, size:]
-    if not ar.order:
+    if not ar.size:
         return a / variance, point.slope[:size] / variance
     across = np.linalg.solve(c, np.column_stack([b.T, point.slope[size:]]))
     return (a - b @ across[:, :-1]) / variance, (point.slope[:size] - b @ across[:, -1]) / variance

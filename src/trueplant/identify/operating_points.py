@@ -10,6 +10,7 @@ import numpy as np
 from trueplant.arrays import Array
 from trueplant.identify.fit import RowFit, linearised
 from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.noise import whiten
 from trueplant.identify.row import Row
 
 
@@ -49,7 +50,7 @@ def operating_points(
         y, valid = fit.row.measured(piece.number)
         v = np.where(valid, y - fit.row.response(theta, piece.number), 0.0)
         seen = np.column_stack([unknown.columns, v, piece.moved.T])
-        columns = piece.weight * fit.ar.whiten(seen)[piece.use]
+        columns = piece.weight * whiten(fit.ar, seen)[piece.use]
         shown, rest = np.split(columns, [len(unknown.rows)], axis=1)
         inverted = inverse(shown.T @ shown + np.diag(least))
         level, *by_theta = (inverted @ shown.T @ rest)[0]

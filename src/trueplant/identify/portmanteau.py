@@ -8,14 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2, norm, rankdata
 
 from trueplant.arrays import Array, BoolArray
-from trueplant.identify.autoregression import Lags
-from trueplant.identify.levels import LOST
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,50 +26,11 @@ class Correlogram:
     count: int
     """Errors that there are."""
 
-    def p_value(self, estimated: int = 0, beyond: Relation | None = None) -> float:
-        """That there is no relation, `beyond` these lags either.
-
-        `estimated` parameters have taken their degrees of freedom.
-        """
+    def p_value(self, estimated: int = 0) -> float:
+        """That there is no relation. `estimated` parameters have taken their degrees of freedom."""
         statistic = float(self.pairs @ np.sum(self.value**2, axis=(1, 2)))
         freedom = int(np.sum(self.pairs > 0)) * self.value.shape[1] * self.value.shape[2] - estimated
-        if beyond is not None:
-            statistic, freedom = statistic + beyond.statistic, freedom + beyond.freedom
         return float(chi2.sf(statistic, max(freedom, 1)))
-
-
-class Relation(NamedTuple):
-    """What a signal explains of errors."""
-
-    statistic: float
-    """Chi-square without relation."""
-    freedom: int
-
-
-def relation_beyond(errors: Sequence[Array], past: Sequence[Array], lags: Lags) -> Relation:
-    """Of errors, one (N,) a record, with the past of a signal in groups of lags, beside what its single lags explain.
-
-    An element answers for as long as its lag and dead time are; sampled finely, that is far beyond a few samples, and
-    no single one of so many shows.
-    """
-    gram, moment, squares, count = np.zeros((lags.order, lags.order)), np.zeros(lags.order), 0.0, 0
-    for e, x in zip(errors, past, strict=True):
-        if len(e) <= lags.reach:
-            continue
-        now = e[lags.reach :]
-        there = np.isfinite(now)
-        before = np.compress(there, lags.past(x, lags.reach), axis=1)
-        gram += before @ before.T
-        moment += before @ now[there]
-        squares += float(now[there] @ now[there])
-        count += int(there.sum())
-    if not lags.groups or not squares > 0:
-        return Relation(0.0, 0)
-    near, far = slice(0, lags.single), slice(lags.single, None)
-    shares = np.linalg.lstsq(gram[near, near], gram[near, far], rcond=LOST)[0].T
-    left, told = gram[far, far] - shares @ gram[near, far], moment[far] - shares @ moment[near]
-    weights, _, rank, _ = np.linalg.lstsq(left, told, rcond=LOST)
-    return Relation(float(told @ weights) / (squares / count), int(rank))
 
 
 def correlogram(errors: Sequence[Array], lags: int, past: Sequence[Array] | None = None) -> Correlogram:

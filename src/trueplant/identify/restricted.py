@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from trueplant.arrays import Array, BoolArray
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.lagged import at_samples, with_past
 from trueplant.identify.linear_algebra import inverse, log_determinant
+from trueplant.identify.noise import whiten
 
 
 class Moved(NamedTuple):
@@ -32,10 +32,9 @@ class Moved(NamedTuple):
     """(n_z,) what is known of operating points and initial states besides, in units of 1/variance: what a noise model
     takes away nearly whole is told by nothing else."""
 
-    def with_past(self, by: Array, ar: Autoregression) -> Array:
+    def with_past(self, by: Array, order: int) -> Array:
         """(order,) sums of products of `by` (size + n_z, n_used) and the rows so many samples before each error."""
-        products = with_past(at_samples(by, self.use, ar.reach, self.rows.shape[1]), self.rows, ar.lags.reach)
-        return ar.lags.summed(products.sum(axis=0))
+        return np.asarray(with_past(at_samples(by, self.use, order, self.rows.shape[1]), self.rows, order).sum(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +74,10 @@ class Restriction:
     """(size,) what the prior tells of the parameters, in units of 1/variance."""
     free: BoolArray
     """(size,)"""
-    begun: Autoregression
-    """The noise model that others are compared with."""
+    begun: Array
+    """(order,) the noise model that others are compared with."""
 
-    def told(self, ar: Autoregression) -> Told:
+    def told(self, ar: Array) -> Told:
         """What they tell under a noise model."""
         information, half = np.zeros((self.size, self.size)), 0.0
         for piece in self.whitened(ar):
@@ -90,20 +89,20 @@ class Restriction:
         covariance[free] = inverse(whole)
         return Told(information, covariance, half + log_determinant(whole) / 2)
 
-    def penalty(self, ar: Autoregression) -> tuple[float, Array]:
+    def penalty(self, ar: Array) -> tuple[float, Array]:
         """What -2 log likelihood rises by from the noise model `begun` to this one, and half the gradient (order,)."""
-        told, size, slope = self.told(ar), self.size, np.zeros(ar.order)
+        told, size, slope = self.told(ar), self.size, np.zeros(ar.size)
         for piece in self.whitened(ar):
             by = np.vstack([told.covariance @ piece.rows[:size], inverse(piece.unknown) @ piece.rows[size:]])
             by[size:] -= piece.shares.T @ by[:size]
-            slope += piece.moved.with_past(by, ar)
+            slope += piece.moved.with_past(by, ar.size)
         return 2 * (told.half_log_determinant - self._begun), slope
 
-    def whitened(self, ar: Autoregression) -> Iterator[Whitened]:
+    def whitened(self, ar: Array) -> Iterator[Whitened]:
         """Of each piece."""
         size = self.size
         for moved in self.pieces:
-            white = ar.whiten(moved.rows.T)[moved.use].T
+            white = whiten(ar, moved.rows.T)[moved.use].T
             unknown = white[size:] @ white[size:].T + np.diag(moved.known)
             shares = white[:size] @ white[size:].T @ inverse(unknown)
             white[:size] -= shares @ white[size:]

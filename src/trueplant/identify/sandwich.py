@@ -82,7 +82,7 @@ def _scores(fit: RowFit) -> list[Array]:
 
 def _sandwich(fit: RowFit, scores: list[Array], most_lags: int) -> Array:
     """Covariance (size + order, size + order) of theta and the noise model."""
-    size = fit.theta.size + fit.ar.order
+    size = fit.theta.size + fit.ar.size
     meat = np.zeros((size, size))
     for one in scores:
         meat += one @ one.T

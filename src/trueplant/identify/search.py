@@ -12,8 +12,8 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression, bridge
 from trueplant.identify.linear_algebra import orthonormal
+from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.pieces import Piece
 from trueplant.identify.row import Row
 from trueplant.lti.sampled import rows_response
@@ -38,10 +38,10 @@ def initial_theta(row: Row, time_scale: float) -> Array:
     return np.concatenate(parts)
 
 
-def grid_guess(row: Row, theta: Array, ar: Autoregression, rounds: int = 2, largest: int = 20_000) -> Array:
+def grid_guess(row: Row, theta: Array, ar: Array, rounds: int = 2, largest: int = 20_000) -> Array:
     """theta with time scales, dead times and gains that the data prefer (given the noise model)."""
     samples = sum(len(range(0, p.y.size, row.stride)) for p in row.pieces)
-    if samples > largest and ar.order == 0:
+    if samples > largest and ar.size == 0:
         row = Row(row.specs, row.pieces, row.stride * int(np.ceil(samples / largest)))
     theta = theta.copy()
     for _ in range(rounds):
@@ -86,7 +86,7 @@ def dead_time_grid(row: Row, m: int, p: Array, h: float, finest: int = 48) -> Ar
     return np.unique(np.round(np.linspace(0, count, min(count + 1, finest))).astype(int))
 
 
-def improved_element(row: Row, theta: Array, ar: Autoregression, m: int) -> tuple[Array, float]:
+def improved_element(row: Row, theta: Array, ar: Array, m: int) -> tuple[Array, float]:
     """theta with the time scale, the dead time, the gain and the leads of element m that the data prefer.
 
     And how much of the squares of PV it then explains that the other elements do not.
@@ -105,13 +105,13 @@ def improved_element(row: Row, theta: Array, ar: Autoregression, m: int) -> tupl
     nominal = theta.copy()
     for k, piece in enumerate(row.pieces):
         y, valid = row.measured(k)
-        if y.size <= ar.reach + 1:
+        if y.size <= ar.size + 1:
             continue
-        use = ar.valid(valid)
+        use = whitened_valid(ar.size, valid)
         if not use.any():
             continue
-        basis = orthonormal(ar.whiten(np.hstack([others[k], row.nuisance(nominal, k)]))[use])
-        target = ar.whiten(bridge(y, valid))[use]
+        basis = orthonormal(whiten(ar, np.hstack([others[k], row.nuisance(nominal, k)]))[use])
+        target = whiten(ar, y)[use]
         columns = np.zeros((1 + basis.shape[1], use.size))
         columns[:, use] = np.vstack([target - basis @ (basis.T @ target), basis.T])
         stretched = unit * levels.STRETCH[:, None] ** exponents
@@ -140,7 +140,7 @@ def improved_element(row: Row, theta: Array, ar: Autoregression, m: int) -> tupl
 
 
 def _delayed_products(
-    late: Array, starts: IntArray, stride: int, ar: Autoregression, columns: Array, use: BoolArray
+    late: Array, starts: IntArray, stride: int, ar: Array, columns: Array, use: BoolArray
 ) -> tuple[Array, Array]:
     """Whitened responses times columns (..., starts, n, c), and times each other (..., starts, n, n).
 
@@ -153,7 +153,7 @@ def _delayed_products(
     energy = np.empty((*late.shape[:-1], n, starts.size))
     for phase in np.unique(starts % stride):
         seen = late[..., phase::stride]
-        rows = ar.whiten(seen.reshape(-1, seen.shape[-1]).T).T.reshape(*seen.shape[:-1], -1)
+        rows = whiten(ar, seen.reshape(-1, seen.shape[-1]).T).T.reshape(*seen.shape[:-1], -1)
         pairs = combinations_with_replacement(range(n), 2)
         products = {(one, other): rows[..., one, :] * rows[..., other, :] for one, other in pairs}
         for k in np.flatnonzero(starts % stride == phase):
@@ -200,21 +200,21 @@ def _solved(gram: Array, moment: Array, whole: Array) -> Array:
     return np.asarray(np.where(there[..., None], weights, 0.0))
 
 
-def _least_squares_gains(row: Row, theta: Array, ar: Autoregression) -> Array:
+def _least_squares_gains(row: Row, theta: Array, ar: Array) -> Array:
     """theta with the gain of each element by least squares over all pieces."""
     columns = _columns(row, theta)
     count = len(row.specs)
     gram, moment = np.zeros((count, count)), np.zeros(count)
     for k in range(len(row.pieces)):
         y, valid = row.measured(k)
-        use = ar.valid(valid) if y.size > ar.reach + 1 else np.zeros(0, bool)
+        use = whitened_valid(ar.size, valid) if y.size > ar.size + 1 else np.zeros(0, bool)
         if not use.any():
             continue
-        basis = orthonormal(ar.whiten(row.nuisance(theta, k))[use])
-        x = ar.whiten(columns[k])[use]
+        basis = orthonormal(whiten(ar, row.nuisance(theta, k))[use])
+        x = whiten(ar, columns[k])[use]
         x = x - basis @ (basis.T @ x)
         gram += x.T @ x
-        moment += x.T @ ar.whiten(bridge(y, valid))[use]
+        moment += x.T @ whiten(ar, y)[use]
     gains = np.linalg.lstsq(gram, moment, rcond=1e-10)[0]
     theta = theta.copy()
     for m, (spec, part) in enumerate(zip(row.specs, row.slices, strict=True)):

@@ -19,7 +19,6 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Autoregression
 from trueplant.identify.estimate import free_of_noise, with_own_noise
 from trueplant.identify.fit import RowFit, residuals
 from trueplant.identify.linear_algebra import inverse
@@ -90,7 +89,7 @@ class _Errors:
 
     errors: Array
     """(n,) NaN where there are none."""
-    ar: Autoregression
+    ar: Array
     rounding: float
 
     @cached_property
@@ -103,8 +102,7 @@ class _Errors:
 
     @cached_property
     def taps(self) -> Array:
-        taps: Array = self.ar.near_taps
-        return taps
+        return np.concatenate([[1.0], self.ar])
 
     @cached_property
     def usual(self) -> float:

@@ -39,18 +39,13 @@ class Sampling:
 def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_interval: float) -> int:
     """Samples from one prediction error to the next: real updates of PV only, no finer than the lags deserve.
 
-    Nor coarser than the model's dead times allow: in closed loop OP acts on the samples between, and what it does may
-    not reach the next one that is looked at, or it would tell what the disturbance did meanwhile. `specs` are all
-    elements of the matrix: rows that share a stride can be compared.
+    `specs` are all elements of the matrix: rows that share a stride can be compared.
     """
     h = segments[0].h
     held = samples_per_update(update_interval, h)
     samples = sum(len(segment) for segment in segments)
-    wanted = min((a for a in _answers(specs) if a > 0), default=0.0) / levels.SAMPLES_PER_LAG / h
-    known = [(spec.structure, np.array(spec.initial)) for spec in specs if spec.initial is not None]
-    shortest = min((float(np.min(one.dead_times(p), initial=np.inf)) for one, p in known), default=np.inf)
-    wanted = min(wanted, shortest / levels.STRIDES_PER_DEAD_TIME / h)
-    return held * max(1, min(int(wanted), samples // levels.ENOUGH_SAMPLES) // held)
+    wanted = int(min((a for a in _answers(specs) if a > 0), default=0.0) / levels.SAMPLES_PER_LAG / h)
+    return held * max(1, min(wanted, samples // levels.ENOUGH_SAMPLES) // held)
 
 
 def choose_block(segments: Sequence[Segment], specs: Sequence[Spec]) -> int:

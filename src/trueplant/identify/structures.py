@@ -15,7 +15,6 @@ import numpy as np
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import NO_NOISE_MODEL, Autoregression
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.covariance import small_samples
 from trueplant.identify.estimate import free_of_noise, polished, with_own_noise
@@ -287,16 +286,16 @@ def _fitted(fit: RowFit, m: int, structure: Structure, starts: Starts) -> RowFit
     """
     row, free = with_element(fit, m, Spec(fit.row.specs[m].column, structure))
 
-    def begun(ar: Autoregression, of: tuple[Array, float]) -> Array:
+    def begun(ar: Array, of: tuple[Array, float]) -> Array:
         whole = (with_parameters(fit, m, start) for start in starts(*of))
         return max((improved_element(row, theta, ar, m) for theta in whole), key=lambda found: found[1])[0]
 
     def without_noise(theta: Array) -> RowFit:
-        return with_own_noise(_short_fit(fit, row, free, theta, NO_NOISE_MODEL), levels.TRIED_STEPS)
+        return with_own_noise(_short_fit(fit, row, free, theta, np.zeros(0)), levels.TRIED_STEPS)
 
     own, model = begun(fit.ar, _element(fit, m)), _model_out_of_reach(fit, m)
     found = polished(_best([_short_fit(fit, row, free, own, fit.ar), without_noise(own)]))
-    return found if model is None else _best([found, polished(without_noise(begun(NO_NOISE_MODEL, model)))])
+    return found if model is None else _best([found, polished(without_noise(begun(np.zeros(0), model)))])
 
 
 def _briefly(fit: RowFit, m: int, structure: Structure, start: Array) -> RowFit:
@@ -317,7 +316,7 @@ def _from_cancelled(fit: RowFit, m: int, wanted: Structure, starts: Starts) -> l
     return fits
 
 
-def _short_fit(fit: RowFit, row: Row, free: BoolArray, theta: Array, ar: Autoregression) -> RowFit:
+def _short_fit(fit: RowFit, row: Row, free: BoolArray, theta: Array, ar: Array) -> RowFit:
     begun, short = np.clip(theta, *row.bounds()), levels.TRIED_STEPS
     return fit_row(
         row, begun, ar, weights=fit.weights, free=free, reweight=False, iterations=short, settled=levels.TRIED_SETTLED
@@ -363,12 +362,12 @@ def _criteria(fits: Sequence[RowFit]) -> list[float]:
 
     Over the samples that all of them can predict, and without the prior, as the rivals have none.
     """
-    furthest, found = max(fit.ar.reach for fit in fits), []
+    longest, found = max(fit.ar.size for fit in fits), []
     for fit in fits:
-        # The same predictions, of those samples that the noise model that reaches furthest can predict.
-        point = evaluate(fit.row, fit.theta, replace(fit.ar, waits=furthest), fit.weights)
+        # Longer by zeros: the same predictions, of those samples that the longest noise model can predict.
+        point = evaluate(fit.row, fit.theta, np.append(fit.ar, np.zeros(longest - fit.ar.size)), fit.weights)
         deviance = np.log(max(float(point.power[:, 0].sum()), 1e-300) / max(point.count, 1))
         if fit.row.restricted is not None:
             deviance += fit.row.restricted.penalty(fit.ar)[0] / max(point.count, 1)
-        found.append(float(deviance + np.log(max(point.count, 1)) / max(point.count, 1) * fit.ar.order))
+        found.append(float(deviance + np.log(max(point.count, 1)) / max(point.count, 1) * fit.ar.size))
     return found

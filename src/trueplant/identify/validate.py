@@ -11,12 +11,11 @@ from scipy.stats import norm
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.autoregression import Lags, furthest, whiten
 from trueplant.identify.fit import RowFit, fit_row, residuals
 from trueplant.identify.linear_algebra import eliminated
-from trueplant.identify.noise import fit_ar
+from trueplant.identify.noise import fit_ar, whiten
 from trueplant.identify.pieces import Piece
-from trueplant.identify.portmanteau import correlogram, normal_scores, relation_beyond
+from trueplant.identify.portmanteau import correlogram, normal_scores
 from trueplant.identify.row import Row
 from trueplant.lti.sampled import sampled_response
 from trueplant.lti.transfer import TransferFunction
@@ -87,7 +86,7 @@ def validate(fit: RowFit) -> Validation | None:
     row = replace(fit.row, pieces=tuple(train))
     test = [p for p in test if p.y.size >= levels.SAMPLES_PER_PARAMETER * fit.theta.size]
     samples = sum(int(row.measured(k)[1].sum()) for k in range(len(train)))
-    if not test or samples < levels.SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.reach):
+    if not test or samples < levels.SAMPLES_PER_PARAMETER * (fit.theta.size + fit.ar.size):
         return None
     trained = fit_row(row, fit.theta, fit.ar, free=fit.free, iterations=30)
     # Data that say little about some parameter would condemn the plant for that: it keeps its value there.
@@ -168,7 +167,7 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
     """Whiteness of the prediction errors, and their correlation with what each input did before.
 
     The inputs are whitened by an autoregression first, so that the correlations at different lags are
-    nearly independent under the hypothesis. What an element does later than over those lags counts in groups of them.
+    nearly independent under the hypothesis.
     """
     stride = fit.row.stride
     errors = [e for _, e, _ in residuals(fit)]
@@ -181,7 +180,6 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
     ]
     scores = normal_scores(weighted)
     crossed = [correlogram(scores, levels.RESIDUAL_LAGS, past) for past in inputs]
-    beyond = [relation_beyond(scores, past, _answered_over(fit)) for past in inputs]
     begins = np.cumsum([0.0, *(piece.h * piece.y.size for piece in fit.row.pieces)])
     times = [
         begin + piece.h * stride * np.arange(e.size)
@@ -193,20 +191,11 @@ def residual_tests(fit: RowFit, confidence: float = 0.95) -> ResidualTests:
         lags=np.arange(1, levels.RESIDUAL_LAGS + 1),
         acf=own.value[:, 0, 0],
         bound=float(norm.ppf(0.5 + confidence / 2) / np.sqrt(max(own.count, 1))),
-        whiteness_p=own.p_value(fit.ar.order),
+        whiteness_p=own.p_value(fit.ar.size),
         size_p=squares_p(weighted),
         ccf=np.array([cross.value[:, 0, 0] for cross in crossed]),
-        cross_p=np.array([cross.p_value(beyond=more) for cross, more in zip(crossed, beyond, strict=True)]),
+        cross_p=np.array([cross.p_value() for cross in crossed]),
     )
-
-
-def _answered_over(fit: RowFit) -> Lags:
-    """The lags over which errors are held against inputs: for as long as the slowest element takes to answer."""
-    row = fit.row
-    parts = [(spec.structure, fit.theta[part]) for spec, part in zip(row.specs, row.slices, strict=True)]
-    longest = max((one.lag(p) + one.longest_dead_time(p) for one, p in parts), default=0.0)
-    reach = min(longest / (row.pieces[0].h * row.stride), fit.count // levels.SAMPLES_PER_ORDER)
-    return furthest(levels.RESIDUAL_LAGS, max(int(reach), levels.RESIDUAL_LAGS))
 
 
 def _prewhitened(u: Array, order: int = 8) -> Array:

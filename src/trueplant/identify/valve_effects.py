@@ -94,7 +94,7 @@ class RowErrors:
     @cached_property
     def free(self) -> BoolArray:
         """(size + order,) which of theta and A(q) may change."""
-        return np.concatenate([self.fit.free, np.ones(self.fit.ar.order, dtype=bool)])
+        return np.concatenate([self.fit.free, np.ones(self.fit.ar.size, dtype=bool)])
 
     @cached_property
     def _linear(self) -> tuple[Array, Array]:
@@ -103,7 +103,7 @@ class RowErrors:
         alone = np.zeros(free.size)
         alone[free] = np.einsum("kn,kn->k", told, told)
         distances, of_theta = expected(fit.row, fit.theta, alone[: fit.theta.size], fit.variance)
-        slopes = np.hstack([of_theta, np.zeros((distances.size, fit.ar.order))])
+        slopes = np.hstack([of_theta, np.zeros((distances.size, fit.ar.size))])
         errors = np.concatenate([*(whitening.errors for _, whitening in self.pieces), distances])
         return errors, np.vstack([told.T, slopes[:, free]])
 

@@ -54,7 +54,7 @@ def estimate(kind: str, seed: int) -> Estimates:
         inside = (output.intervals[:, 0] <= truth) & (truth <= output.intervals[:, 1])
         std = np.sqrt(np.diag(output.covariance))
         found.append((output.theta, std, inside, bound(segment, i, columns, kind)))
-        orders.append(output.fit.ar.order)
+        orders.append(output.fit.ar.size)
     theta, std, inside, variance = (np.concatenate(x) for x in zip(*found, strict=True))
     return Estimates(theta, std, inside.astype(bool), variance, route(segment), np.array(orders))
 

@@ -16,6 +16,7 @@ import numpy as np
 from trueplant.arrays import Array, BoolArray, IntArray
 from trueplant.identify import Row, RowFit
 from trueplant.identify.linear_algebra import inverse
+from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.record import Segment
 from trueplant.result.numbers import number
 from trueplant.tracking import levels
@@ -152,10 +153,10 @@ def blocks_of(fit: RowFit, row: Row, moves: Array) -> Blocks:
 
 
 def _piece_blocks(fit: RowFit, row: Row, length: int, settle: float) -> tuple[Array, Array, Array, Array]:
-    piece, stride, reach = row.pieces[0], row.stride, fit.ar.reach
+    piece, stride, order = row.pieces[0], row.stride, fit.ar.size
     total = len(range(0, piece.y.size, stride))
     count, size = -(-total // length), fit.theta.size + 1
-    warm = int(np.ceil(min(levels.WARM * settle / (piece.h * stride), total))) + reach
+    warm = int(np.ceil(min(levels.WARM * settle / (piece.h * stride), total))) + order
     information, errors = np.zeros((count, size, size)), np.zeros(count)
     per_chunk = max(1, levels.CHUNK // length)
     for first in range(0, count, per_chunk):
@@ -167,12 +168,12 @@ def _piece_blocks(fit: RowFit, row: Row, length: int, settle: float) -> tuple[Ar
         part = replace(row, pieces=(replace(piece.from_sample(span.start, span.stop), inputs=inputs),))
         _, gradient = part.response_and_gradient(fit.theta, 0)
         valid = part.measured(0)[1]
-        if valid.size <= reach:
+        if valid.size <= order:
             continue
-        columns = fit.ar.whiten(np.column_stack([gradient, np.ones(len(gradient))]))
-        use = fit.ar.valid(valid)
+        columns = whiten(fit.ar, np.column_stack([gradient, np.ones(len(gradient))]))
+        use = whitened_valid(order, valid)
         columns = np.where(use[:, None], columns, 0.0) / np.sqrt(fit.variance)
-        skip = max(begin - early - reach, 0)
+        skip = max(begin - early - order, 0)
         late = columns[skip:]
         blocks = -(-len(late) // length)
         padded = np.zeros((blocks * length, size))

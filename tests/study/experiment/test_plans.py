@@ -18,7 +18,6 @@ from support.simulated import BLT, WOOD_BERRY, coloured, segment_of
 from trueplant import Project, run
 from trueplant.errors import ProjectError
 from trueplant.identify import Row, RowFit, Spec, fit_row, pieces_of
-from trueplant.identify.autoregression import Autoregression
 from trueplant.loop import PID, Controller, simulate
 from trueplant.lti import Structure, TransferMatrix
 from trueplant.study.data.prepare import prepare
@@ -110,7 +109,7 @@ def test_foretold_standard_errors_are_those_of_a_monte_carlo(short: dict[str, An
     entry = short["more_data"][0]
     specs = tuple(Spec(j, FOPDT, PARAMETERS[0, j]) for j in range(2))
     truth = np.array([*PARAMETERS[0, 0], *PARAMETERS[0, 1]])
-    ar = Autoregression.plain(np.array([-0.8]))
+    ar = np.array([-0.8])
 
     def fitted(simulations: list[Any], iterations: int) -> RowFit:
         pieces = [pieces_of([segment_of(s, k)], 0)[0] for k, s in enumerate(simulations)]
@@ -235,7 +234,7 @@ def test_information_grows_with_the_square_of_the_moves() -> None:
             pieces_of([segment_of(changing_wood_berry(1, 700))], 0),
         ),
         np.array([*PARAMETERS[0, 0], *PARAMETERS[0, 1]]),
-        Autoregression.plain(np.array([-0.8])),
+        np.array([-0.8]),
         iterations=0,
     )
     moves = pattern(600, 1.0, {0: 30.0, 1: 49.0}, 2)

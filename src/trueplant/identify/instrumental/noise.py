@@ -10,8 +10,7 @@ from scipy.signal import lfilter
 
 from trueplant.arrays import Array, BoolArray
 from trueplant.identify import levels
-from trueplant.identify.autoregression import whitened_valid
-from trueplant.identify.noise import fit_ar, lagged
+from trueplant.identify.noise import fit_ar, lagged, whitened_valid
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from trueplant.arrays import Array, BoolArray
-from trueplant.identify.autoregression import whitened_valid
+from trueplant.identify.noise import whitened_valid
 from trueplant.record.levels import NORMAL_MAD
 from trueplant.study import levels
 from trueplant.study.data.setpoints import unexplained

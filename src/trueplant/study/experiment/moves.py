@@ -10,6 +10,7 @@ import numpy as np
 from trueplant.arrays import Array
 from trueplant.identify import RowFit
 from trueplant.identify.levels import SHARED_FACTOR
+from trueplant.identify.noise import whiten, whitened_valid
 from trueplant.identify.pieces import Piece
 from trueplant.study import levels
 
@@ -58,12 +59,12 @@ def information(fit: RowFit, u: Array, h: float, n_columns: int, known: bool) ->
     piece = Piece(0, h, np.zeros(len(u)), np.ones(len(u), dtype=bool), inputs, fit.row.pieces[0].hold)
     row = replace(fit.row, pieces=(piece,)).without_unseen(fit.theta)
     gradient = row.response_and_gradient(fit.theta, 0)[1]
-    columns = fit.ar.whiten(np.hstack([gradient, row.nuisance(fit.theta, 0)]))
-    use = fit.ar.valid(row.measured(0)[1])
+    columns = whiten(fit.ar, np.hstack([gradient, row.nuisance(fit.theta, 0)]))
+    use = whitened_valid(fit.ar.size, row.measured(0)[1])
     columns = np.where(use[:, None], columns, 0.0) / np.linalg.norm(columns, axis=0).clip(1e-300)
-    scale = np.linalg.norm(fit.ar.whiten(gradient), axis=0).clip(1e-300)
+    scale = np.linalg.norm(whiten(fit.ar, gradient), axis=0).clip(1e-300)
     # Rows with noise models of other orders are to have the same lengths.
-    columns = np.vstack([np.zeros((fit.ar.reach, columns.shape[1])), columns])
+    columns = np.vstack([np.zeros((fit.ar.size, columns.shape[1])), columns])
     length = -(-len(columns) // levels.PLAN_LENGTHS)
     count, size = -(-len(columns) // length), fit.theta.size
     padded = np.zeros((count * length, columns.shape[1]))

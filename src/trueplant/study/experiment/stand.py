@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.signal import lfilter
 
 from trueplant.arrays import Array
@@ -266,7 +265,7 @@ def _disturbance(
             continue
         fit, stride = estimate.fit, estimate.row.stride
         e = np.sqrt(fit.variance) * rng.standard_normal(-(-samples // stride) + levels.BURN_IN)
-        colour, drifts = _with_drift(fit.ar.taps, max(len(s) for s in study.segments) / stride)
+        colour, drifts = _with_drift(fit.ar, max(len(s) for s in study.segments) / stride)
         v = lfilter([1.0], colour, e)[levels.BURN_IN :]
         v = v - v[0] if drifts else v
         larger = max(levels.LARGER_DISTURBANCE, least.get(i, 0.0) / max(float(v.std()), 1e-300))
@@ -278,20 +277,13 @@ def _disturbance(
     return out
 
 
-def _with_drift(taps: Array, samples: float) -> tuple[Array, bool]:
-    """The denominator of a noise model, and whether it drifts: noise that is slow beside the record may have no end.
-
-    Its real pole is then at 1.
-    """
-
-    def at(z: float) -> float:
-        return float(taps @ z ** -np.arange(taps.size))
-
-    slow = float(np.exp(-1 / (levels.SLOW_NOISE * samples)))
-    if at(slow) > 0:
-        return taps, False
-    rest = lfilter([1.0], [1.0, -brentq(at, slow, 2.0)], taps)[:-1]
-    return np.convolve(rest, [1.0, -1.0]), True
+def _with_drift(ar: Array, samples: float) -> tuple[Array, bool]:
+    """The denominator of a noise model, and whether it drifts: noise that is slow beside the record may have no end."""
+    roots = np.roots(np.r_[1.0, ar])
+    slow = np.abs(roots) > np.exp(-1 / (levels.SLOW_NOISE * samples))
+    if not slow.any():
+        return np.r_[1.0, ar], False
+    return np.real(np.poly(np.where(slow, roots / np.abs(roots), roots))), True
 
 
 def _room(study: Study, now: Array) -> Room:

@@ -56,7 +56,7 @@ def _residual_test(study: Study, estimate: OutputEstimate) -> ResidualTest:
     return ResidualTest(
         whiteness_p=estimate.tests.whiteness_p,
         input_p={name: float(p) for name, p in zip(study.columns, estimate.tests.cross_p, strict=True)},
-        noise_model_order=estimate.fit.ar.order,
+        noise_model_order=int(estimate.fit.ar.size),
         prediction_error=float(np.sqrt(estimate.fit.variance)),
         samples_per_error=estimate.row.stride,
         further_p={name: test(estimate.fit) for name, test in RESIDUAL_TESTS.items()},

@@ -38,7 +38,7 @@ def changed_meanwhile(
     `instead`: where a plant that moved was found likelier than loads (`moved_instead`).
     """
     # without a noise model a record is free of noise, and what is left of it is rounding
-    estimates = {i: estimate for i, estimate in estimates.items() if estimate.fit.ar.order}
+    estimates = {i: estimate for i, estimate in estimates.items() if estimate.fit.ar.size}
     experiments = {i: _experiments(estimate.fit) for i, estimate in estimates.items()}
     pairs = [pair for i, estimate in estimates.items() for pair in _pairs(study, i, estimate, experiments[i])]
     runs = [(i, fit) for i, own in experiments.items() for _, fit in own]
@@ -56,7 +56,7 @@ def moved_instead(loaded: Mapping[int, RowFit], plain: Mapping[int, RowFit]) -> 
     """
     with_loads, with_moves, found = cost_of_loads(loaded), 0.0, set()
     for i, whole in plain.items():
-        for k, fit in _experiments(whole) if whole.ar.order else ():
+        for k, fit in _experiments(whole) if whole.ar.size else ():
             coarse = likeliest_change(fit)
             if coarse is None:
                 return frozenset()
