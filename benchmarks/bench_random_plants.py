@@ -12,8 +12,7 @@ of the plant has changed in, which is where false alarms come from. Answers are 
 a later call goes on from there.
 
     python benchmarks/bench_random_plants.py [--half 1] [--first 0] [--records 400] [--file answers.jsonl] [--workers 2]
-        [--whole] [--scale 10] [--finer 30]
-        [--loops 4] [--unchanged]
+        [--whole] [--scale 10] [--finer 30] [--loops 4] [--unchanged]
 """
 
 from __future__ import annotations
@@ -219,9 +218,7 @@ def main() -> None:
     if options.file and options.file.exists():
         lines = [json.loads(text) for text in options.file.read_text(encoding="utf-8").splitlines()]
     sampled = Sampled(options.scale, options.finer)
-    lines = [
-        line for line in lines if (line.get("scale", SCALE), line.get("finer", 1)) == (sampled.scale, sampled.finer)
-    ]
+    lines = [line for line in lines if Sampled(line.get("scale", SCALE), line.get("finer", 1)) == sampled]
     done = {(line["half"], line["number"]) for line in lines}
     numbers = [
         k
@@ -233,7 +230,7 @@ def main() -> None:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ[name] = "1"  # a process is a thread: there is one for each core
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        for line in pool.map(answer, jobs, chunksize=1):
+        for line in pool.map(answer, jobs):
             lines.append(line)
             if options.file:
                 with options.file.open("a", encoding="utf-8") as file:

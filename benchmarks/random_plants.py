@@ -96,7 +96,12 @@ class Sampled:
     scale: float = SCALE
     """Minutes that all times are drawn around."""
     finer: int = 1
-    """Samples for each that there would be else. Transmitters have noise of their own in such records."""
+    """Samples for each that there would be else."""
+
+    @property
+    def finely(self) -> bool:
+        """Then transmitters have noise of their own, dead times may be short, and controllers are tuned with care."""
+        return self.finer > 1
 
 
 def draw(half: int, number: int, sampled: Sampled = Sampled()) -> Case:
@@ -116,15 +121,14 @@ def draw(half: int, number: int, sampled: Sampled = Sampled()) -> Case:
 def _drawn(half: int, number: int, levels: dict[str, str], rng: np.random.Generator, sampled: Sampled) -> Case | None:
     n, h, scale = int(levels["loops"]), float(rng.choice([0.5, 1.0, 2.0])) / sampled.finer, sampled.scale
     structures = [[Structure.parse(rng.choice(STRUCTURES, p=STRUCTURE_SHARES)) for _ in range(n)] for _ in range(n)]
-    shortest = 0.1 if sampled.finer == 1 else 0.01
-    model = [[_parameters(rng, structures[i][j], i == j, scale, shortest) for j in range(n)] for i in range(n)]
+    model = [[_parameters(rng, structures[i][j], i == j, scale, sampled.finely) for j in range(n)] for i in range(n)]
     truth = [[theta.copy() for theta in row] for row in model]
     if levels["plant"] == "changed":
         i = int(rng.integers(n))
         j = i if rng.random() < 0.6 else int(rng.integers(n))
         truth[i][j] = _changed(rng, structures[i][j], truth[i][j], scale)
     declared, plant = _matrix(structures, model), _matrix(structures, truth)
-    law = _law(rng, declared, h, 0.1 * scale if sampled.finer > 1 else 0.0)
+    law = _law(rng, declared, h, 0.1 * scale if sampled.finely else 0.0)
     if law is None:
         return None
     steps = int(rng.integers(1200, 2400)) * sampled.finer
@@ -141,15 +145,16 @@ def _drawn(half: int, number: int, levels: dict[str, str], rng: np.random.Genera
 
 
 def _parameters(
-    rng: np.random.Generator, structure: Structure, diagonal: bool, scale: float = SCALE, shortest: float = 0.1
+    rng: np.random.Generator, structure: Structure, diagonal: bool, scale: float = SCALE, short: bool = False
 ) -> Array:
     """Parameters in the order of `Structure.names`; gains of elements off the diagonal are smaller.
 
-    `shortest` is the least dead time over the scale: from a tenth to one all are as likely, below that all ratios.
+    Dead times are a tenth of the scale to all of it, each as likely; where they may be `short`, a hundredth to all of
+    it, each ratio as likely.
     """
     size = rng.uniform(1.0, 3.0) * (1.0 if diagonal else rng.uniform(0.15, 0.5)) * rng.choice([-1.0, 1.0])
     lag = scale * np.exp(rng.uniform(np.log(0.5), np.log(2.0)))
-    dead = scale * rng.uniform(0.1, 1.0) if shortest == 0.1 else scale * np.exp(rng.uniform(np.log(shortest), 0.0))
+    dead = scale * (np.exp(rng.uniform(np.log(0.01), 0.0)) if short else rng.uniform(0.1, 1.0))
     theta = np.zeros(len(structure.names))
     gains = np.flatnonzero(structure.is_gain)
     theta[gains[0]] = size / lag if structure.integrators else size
@@ -271,7 +276,7 @@ def _record(case: Case, plant: TransferMatrix, rng: np.random.Generator, sampled
     steps, h, kind = still.t.size, still.h, case.levels["actuator"]
     spread = np.std(still.y, axis=0)
     v = _noise(rng, case.levels, steps, h, spread, sampled)
-    if sampled.finer > 1:
+    if sampled.finely:
         v += np.std(v, axis=0) * np.exp(rng.uniform(np.log(0.1), 0.0, n)) * rng.standard_normal(v.shape)
     loads = []
     if case.levels["besides"] == "load steps":
