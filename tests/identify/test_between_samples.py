@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from support.chance import most
 from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segment_of, wood_berry
 from trueplant.identify import identify_matrix, identify_output, specs_of
-from trueplant.identify.between_samples import covariance_between_samples
-from trueplant.loop import simulate
-from trueplant.lti import TransferMatrix
+from trueplant.identify.between_samples import _averaged, covariance_between_looks, covariance_between_samples
+from trueplant.identify.pieces import Piece
+from trueplant.identify.strides import Sampling
+from trueplant.loop import PID, Controller, simulate
+from trueplant.lti import Structure, TransferMatrix
 from trueplant.lti.structure import structure_of
 from trueplant.record.types import Segment
+from trueplant.result.budget import Source
 
 FOPDT = TransferMatrix.of([["-0.7/(12 s + 1)"]])
 TRUTH = [np.concatenate([structure_of(WOOD_BERRY[i, j])[1] for j in range(2)]) for i in range(2)]
@@ -47,3 +53,53 @@ def test_gains_and_lags_are_covered_where_the_controller_scans_eight_times_a_sam
             bare = np.sqrt(np.diag(found.covariance - covariance_between_samples(found.fit, record.h / 2)))
             without += int(np.sum(np.abs(found.theta - TRUTH[i])[index] > 1.96 * bare[index]))
     assert missed <= most(96, 0.05) < without
+
+
+def finely(dead_time: float, samples: int, seed: int) -> tuple[TransferMatrix, Segment]:
+    """A lag of 300 samples under a PI; a drift reaches PV, and the transmitter has noise of its own."""
+    rng = np.random.default_rng(seed)
+    plant = TransferMatrix.of([[f"2 exp(-{dead_time} s)/(300 s + 1)"]])
+    law = Controller.diagonal([PID(Kc=4.0, Ti=100.0, sample_time=1.0)])
+    v = coloured(rng, samples, 1, [1, -0.9999], [1], 0.5)
+    r = random_switching(rng, samples, 1, 600.0)
+    return plant, segment_of(simulate(plant, law, r, 1.0, v=v, noise=[0.1], seed=seed))
+
+
+def test_dead_times_are_covered_where_op_acts_between_the_samples_that_are_looked_at():
+    """Every fourth of 60,000: OP has seen the noise of the others as well."""
+    missed, without = 0, 0
+    for seed in range(12):
+        plant, record = finely(10.0, 60_000, 50 + seed)
+        found = identify_output([record], 0, list(specs_of(plant).values()), sampling=Sampling(4))
+        off = abs(found.theta[2] - 10.0)
+        bare = found.covariance[2, 2] - covariance_between_looks(found.fit, 1)[2, 2]
+        missed += int(off > 1.96 * np.sqrt(found.covariance[2, 2]))
+        without += int(off > 1.96 * np.sqrt(bare))
+    assert missed <= 1 < 3 <= without
+
+
+def test_nothing_is_between_looks_at_every_measurement_or_in_open_loop():
+    plant, record = finely(10.0, 3000, 1)
+    specs = list(specs_of(plant).values())
+    every, second = (identify_output([record], 0, specs, sampling=Sampling(k)) for k in (1, 2))
+    assert not covariance_between_looks(every.fit, 1).any() and not covariance_between_looks(second.fit, 2).any()
+    moved = covariance_between_looks(second.fit, 1)
+    assert moved.any()
+    opened = identify_output([replace(record, closed=False)], 0, specs, sampling=Sampling(2))
+    rounding = [found.uncounted[Source.ROUNDING] for found in (second, opened)]
+    np.testing.assert_allclose(rounding[0] - rounding[1], moved, rtol=1e-9, atol=1e-12 * moved.max())
+
+
+@pytest.mark.parametrize(("count", "apart"), [(4, 1), (3, 2)])
+def test_means_of_inputs_move_means_of_pv(count: int, apart: int):
+    """The answer to averaged inputs is the averaged answer, but for a PV that was not measured for a moment."""
+    rng, theta, fopdt = np.random.default_rng(3), np.array([2.0, 20.0, 3.4]), Structure.parse("fopdt")
+    u, valid = np.cumsum(rng.standard_normal(400)), np.ones(400, dtype=bool)
+    u, valid[200:202] = u - u[0], False
+    y = fopdt.response(theta, u, 1.0)
+    piece = _averaged(Piece(0, 1.0, np.where(valid, y, 0.0), valid, u[None], ("zoh",)), count, apart)
+    answer = fopdt.response(theta, piece.inputs[0], 1.0)
+    near = slice(200, 202 + (count - 1) * apart)
+    assert piece.valid[:200].sum() == 200 - (count // 2) * apart and piece.valid[near.stop :].all()
+    np.testing.assert_allclose(np.delete(answer, near)[count * apart :], np.delete(piece.y, near)[count * apart :])
+    assert np.all(np.abs(answer - piece.y)[near][piece.valid[near]] < 0.2 * np.std(np.diff(y)) * count)

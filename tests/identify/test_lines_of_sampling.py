@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace as Stub
 from typing import Any
 
@@ -9,12 +10,12 @@ import numpy as np
 import pytest
 
 from support.simulated import segment_of
-from trueplant.identify import Row, Spec, estimate, initial_state, loads, pieces_of
+from trueplant.identify import Row, Spec, estimate, initial_state, loads, pieces_of, strides
 from trueplant.identify.blocks import block_length, most_moved
 from trueplant.identify.descent import _limited
 from trueplant.identify.estimate import free_of_noise, largest_order
 from trueplant.identify.pieces import Piece
-from trueplant.identify.strides import choose_stride
+from trueplant.identify.strides import choose_stride, within_dead_times
 from trueplant.lti import Structure
 from trueplant.record.types import Segment
 
@@ -45,6 +46,25 @@ def test_a_lag_keeps_eighty_samples() -> None:
 @pytest.mark.holds("identify.ENOUGH_SAMPLES")
 def test_a_short_record_keeps_a_thousand_samples() -> None:
     assert 700 < 6000 / stride(6000, 1e5) < 1400
+
+
+@pytest.mark.holds("identify.STRIDES_PER_DEAD_TIME")
+@pytest.mark.parametrize(
+    ("closed", "update", "tried"), [(True, 1, [25, 11, 10]), (True, 4, [25, 8]), (False, 1, []), (True, 25, [])]
+)
+def test_the_shortest_dead_time_that_is_found_keeps_four_samples(
+    closed: bool, update: int, tried: list[int], monkeypatch: Any
+) -> None:
+    """40 of the record; in open loop OP knows nothing of PV. Rows are looked at again until nothing is shorter."""
+    monkeypatch.setattr(strides, "_shortest_dead_time", lambda row: row)
+    segments, asked = [replace(record(100), closed=closed)], []
+
+    def rows(stride: int) -> Any:
+        asked.append(stride)
+        return [40.0 if stride < 25 else 47.0, 60.0]
+
+    assert within_dead_times(25, segments, update, rows) == (tried or [25])[-1]
+    assert asked == tried
 
 
 @pytest.mark.holds("identify.SHORTEST_BLOCK", "identify.LAGS_PER_BLOCK")

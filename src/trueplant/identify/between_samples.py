@@ -33,6 +33,19 @@ def covariance_between_samples(fit: RowFit, timing: float) -> Array:
     return np.asarray(np.outer(moved, moved))
 
 
+def covariance_between_looks(fit: RowFit, update: int) -> Array:
+    """(size, size) of what PV did between two looks (`stride`); 0 where each measurement (`update`) is looked at.
+
+    In closed loop OP acted on all of it, and tells more of the disturbance than the PV that is seen. So does the mean
+    of the PV that was measured from one look to the next. How far that moves the estimate counts as an error.
+    """
+    if fit.row.stride <= update:
+        return np.zeros((fit.theta.size, fit.theta.size))
+    row = most_moved(fit.row)
+    moved = _refitted(fit, _by_means(row, update)).theta - _refitted(fit, row).theta
+    return np.asarray(np.outer(moved, moved))
+
+
 def _refitted(fit: RowFit, row: Row) -> RowFit:
     again = fit_row(row, fit.theta, np.zeros(0), free=fit.free)
     return best_dead_times(with_own_noise(again, levels.TRIED_STEPS), reach=1, rounds=1)
@@ -51,3 +64,28 @@ def _every_second(piece: Piece) -> Piece:
     spikes = None if piece.spikes is None else piece.spikes[::2]
     thinned = replace(piece, h=2 * piece.h, y=y, valid=valid, inputs=inputs, sent=sent, spikes=spikes)
     return replace(thinned, restarts=restarts, jumps=jumps)
+
+
+def _by_means(row: Row, update: int) -> Row:
+    """The row as the mean of the measurements in each stride shows it: the mean of inputs moves that of PV."""
+    return replace(row, pieces=tuple(_averaged(piece, row.stride // update, update) for piece in row.pieces))
+
+
+def _averaged(piece: Piece, count: int, apart: int) -> Piece:
+    """Each sample the mean of `count` samples so far `apart` up to it; PV between others where it was not measured."""
+    there = np.flatnonzero(piece.valid)
+    if not there.size:
+        return piece
+    whole = np.interp(np.arange(piece.y.size), there, piece.y[there])
+    valid = _means(piece.valid.astype(float), count, apart) > 0.5
+    y = np.where(valid, _means(whole, count, apart), 0.0)
+    sent = None if piece.sent is None else _means(piece.sent, count, apart)
+    return replace(piece, y=y, valid=valid, inputs=_means(piece.inputs, count, apart), sent=sent)
+
+
+def _means(x: Array, count: int, apart: int) -> Array:
+    """(..., N) of x (..., N), which is 0 before its first sample."""
+    total = x.copy()
+    for k in range(apart, count * apart, apart):
+        total[..., k:] += x[..., :-k]
+    return np.asarray(total / count)

@@ -13,16 +13,23 @@ from trueplant.identify.estimate import free_of_noise
 from trueplant.identify.first import shown, with_guesses, with_left_out
 from trueplant.identify.holds import FoundHold
 from trueplant.identify.missing import with_missing
-from trueplant.identify.output import OutputEstimate, identify_output
+from trueplant.identify.output import OutputEstimate, identify_output, row_of
 from trueplant.identify.pieces import Held
-from trueplant.identify.row import Spec
+from trueplant.identify.row import Row, Spec
 from trueplant.identify.shared_disturbance import (
     predicted_outputs,
     related_at_once,
     together,
     widened_for_shared_disturbance,
 )
-from trueplant.identify.strides import Sampling, choose_block, choose_stride, samples_per_update, typical_lag
+from trueplant.identify.strides import (
+    Sampling,
+    choose_block,
+    choose_stride,
+    samples_per_update,
+    typical_lag,
+    within_dead_times,
+)
 from trueplant.lti.structure import structure_of
 from trueplant.lti.transfer import TransferMatrix
 from trueplant.record.types import Segment
@@ -100,12 +107,14 @@ def identify_plant(
     wanted = {i: [j for k, j in asked.wanted if k == i] for i in held}
     own = {i: with_guesses(segments, i, row, wanted[i], held[i], update) for i, row in own.items()}
     everywhere = [spec for row in own.values() for spec in row]
-    sampling = Sampling(
-        stride=choose_stride(segments, everywhere, update_interval),
-        update=update,
-        block=choose_block(segments, everywhere),
-        timing=timing,
-    )
+    block = choose_block(segments, everywhere)
+
+    def rows(stride: int) -> list[Row]:
+        found = [row_of(segments, i, own[i], held[i], Sampling(stride, update, block)) for i in own]
+        return [row for row in found if row is not None]
+
+    stride = within_dead_times(choose_stride(segments, everywhere, update_interval), segments, update, rows)
+    sampling = Sampling(stride, update, block, timing)
     known = {*specs, *asked.passed_on}
     absent = [place for place in np.ndindex(*model.shape) if place not in known and model[place].is_zero]
     estimates, again = {}, {}

@@ -208,7 +208,7 @@ def identify_output(
     the initial guess of the lags of elements that the model lacks.
     """
     sampling = sampling or Sampling()
-    row = _row(segments, output, specs, held, sampling)
+    row = row_of(segments, output, specs, held, sampling)
     if row is None:
         return None
     time_scale = time_scale or row.guessed_time_scale
@@ -257,10 +257,10 @@ def identify_output(
     )
 
 
-def _row(
+def row_of(
     segments: Sequence[Segment], output: int, specs: Sequence[Spec], held: Sequence[Held], sampling: Sampling
 ) -> Row | None:
-    """None where there is nothing to estimate, or PV does not move."""
+    """The row of an output; None where there is nothing to estimate, or PV does not move."""
     pieces = pieces_of(segments, output, held, sampling.update)
     if not specs or not any(piece.spread for piece in pieces):
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,8 @@ import numpy as np
 from trueplant.arrays import Array
 from trueplant.identify import levels
 from trueplant.identify.blocks import block_length
-from trueplant.identify.row import Spec
+from trueplant.identify.estimate import estimate_row
+from trueplant.identify.row import Row, Spec
 from trueplant.record.types import Segment
 
 
@@ -48,6 +49,23 @@ def choose_stride(segments: Sequence[Segment], specs: Sequence[Spec], update_int
     return held * max(1, min(wanted, samples // levels.ENOUGH_SAMPLES) // held)
 
 
+def within_dead_times(
+    stride: int, segments: Sequence[Segment], update: int, rows: Callable[[int], Sequence[Row]]
+) -> int:
+    """A stride no longer than the dead times allow that are found with it, in the `rows` at each.
+
+    In closed loop OP acts on what PV does between two samples that are looked at. Its answer may not show in the
+    second, or OP would tell what the disturbance did meanwhile.
+    """
+    while stride > update and any(segment.closed for segment in segments):
+        shortest = min((_shortest_dead_time(row) for row in rows(stride)), default=np.inf)
+        allowed = update * max(1, int(min(shortest / levels.STRIDES_PER_DEAD_TIME / segments[0].h, stride)) // update)
+        if allowed >= stride:
+            break
+        stride = allowed
+    return stride
+
+
 def choose_block(segments: Sequence[Segment], specs: Sequence[Spec]) -> int:
     """Samples of the blocks into which long records are cut: many times the longest lag of the matrix."""
     return block_length(max(_answers(specs), default=0.0), segments[0].h)
@@ -69,3 +87,10 @@ def _answers(specs: Sequence[Spec]) -> list[float]:
     initial = [(spec.structure, spec.guess if spec.initial is None else spec.initial) for spec in specs]
     known = [(structure, np.array(p)) for structure, p in initial if p is not None]
     return [structure.lag(p) + structure.longest_dead_time(p) for structure, p in known]
+
+
+def _shortest_dead_time(row: Row) -> float:
+    """Of its elements, as they are estimated."""
+    theta = estimate_row(row, row.guessed_time_scale).theta
+    parts = zip(row.specs, row.slices, strict=True)
+    return min((float(np.min(spec.structure.dead_times(theta[part]))) for spec, part in parts), default=np.inf)

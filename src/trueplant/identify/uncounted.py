@@ -8,7 +8,7 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify.between_experiments import Runs
-from trueplant.identify.between_samples import covariance_between_samples
+from trueplant.identify.between_samples import covariance_between_looks, covariance_between_samples
 from trueplant.identify.covariance import initial_state_share, least_covariance
 from trueplant.identify.fit import RowFit
 from trueplant.identify.strides import Sampling
@@ -28,4 +28,6 @@ def parts_uncounted(
         Source.LEFT_OUT: np.outer(left_out, left_out),
         Source.ROUNDING: least + covariance_between_samples(fit, sampling.timing),
     }
+    if closed:
+        found[Source.ROUNDING] = found[Source.ROUNDING] + covariance_between_looks(fit, sampling.update)
     return found if runs is None else found | {Source.EXPERIMENTS: runs.added}
