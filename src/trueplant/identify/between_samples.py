@@ -1,4 +1,4 @@
-"""What OP did between its samples, where it acts at other instants than those recorded.
+"""What OP did between its samples, where it acts at other instants than those recorded, and PV between looks at it.
 
 A controller that scans faster than the record writes an OP that nobody recorded, and answers within a sample to noise
 that shows in the next one: no fit can see it. How much depends on it the record itself says, looked at as if it had
@@ -72,12 +72,16 @@ def _by_means(row: Row, update: int) -> Row:
 
 
 def _averaged(piece: Piece, count: int, apart: int) -> Piece:
-    """Each sample the mean of `count` samples so far `apart` up to it; PV between others where it was not measured."""
+    """Each sample the mean of `count` samples so far `apart` up to it; PV between others where it was not measured.
+
+    Loads and jumps stay steps: within the one look that they step in, they are not averaged.
+    """
     there = np.flatnonzero(piece.valid)
     if not there.size:
         return piece
     whole = np.interp(np.arange(piece.y.size), there, piece.y[there])
     valid = _means(piece.valid.astype(float), count, apart) > 0.5
+    valid[: (count - 1) * apart] = False
     y = np.where(valid, _means(whole, count, apart), 0.0)
     sent = None if piece.sent is None else _means(piece.sent, count, apart)
     return replace(piece, y=y, valid=valid, inputs=_means(piece.inputs, count, apart), sent=sent)

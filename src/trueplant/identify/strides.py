@@ -9,7 +9,7 @@ import numpy as np
 
 from trueplant.arrays import Array
 from trueplant.identify import levels
-from trueplant.identify.blocks import block_length
+from trueplant.identify.blocks import block_length, most_moved
 from trueplant.identify.estimate import estimate_row
 from trueplant.identify.row import Row, Spec
 from trueplant.record.types import Segment
@@ -90,7 +90,7 @@ def _answers(specs: Sequence[Spec]) -> list[float]:
 
 
 def _shortest_dead_time(row: Row) -> float:
-    """Of its elements, as they are estimated."""
-    theta = estimate_row(row, row.guessed_time_scale).theta
+    """Of its elements, as they are estimated where the inputs move most."""
+    theta = estimate_row(most_moved(row), row.guessed_time_scale).theta
     parts = zip(row.specs, row.slices, strict=True)
     return min((float(np.min(spec.structure.dead_times(theta[part]))) for spec, part in parts), default=np.inf)

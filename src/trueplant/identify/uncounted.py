@@ -20,7 +20,8 @@ def parts_uncounted(
     fit: RowFit, runs: Runs | None, left_out: Array, sampling: Sampling, segments: Sequence[Segment]
 ) -> dict[Source, Array]:
     """(size, size) each: unknown starts in closed loop, dead times that were left out and may be there (by `left_out`
-    (size,) the others lie elsewhere then), rounding and instants, and the spread of runs if there are more."""
+    (size,) the others lie elsewhere then), rounding, instants and what was not looked at, and the spread of runs if
+    there are more."""
     closed = any(segment.closed for segment in segments)
     least = least_covariance(fit.row, fit.theta, sampling.timing_of(segments))
     found = {
