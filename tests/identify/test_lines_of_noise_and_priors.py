@@ -192,7 +192,7 @@ def test_the_end_of_an_interval_is_looked_for_within_twelve_standard_errors(
     z = 1.959964
     monkeypatch.setattr(intervals, "rise", lambda fit, other: float((other.theta[0] * z / end) ** 2))
     bounds = (np.array([-np.inf]), np.array([np.inf]))
-    row = Stub(bounds=lambda: bounds, is_dead_time=np.array([False]))
+    row = Stub(bounds=lambda: bounds, limits=lambda: bounds, is_dead_time=np.array([False]))
     fit: Any = Stub(theta=np.zeros(1), covariance=np.eye(1), row=row)
     _, high = intervals.profile_of(fit, 0, 0.95).ends
     assert high == (pytest.approx(end, rel=0.02) if found else np.inf)

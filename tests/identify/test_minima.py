@@ -203,7 +203,7 @@ def test_the_end_of_a_profile_is_found_from_a_first_step_that_gets_lost(monkeypa
     monkeypatch.setattr(intervals, "_constrained", held)
     monkeypatch.setattr(intervals, "rise", lambda fit, other: other.deviance)
     bounds = (np.array([-np.inf]), np.array([np.inf]))
-    row = SimpleNamespace(bounds=lambda: bounds, is_dead_time=np.array([False]))
+    row = SimpleNamespace(bounds=lambda: bounds, limits=lambda: bounds, is_dead_time=np.array([False]))
     fit = SimpleNamespace(theta=np.zeros(1), deviance=0.0, covariance=np.array([[100.0**2]]), row=row)
     np.testing.assert_allclose(profile_of(fit, 0, 0.95, rounds=9).ends, [-1.96, 1.96], rtol=0.02)
 
@@ -216,8 +216,10 @@ def test_the_end_of_a_dead_time_is_found_in_the_next_sample_interval(monkeypatch
 
     monkeypatch.setattr(intervals, "_constrained", held)
     monkeypatch.setattr(intervals, "rise", lambda fit, other: other.deviance)
+    bounds = (np.array([4.9]), np.array([np.inf]))
     row = SimpleNamespace(
-        bounds=lambda: (np.array([4.9]), np.array([np.inf])),
+        bounds=lambda: bounds,
+        limits=lambda: bounds,
         is_dead_time=np.array([True]),
         pieces=[SimpleNamespace(h=0.5)],
         stride=2,

@@ -33,17 +33,35 @@ def covariance_between_samples(fit: RowFit, timing: float) -> Array:
     return np.asarray(np.outer(moved, moved))
 
 
-def covariance_between_looks(fit: RowFit, update: int) -> Array:
-    """(size, size) of what PV did between two looks (`stride`); 0 where each measurement (`update`) is looked at.
+def covariance_between_looks(fit: RowFit) -> Array:
+    """(size, size) of what PV did between two looks; 0 where each measurement is looked at, and in open loop.
 
     In closed loop OP acted on all of it, and tells more of the disturbance than the PV that is seen. So does the mean
     of the PV that was measured from one look to the next. How far that moves the estimate counts as an error.
     """
-    if fit.row.stride <= update:
+    if fit.row.per_look == 1:
         return np.zeros((fit.theta.size, fit.theta.size))
     row = most_moved(fit.row)
-    moved = _refitted(fit, _by_means(row, update)).theta - _refitted(fit, row).theta
+    moved = _refitted(fit, by_means(row)).theta - _refitted(fit, row).theta
     return np.asarray(np.outer(moved, moved))
+
+
+def by_means(row: Row) -> Row:
+    """The row as the mean of the measurements up to each look shows it: the mean of inputs moves that of PV."""
+    return replace(row, pieces=tuple(_averaged(piece, row.per_look, row.stride) for piece in row.pieces), per_look=1)
+
+
+def fitted_to_means(fit: RowFit) -> RowFit:
+    """The fit to the means, with a noise model of theirs; the fit itself where nothing is left out."""
+    return fit if fit.row.per_look == 1 else _refitted(fit, by_means(fit.row))
+
+
+def again_to_means(fit: RowFit, means: RowFit) -> RowFit:
+    """Likewise, with a noise model of the order that it has in another fit to `means`."""
+    if fit.row.per_look == 1:
+        return fit
+    row, settled = by_means(fit.row), levels.TRIED_SETTLED
+    return fit_row(row, fit.theta, means.ar, weights=means.weights, free=means.free, reweight=False, settled=settled)
 
 
 def _refitted(fit: RowFit, row: Row) -> RowFit:
@@ -66,17 +84,12 @@ def _every_second(piece: Piece) -> Piece:
     return replace(thinned, restarts=restarts, jumps=jumps)
 
 
-def _by_means(row: Row, update: int) -> Row:
-    """The row as the mean of the measurements in each stride shows it: the mean of inputs moves that of PV."""
-    return replace(row, pieces=tuple(_averaged(piece, row.stride // update, update) for piece in row.pieces))
-
-
-def _averaged(piece: Piece, count: int, apart: int) -> Piece:
-    """Each sample the mean of `count` samples so far `apart` up to it; PV between others where it was not measured.
+def _averaged(piece: Piece, count: int, stride: int) -> Piece:
+    """Each sample the mean of the `count` measured in a stride up to it; PV between others where it was not measured.
 
     Loads and jumps stay steps: within the one look that they step in, they are not averaged.
     """
-    there = np.flatnonzero(piece.valid)
+    there, apart = np.flatnonzero(piece.valid), stride // count
     if not there.size:
         return piece
     whole = np.interp(np.arange(piece.y.size), there, piece.y[there])

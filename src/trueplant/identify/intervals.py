@@ -18,9 +18,9 @@ from trueplant.identify.row import Row
 
 
 def normal_intervals(row: Row, theta: Array, covariance: Array, confidence: float) -> Array:
-    """(n, 2) intervals theta -+ z sigma, within the bounds of the row's parameters."""
+    """(n, 2) intervals theta -+ z sigma, within the limits of the row's parameters."""
     half = norm.ppf(0.5 + confidence / 2) * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    low, high = row.bounds()
+    low, high = row.limits()
     return np.asarray(np.clip(np.column_stack([theta - half, theta + half]), low[:, None], high[:, None]))
 
 
@@ -194,10 +194,10 @@ class _Place(NamedTuple):
 def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> End:
     """The first end on one side: steps outwards until the likelihood has fallen enough, then between the last two."""
     centre, sigma = float(fit.theta[index]), float(np.sqrt(fit.covariance[index, index]))
-    bound = float(fit.row.bounds()[side > 0][index])
+    bound, limit = (float(of[side > 0][index]) for of in (fit.row.bounds(), fit.row.limits()))
     furthest = min(_reach(fit, index), abs(bound - centre))
     if not np.isfinite(furthest) or furthest <= 0:
-        return End(bound, centre if np.isinf(bound) else bound, fit)
+        return End(limit, centre if np.isinf(limit) else limit, fit)
 
     def place(distance: float, begun: RowFit) -> _Place:
         held = _constrained(fit, index, centre + side * distance, begun)
@@ -210,7 +210,7 @@ def _end(fit: RowFit, index: int, side: int, z: float, rounds: int) -> End:
     while outside.root < z:
         inside, value = outside, centre + side * outside.distance
         if inside.distance >= furthest:
-            return End(bound, value, inside.fitted)
+            return End(limit, value, inside.fitted)
         grown = inside.distance * max(1.2, min(2.0, z / max(inside.root, 0.1)))
         outside = place(min(max(grown, inside.distance + beyond), furthest), inside.fitted)
     nearest = min(inside, outside, key=lambda one: abs(one.root - z))
@@ -249,7 +249,7 @@ def _furthest(fit: RowFit, index: int, side: int, z: float, first: End) -> End:
     """The last end within reach: of several valleys, or of a likelihood that is flat far away."""
     centre, bound = float(fit.theta[index]), float(fit.row.bounds()[side > 0][index])
     distance = min(_reach(fit, index), abs(bound - centre))
-    if first.value == bound or distance <= abs(first.value - centre):
+    if side * (first.value - bound) >= 0 or distance <= abs(first.value - centre):
         return first
     outside, outside_root = bound, np.inf
     for value in np.linspace(centre + side * distance, first.value, levels.PROFILE_PLACES, endpoint=False):

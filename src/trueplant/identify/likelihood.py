@@ -31,9 +31,9 @@ def ratio_p(rise: float, freedom: int, left: float = np.inf) -> float:
 
 
 def held_at(fit: RowFit, index: IntArray, values: Array) -> RowFit:
-    """The fit with theta[index] held at these values, as far as the bounds let them be."""
+    """The fit with theta[index] held at these values, as far as its limits let them be."""
     theta, free = fit.theta.copy(), fit.free.copy()
-    low, high = fit.row.bounds()
+    low, high = fit.row.limits()
     theta[index] = np.clip(values, low[index], high[index])
     free[index] = False
     return fit_row(fit.row, theta, fit.ar, weights=fit.weights, free=free, reweight=False)
@@ -66,7 +66,7 @@ def with_element(fit: RowFit, m: int, spec: Spec) -> tuple[Row, BoolArray]:
     specs = (*fit.row.specs[:m], spec, *fit.row.specs[m + 1 :])
     new = np.ones(len(spec.structure.names), dtype=bool)
     free = np.concatenate([fit.free[: part.start], new, fit.free[part.stop :]])
-    return Row(specs, fit.row.pieces, fit.row.stride), free
+    return replace(fit.row, specs=specs, restricted=None), free
 
 
 def with_parameters(fit: RowFit, m: int, p: Array) -> Array:

@@ -95,7 +95,7 @@ class OpenMinima:
 
         These end where the likelihood, by its curvature there, has risen by the quantile, from the deepest on.
         """
-        low, high = self.best.row.bounds()
+        low, high = self.best.row.limits()
         out = intervals.copy()
         left = self.quantile**2 - np.maximum(self.rises, 0.0)
         for one, depth in zip(self.fits[1:], left[1:], strict=True):

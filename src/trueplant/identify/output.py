@@ -181,7 +181,7 @@ class OutputEstimate:
 
     def moved(self, shift: Array) -> OutputEstimate:
         """The same estimate at parameters larger by `shift` (size,), as sure of them."""
-        low, high = self.row.bounds()
+        low, high = self.row.limits()
         theta, intervals = self.theta + shift, self.intervals + shift[:, None]
         return replace(self, theta=np.clip(theta, low, high), intervals=np.clip(intervals, low[:, None], high[:, None]))
 
@@ -266,7 +266,8 @@ def row_of(
         return None
     if sampling.block is not None:
         pieces = in_blocks(pieces, sampling.block, sampling.stride)
-    return Row(tuple(specs), pieces, sampling.stride)
+    per_look = max(sampling.stride // sampling.update, 1) if any(segment.closed for segment in segments) else 1
+    return Row(tuple(specs), pieces, sampling.stride, per_look=per_look)
 
 
 def _beyond_likelihood(fit: RowFit, inflated: Array, uncounted: Mapping[Source, Array]) -> tuple[Array, Budget]:
@@ -324,7 +325,7 @@ def averaged(
     """
     spreads = np.zeros((*shifts.shape, shifts.shape[1])) if spreads is None else spreads
     more = (shifts.T * shares) @ shifts + np.tensordot(shares, spreads, axes=1)
-    low, high = estimate.row.bounds()
+    low, high = estimate.row.limits()
     variances = np.maximum(np.diagonal(spreads, axis1=1, axis2=2), 0.0)  # differences: rounding may leave them below
     ends = Mixture(estimate.intervals, estimate.theta, shifts, shares, confidence, variances).ends
     ends = np.column_stack([np.minimum(ends[:, 0], estimate.theta), np.maximum(ends[:, 1], estimate.theta)])
@@ -346,7 +347,7 @@ def at_median(
     Unlike a mean it lies near places that are probable, however far off another one is. What is at a bound
     stays there.
     """
-    low, high = estimate.row.bounds()
+    low, high = estimate.row.limits()
     between = (low < estimate.theta) & (estimate.theta < high)
     medians = Mixture(estimate.intervals, estimate.theta, shifts, shares, confidence, np.zeros_like(shifts)).medians
     moved = estimate.moved(np.where(between, medians - estimate.theta, 0.0))

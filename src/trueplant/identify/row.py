@@ -48,6 +48,8 @@ class Row:
     stride: int = 1
     restricted: Restriction | None = None
     """Whose restricted likelihood the fits maximise; None: the likelihood itself."""
+    per_look: int = 1
+    """Measurements of PV for each that is looked at, where a controller acted on all of them; 1: none is left out."""
 
     def rests(self, k: int) -> bool:
         """Does piece k start in steady state, so that it needs no free response?"""
@@ -124,7 +126,18 @@ class Row:
         return max(travel / drive, piece.h) if drive > 0 else piece.h
 
     def bounds(self) -> tuple[Array, Array]:
-        """Bounds of theta; lags far shorter than a sample are not identifiable and end at a twentieth of one."""
+        """Of theta where it is sought: as `limits`, and no dead time within STRIDES_PER_DEAD_TIME looks.
+
+        Where measurements of PV are left out, an answer of the plant between them passes for what the controller made
+        of the disturbance, which is not seen.
+        """
+        low, high = self.limits()
+        if self.per_look > 1:
+            low[self.is_dead_time] = levels.STRIDES_PER_DEAD_TIME * self.stride * self.pieces[0].h
+        return low, high
+
+    def limits(self) -> tuple[Array, Array]:
+        """Of theta; lags far shorter than a sample are not identifiable and end at a twentieth of one."""
         pairs = [(np.zeros(0), np.zeros(0)), *(s.structure.bounds() for s in self.specs)]
         low, high = np.concatenate([low for low, _ in pairs]), np.concatenate([high for _, high in pairs])
         h = self.pieces[0].h

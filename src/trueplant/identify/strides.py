@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -91,6 +91,7 @@ def _answers(specs: Sequence[Spec]) -> list[float]:
 
 def _shortest_dead_time(row: Row) -> float:
     """Of its elements, as they are estimated where the inputs move most."""
+    row = replace(row, per_look=1)  # looked for as short as they may be
     theta = estimate_row(most_moved(row), row.guessed_time_scale).theta
     parts = zip(row.specs, row.slices, strict=True)
     return min((float(np.min(spec.structure.dead_times(theta[part]))) for spec, part in parts), default=np.inf)

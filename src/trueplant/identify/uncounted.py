@@ -27,8 +27,6 @@ def parts_uncounted(
     found = {
         Source.START: fit.covariance * (initial_state_share(fit) if closed else 0.0),
         Source.LEFT_OUT: np.outer(left_out, left_out),
-        Source.ROUNDING: least + covariance_between_samples(fit, sampling.timing),
+        Source.ROUNDING: least + covariance_between_samples(fit, sampling.timing) + covariance_between_looks(fit),
     }
-    if closed:
-        found[Source.ROUNDING] = found[Source.ROUNDING] + covariance_between_looks(fit, sampling.update)
     return found if runs is None else found | {Source.EXPERIMENTS: runs.added}

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
@@ -21,6 +22,7 @@ from scipy.stats import chi2
 
 from trueplant.arrays import Array, IntArray
 from trueplant.identify import levels
+from trueplant.identify.between_samples import again_to_means, fitted_to_means
 from trueplant.identify.blocks import of_a_part
 from trueplant.identify.fit import RowFit
 from trueplant.identify.moments import in_row
@@ -227,10 +229,14 @@ class Search:
     def placed(self, valve: Valve, promised: float, enough: float) -> Placed:
         """To first order a wide band may promise what no plant keeps: what is gained with the plant fitted behind it is
         the most that counts. And a valve that hides much of what OP does promises little, as the plant fitted to OP is
-        far off: so what else could explain the errors is asked behind the valve too.
+        far off: so what else could explain the errors is asked behind the valve too. Where measurements of PV are left
+        out, what it did meanwhile passes for a stem's: it has to gain as much by their means.
         """
         moved = {i: behind(fit, {self.column: valve}) for i, fit in self.fits.items()}
         most = sum(self.fits[i].deviance - moved[i].deviance for i in moved)
+        if most > enough:
+            means = self._means.items()
+            most = min(most, sum(one.deviance - again_to_means(moved[i], one).deviance for i, one in means))
         gain, evidence = min(promised, most), -np.inf
         if most > enough:
             after = [ValveTest(fit, self.column) for fit in moved.values()]
@@ -256,6 +262,10 @@ class Search:
                 break
             valve = nearby[best]
         return found
+
+    @cached_property
+    def _means(self) -> dict[int, RowFit]:
+        return {i: fitted_to_means(fit) for i, fit in self.fits.items()}
 
     def moved(self, placed: Placed) -> dict[int, Array]:
         """(size,) by output, by how much the plant's parameters are larger behind a valve."""
