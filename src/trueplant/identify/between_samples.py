@@ -26,7 +26,7 @@ def covariance_between_samples(fit: RowFit, timing: float) -> Array:
     """(size, size) of what inputs did between their samples; 0 where they act at the instants recorded (`timing` 0)."""
     if not timing:
         return np.zeros((fit.theta.size, fit.theta.size))
-    row = most_moved(fit.row)
+    row = replace(most_moved(fit.row), per_look=1)  # or dead times would be kept twice as far from half as many looks
     found = _refitted(fit, row).theta
     sparse = [_refitted(fit, _thinned(row, phase)).theta for phase in range(2)]
     moved = np.mean(sparse, axis=0) - found

@@ -73,8 +73,9 @@ def without_unseen_dead_times(fit: RowFit) -> RowFit:
 
     Estimating a dead time next to its bound of 0 makes the time constant much less certain (splitter column: 1.5 times
     the Cramer-Rao bound). A small one may still be there: the caller adds how far the other parameters move with it.
+    Where none is sought at 0 (`bounds`), none is fixed there.
     """
-    for index in _undeclared(fit):
+    for index in _undeclared(fit) if fit.row.per_look == 1 else ():
         without = held_at(fit, np.array([index]), np.zeros(1))
         if chi2.sf(rise(fit, without), 1) > levels.DEAD_TIME_UNSEEN:
             fit = without
