@@ -12,7 +12,6 @@ from support.simulated import BLT, WOOD_BERRY, coloured, random_switching, segme
 from trueplant.identify import identify_matrix, identify_output, specs_of, sticking, try_valves
 from trueplant.identify.between_samples import _averaged, covariance_between_looks, covariance_between_samples
 from trueplant.identify.pieces import Piece
-from trueplant.identify.search import dead_time_grid
 from trueplant.identify.strides import Sampling
 from trueplant.identify.structures import sufficient_p
 from trueplant.identify.valves import FoundValve
@@ -148,7 +147,6 @@ def test_a_dead_time_is_sought_four_looks_away_and_may_be_nearer():
     plant, record = finely(10.0, 20_000, 90)
     found = identify_output([record], 0, list(specs_of(plant).values()), sampling=Sampling(8))
     assert found.theta[2] >= 32.0 and found.intervals[2, 0] == 0.0
-    assert dead_time_grid(found.row, 0, found.theta, 1.0).min() == 32
 
 
 @pytest.mark.parametrize(("count", "apart"), [(4, 1), (3, 2)])

@@ -102,15 +102,14 @@ def test_the_spread_of_the_tclab_runs_is_in_the_intervals(tclab):
     """
     together, first, second = (tclab[key] for key in ("together", "first", "second"))
     assert not any(note.code == "runs-disagree" for note in together.notes)
-    for name in ("gain", "tau1"):
-        both = [parameter(one, 2, 1, name) for one in (first, second)]
+    for name, answered in (("gain", 2), ("tau1", 1)):  # a richer structure leaves the lag of the second run open
+        alone = [parameter(one, 2, 1, name).plant for one in (first, second)]
+        given = [plant for plant in alone if plant is not None]
+        assert len(given) >= answered
         low, high = parameter(together, 2, 1, name).ci
-        spread = abs(both[0].plant - both[1].plant)
-        assert low < min(p.plant for p in both)
-        assert high > max(p.plant for p in both)
+        assert 0 < low < min(given) and high > max(given)
         # a richer structure suits them better, and what is not known of it under slow noise counts as well
-        assert high - low <= 8 * spread
-        assert low > 0
+        assert len(given) < 2 or high - low <= 8 * abs(given[0] - given[1])
 
 
 @pytest.mark.slow

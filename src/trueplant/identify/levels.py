@@ -106,7 +106,8 @@ GUESSED_ORDER = 2
 SAMPLES_PER_LAG = 80
 """More samples than this per lag of the fastest element are left out of long records."""
 STRIDES_PER_DEAD_TIME = 4.0
-"""Samples that are looked at in the shortest dead time that is found, at least, where others are left out."""
+"""Samples that are looked at in the shortest dead time that is found, at least, where others are left out; nor is one
+sought nearer."""
 ENOUGH_SAMPLES = 1000
 """Samples that are kept in any case."""
 SHORTEST_BLOCK = 65_536

@@ -82,9 +82,8 @@ def dead_time_grid(row: Row, m: int, p: Array, h: float, finest: int = 48) -> Ar
     structure = row.specs[m].structure
     longest = max(3 * structure.longest_dead_time(p), structure.lag(p), 10 * h)
     longest = min(longest, max(q.span for q in row.pieces) / 4)
-    least = int(np.ceil(row.bounds()[0][row.slices[m]][structure.is_dead_time].min() / h))
-    most = max(int(longest / h), least + 1)
-    return np.unique(np.round(np.linspace(least, most, min(most - least + 1, finest))).astype(int))
+    count = max(int(longest / h), 1)
+    return np.unique(np.round(np.linspace(0, count, min(count + 1, finest))).astype(int))
 
 
 def improved_element(row: Row, theta: Array, ar: Array, m: int) -> tuple[Array, float]:
