@@ -66,14 +66,15 @@ def finely(
     tuning: tuple[float, float] = (4.0, 100.0),
     pole: float = 0.9999,
     size: tuple[float, float] = (0.5, 0.1),
+    moves: float = 2.0,
     valve: Valve | None = None,
 ) -> tuple[TransferMatrix, Segment]:
     """A lag of many samples under a PI, Kc and Ti; a disturbance reaches PV, and the transmitter has noise of its own:
-    `size`."""
+    `size`. The set-point `moves` every so many lags."""
     rng = np.random.default_rng(seed)
     plant = TransferMatrix.of([[f"2 exp(-{dead_time} s)/({lag} s + 1)"]])
     v = coloured(rng, samples, 1, [1, -pole], [1], size[0])
-    r = random_switching(rng, samples, 1, (6 if valve or lag > 300 else 2) * lag)
+    r = random_switching(rng, samples, 1, moves * lag)
     law = Controller.diagonal([PID(Kc=tuning[0], Ti=tuning[1], sample_time=1.0)])
     valves = None if valve is None else [valve]
     record = simulate(plant, law, r, 1.0, v=v, noise=[size[1]], seed=seed, valves=valves)
@@ -129,15 +130,15 @@ def valve_of(plant: TransferMatrix, record: Segment, stride: int) -> list[FoundV
 def test_what_pv_did_between_looks_is_no_valve_that_sticks():
     """Every tenth of a lag of 3,000: what OP did about the noise of the others looks as if its stem had not."""
     for seed in (4, 5):
-        plant, record = finely(30.0, 200_000, seed, lag=3000.0, tuning=(2.5, 3000.0), pole=0.9996, size=(0.1, 0.03))
+        slow = {"lag": 3000.0, "tuning": (2.5, 3000.0), "pole": 0.9996, "size": (0.1, 0.03), "moves": 6.0}
+        plant, record = finely(30.0, 200_000, seed, **slow)
         found, alone = valve_of(plant, record, 10)
         assert found is None and alone is not None
 
 
 def test_a_valve_that_sticks_is_found_where_measurements_are_left_out():
-    plant, record = finely(
-        40.0, 60_000, 70, tuning=(2.0, 300.0), pole=0.9995, size=(0.1, 0.03), valve=Valve(backlash=0.5)
-    )
+    quiet = {"tuning": (2.0, 300.0), "pole": 0.9995, "size": (0.1, 0.03), "moves": 6.0}
+    plant, record = finely(40.0, 60_000, 70, valve=Valve(backlash=0.5), **quiet)
     found, _ = valve_of(plant, record, 8)
     assert found.valve.backlash == pytest.approx(0.5, rel=0.1)
 
