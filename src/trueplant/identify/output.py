@@ -344,7 +344,7 @@ def at_median(
 ) -> OutputEstimate:
     """`averaged`, about the median of each parameter, where the record says how probable each of the shifts is.
 
-    Unlike a mean it lies near places that are probable, however far off another one is. What is at a bound
+    Unlike a mean it lies near places that are probable, however far off another one is. What is at a limit
     stays there.
     """
     low, high = estimate.row.limits()

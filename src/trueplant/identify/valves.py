@@ -265,6 +265,7 @@ class Search:
 
     @cached_property
     def _means(self) -> dict[int, RowFit]:
+        """The fits to means of PV, by output; as they are where nothing is left out."""
         return {i: fitted_to_means(fit) for i, fit in self.fits.items()}
 
     def moved(self, placed: Placed) -> dict[int, Array]:
