@@ -109,6 +109,25 @@ def test_a_gain_that_is_off_by_half_of_a_tenth_and_a_time_by_half_of_a_quarter(k
     assert law_judged.Ratio(0, kind, kind is Kind.GAIN, value, std).off is off
 
 
+@pytest.mark.parametrize(
+    ("kind", "value", "std", "known"),
+    [
+        (Kind.GAIN, 1.00, 0.029, True),
+        (Kind.GAIN, 1.00, 0.031, False),  # 0.907 is left
+        (Kind.GAIN, 1.04, 0.018, True),
+        (Kind.GAIN, 1.04, 0.022, False),  # 1.106 is
+        (Kind.GAIN, 0.96, 0.018, False),  # 0.906
+        (Kind.INTEGRAL, 1.10, 0.045, True),
+        (Kind.INTEGRAL, 1.10, 0.055, False),  # its inverse is what is judged: 1.265
+        (Kind.INTEGRAL, -0.10, 0.01, False),
+    ],
+)
+def test_a_gain_or_time_is_known_if_none_that_has_to_be_found_out_is_within_three_standard_errors(
+    kind, value, std, known
+):
+    assert law_judged.Ratio(0, kind, kind is Kind.GAIN, value, std).known is known
+
+
 @pytest.mark.holds("study.BETWEEN_OFF")
 @pytest.mark.parametrize(("gain", "off"), [(1.4, False), (1.6, True), (0.7, False), (0.6, True)])
 def test_a_law_that_acts_between_the_samples_may_come_out_half_as_high_again(gain, off):

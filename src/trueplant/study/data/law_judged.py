@@ -45,21 +45,22 @@ class Ratio:
         return self.judged_std / self.judged**2 if self.judged > 0 else np.inf
 
     @property
-    def _line(self) -> float:
-        """Half-way, on a logarithmic scale, to a value that is off by what has to be found."""
-        return float(np.log1p(levels.GAIN_OFF if self.base else levels.TIME_OFF)) / 2
+    def _wrong(self) -> float:
+        """Times the declared value, or that part of it, from which one has to be found out."""
+        return 1 + (levels.GAIN_OFF if self.base else levels.TIME_OFF)
 
     @property
     def known(self) -> bool:
-        """Would a value beyond the line have been seen?"""
-        return levels.LAW_SURE * self.judged_std < self._line
+        """Is it surely none of the values that have to be found out?"""
+        spread = levels.LAW_SURE * self.judged_std
+        return 1 / self._wrong < self.judged - spread and self.judged + spread < self._wrong
 
     @property
     def off(self) -> bool:
-        """Beyond the line, and surely another value than declared."""
+        """Nearer to such a value than to the declared one, on a logarithmic scale, and surely not the declared one."""
         if abs(self.judged - 1) < levels.LAW_SURE * self.judged_std:
             return False
-        return self.judged <= 0 or abs(float(np.log(self.judged))) > self._line
+        return self.judged <= 0 or 2 * abs(float(np.log(self.judged))) > float(np.log(self._wrong))
 
 
 @dataclass(frozen=True, eq=False)
