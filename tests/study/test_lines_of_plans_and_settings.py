@@ -51,7 +51,7 @@ def test_a_law_is_confirmed_that_leaves_a_fiftieth_of_op_or_half_as_much_again_a
 ):
     windows: Any = Stub(
         freedom=np.array([100.0]),
-        op_rounding=rounding**2,
+        plain=Stub(op_rounding=rounding**2),
         pv_rounding=lambda: 0.0,
         missed=lambda: np.zeros(1),
         labels=(),

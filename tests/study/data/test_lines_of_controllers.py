@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from support.simulated import segment_of
-from trueplant.loop import PID, Controller, Kind, Sum
+from trueplant.loop import PID, Controller, Kind, Sum, law_parts
 from trueplant.record import Segment
 from trueplant.result import ControllerCheck
 from trueplant.study.data import controller_check, law_judged, op_law, scan
 from trueplant.study.data.by_hand import hand_notes, without_hand
 from trueplant.study.data.law_samples import wrong_samples
 from trueplant.study.data.law_trend import law_trend
-from trueplant.study.data.law_windows import Cuts, Stretch, Windows, cut
+from trueplant.study.data.law_windows import Cuts, Moments, Stretch, Windows, _whitening, cut, windows_of
 
 Array = NDArray[np.float64]
 LAW = Controller.diagonal([PID(Kc=1.0)])
@@ -163,12 +163,51 @@ def test_a_law_without_any_control_error_is_parted_nowhere() -> None:
     assert found is None or law_judged.parted(found) is None
 
 
+def rounded_pid(seed: int) -> tuple[Controller, Stretch]:
+    """A PID that acts on what a historian rounds to three standard deviations of PV's noise, and its record."""
+    rng = np.random.default_rng(seed)
+    y = lfilter([0.3], [1, -0.98], rng.standard_normal(3000)) + 0.3 * rng.standard_normal(3000)
+    law = Controller.diagonal([PID(Kc=2.0, Ti=30.0, Td=3.0, alpha=0.2, sample_time=1.0)])
+    own = stretch(y, y)
+    parts = law_parts(law, 0, own.r, own.y, 1.0, *BACKWARD, 1)
+    u = np.sum([part.values for part in parts], axis=0)
+    return law, replace(own, u=np.round(u / 0.01) * 0.01, y=np.round(own.y / 0.9) * 0.9)
+
+
+def test_what_rounding_does_to_op_is_white_behind_the_filter() -> None:
+    law, own = rounded_pid(0)
+    cuts = cut([own], law, 0)
+    rng = np.random.default_rng(5)
+    y = cuts.pv_steps * (rng.random((20_000, 1)) - 0.5)
+    parts = law_parts(law, 0, np.zeros_like(y), y, 1.0, *BACKWARD, 1)
+    error = np.sum([part.values for part in parts], axis=0) + cuts.op_step * (rng.random(20_000) - 0.5)
+    white = _whitening(cuts, law, 0, BACKWARD)(error[None, :, None])[0, 1000:, 0]
+    for x, is_white in ((np.diff(error), False), (white, True)):
+        lags = np.array([np.corrcoef(x[k:], x[:-k])[0, 1] for k in range(1, 30)])
+        assert bool(np.abs(lags).max() < 4 / np.sqrt(x.size)) is is_white
+
+
+def test_gains_behind_coarse_pvs_are_as_sure_as_they_say_and_surer_than_by_op_as_it_is() -> None:
+    """Thirty records, seeds 0 on."""
+    off, surer = [], []
+    for seed in range(30):
+        law, own = rounded_pid(seed)
+        windows = windows_of(cut([own], law, 0), law, 0, BACKWARD)
+        weighted, plain = windows.fit(), replace(windows, weighted=windows.plain).fit()
+        off.append([(gain - 1) / weighted.std(d) for gain, d in zip(weighted.gains, np.eye(3), strict=True)])
+        surer.append([weighted.std(d) / plain.std(d) for d in np.eye(3)])
+    assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.25
+    assert np.abs(off).max() < 4
+    assert np.all(np.median(surer, axis=0) < 0.85)
+
+
 @pytest.mark.holds("study.ROUNDING_LEFT")
 def test_a_tenth_of_the_bias_that_was_taken_off_for_rounding_counts_as_an_error() -> None:
     """Thirty windows that agree: PV's rounding adds a tenth to its power, without which the gain is 1 and not 0.9."""
     one, part = np.ones(30), np.ones((30, 1, 1))
     freedom = np.full(30, 20)
-    windows = Windows(((0, Kind.GAIN),), one, part, 0.9 * one[:, None], 0.9 * one, freedom, 0.1 * part, 0.0)
+    sums = Moments(part, 0.9 * one[:, None], 0.9 * one, 0.1 * part, 0.0)
+    windows = Windows(((0, Kind.GAIN),), one, freedom, sums, sums)
     fit = windows.fit()
     assert fit.gains == pytest.approx([1.0])
     assert 0.007 < fit.std(np.ones(1)) < 0.014

@@ -127,7 +127,7 @@ def judged(stretches: Sequence[Stretch], controller: Controller, i: int, scale: 
             break
         stretches = [replace(s, good=s.good & ~w) for s, w in zip(stretches, wrong, strict=True)]
     others = [other for sums, other in missed.items() if sums[0] is not best[0]]
-    clear = levels.LAW_SURE**2 * max(fit.rms**2, windows.op_rounding)
+    clear = levels.LAW_SURE**2 * max(fit.rms**2, windows.plain.op_rounding)
     told = best[0] if others and min(others) - missed[best] > clear else None
     found = _with(windows, fit, cuts, scale, told)
     if found.off:
@@ -140,7 +140,7 @@ def judged(stretches: Sequence[Stretch], controller: Controller, i: int, scale: 
 
 def _with(windows: Windows, fit: Fit, cuts: Cuts, scale: float, told: Sum | None) -> Judged:
     freedom = float(windows.freedom.sum())
-    rounding = levels.LAW_ROUNDED * float(np.sqrt(windows.op_rounding + windows.pv_rounding() / freedom))
+    rounding = levels.LAW_ROUNDED * float(np.sqrt(windows.plain.op_rounding + windows.pv_rounding() / freedom))
     return Judged(
         windows,
         ratios_of(windows.labels, fit),
@@ -207,13 +207,13 @@ def _parted(windows: Windows, allowed: float, declared_first: bool) -> tuple[flo
     in squares."""
     n, m = len(windows), len(windows.labels)
     cuts = np.arange(levels.LAW_BEFORE, n - levels.LAW_BEFORE + 1)
-    if not cuts.size or not np.any(windows.gram):
+    if not cuts.size or not np.any(windows.plain.gram):
         return None
     way = slice(None) if declared_first else slice(None, None, -1)
     missed = np.concatenate([[0.0], np.cumsum(windows.missed()[way])])
     gram, moment, power = (
         np.concatenate([np.cumsum(x[way][::-1], axis=0)[::-1], np.zeros((1, *x.shape[1:]))])
-        for x in (windows.gram, windows.moment, windows.power)
+        for x in (windows.plain.gram, windows.plain.moment, windows.plain.power)
     )
     G = gram[cuts] + np.finfo(float).eps * np.trace(gram[0]) * np.eye(m)
     gains = np.linalg.solve(G, moment[cuts][..., None])[..., 0]

@@ -11,7 +11,7 @@ from trueplant.loop import Controller, law_parts
 from trueplant.record.levels import NORMAL_MAD
 from trueplant.record.runs import spread, true_runs
 from trueplant.study import levels
-from trueplant.study.data.law_windows import Cuts, Stretch, Sums
+from trueplant.study.data.law_windows import Cuts, Stretch, Sums, recursion_of
 
 
 def wrong_samples(
@@ -54,8 +54,7 @@ def _left(
 ) -> tuple[Array, BoolArray, int]:
     """(n, N) what each candidate misses of OP behind the law's recursion, where that is known, and its length."""
     parts = law_parts(controller, i, stretch.r, y, stretch.h, *sums, 1)
-    poles = np.unique(np.round(np.concatenate([[1.0], *(p.poles for p in parts)]), 12))
-    recursion = np.real(np.poly(poles))
+    recursion = recursion_of([[1.0], *(p.poles for p in parts)])
     values = np.column_stack([p.values for p in parts])
     left = np.stack([np.convolve(u - values @ gains, recursion)[: u.size] for gains in candidates])
     whole = np.convolve(~stretch.good, np.ones(recursion.size))[: u.size] == 0

@@ -8,12 +8,14 @@ windows would be the increments of OP; longer ones see the integral, and roundin
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.signal import lfilter
 
 from trueplant.arrays import Array, BoolArray, IntArray
-from trueplant.loop import Controller, Kind, Sum, law_parts
+from trueplant.loop import Controller, Kind, Part, Sum, law_parts
 from trueplant.record.runs import true_runs
 from trueplant.record.sensor import quantum
 from trueplant.study import levels
@@ -68,42 +70,62 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class Windows:
+class Moments:
     """Sums over the samples of each window, memory projected out; first axis: window."""
 
-    labels: tuple[Label, ...]
-    start: Array
-    """Time of the first sample."""
     gram: Array
     """(n_w, m, m) of the parts."""
     moment: Array
     """(n_w, m) of the parts with OP."""
     power: Array
     """Of OP."""
-    freedom: IntArray
-    """Samples less what was projected out."""
     rounded: Array
     """(n_w, m, m) what the rounding of PV is expected to add to `gram`."""
     op_rounding: float
     """Variance that the rounding of OP leaves."""
+
+    def of(self, part: slice, moves: BoolArray) -> Moments:
+        """Of some of the windows and parts."""
+        gram, rounded = (x[part][:, moves][:, :, moves] for x in (self.gram, self.rounded))
+        return Moments(gram, self.moment[part][:, moves], self.power[part], rounded, self.op_rounding)
+
+    def left(self, gains: Array) -> float:
+        """Power of OP less the law with these gains."""
+        whole = self.power.sum() - 2 * gains @ self.moment.sum(axis=0) + gains @ self.gram.sum(axis=0) @ gains
+        return float(max(whole, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """What the windows of a record say of a law."""
+
+    labels: tuple[Label, ...]
+    start: Array
+    """Time of the first sample."""
+    freedom: IntArray
+    """Samples less what was projected out."""
+    plain: Moments
+    """Of OP as it was recorded."""
+    weighted: Moments
+    """Of OP behind the filter that makes white noise of what rounding does to it: gains are known best by these."""
 
     def __len__(self) -> int:
         return int(self.start.size)
 
     def missed(self) -> Array:
         """(n_w,) power of OP less the law as declared."""
-        one = np.ones(len(self.labels))
-        return np.asarray(np.maximum(self.power - 2 * self.moment @ one + one @ self.gram @ one, 0.0))
+        one, of = np.ones(len(self.labels)), self.plain
+        return np.asarray(np.maximum(of.power - 2 * of.moment @ one + one @ of.gram @ one, 0.0))
 
     def pv_rounding(self) -> float:
         """Power that the rounding of PV is expected to leave of the law as declared."""
-        return float(self.rounded.sum())
+        return float(self.plain.rounded.sum())
 
     def usual(self) -> Array:
         """Median over the windows of the gains that each alone tells."""
         enough = self.freedom > 2 * len(self.labels)
-        gram = self.gram[enough if enough.any() else slice(None)]
-        moment = self.moment[enough if enough.any() else slice(None)]
+        chosen = enough if enough.any() else slice(None)
+        gram, moment = self.weighted.gram[chosen], self.weighted.moment[chosen]
         ridge = np.finfo(float).eps * np.trace(gram, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
         alone = np.linalg.solve(gram + ridge * np.eye(gram.shape[1]), moment[..., None])[..., 0]
         return np.asarray(np.median(alone, axis=0))
@@ -115,38 +137,38 @@ class Windows:
         controller acted on the rounded PV itself, it brought nothing. A part that does not move stays as declared, its
         variance infinite.
         """
-        size = np.einsum("wmm->m", self.gram[part])
+        size = np.einsum("wmm->m", self.plain.gram[part])
         moves = size > np.finfo(float).eps * size.sum()
-        live = np.ix_(range(len(self.gram[part])), moves, moves)
-        gram, rounded, moment = self.gram[part][live], self.rounded[part][live], self.moment[part][:, moves]
+        sums, plain = self.weighted.of(part, moves), self.plain.of(part, moves)
         gains, covariances = np.ones(moves.size), np.full((2, moves.size, moves.size), np.inf)
-        G, E, g = gram.sum(axis=0), rounded.sum(axis=0), moment.sum(axis=0)
-        power, freedom = float(self.power[part].sum()), max(float(self.freedom[part].sum()) - g.size, 1.0)
+        G, E, g = sums.gram.sum(axis=0), sums.rounded.sum(axis=0), sums.moment.sum(axis=0)
+        freedom = max(float(self.freedom[part].sum()) - g.size, 1.0)
 
-        def left(k: Array) -> float:
-            value: float = power - 2 * k @ g + k @ G @ k
-            return float(max(value, 0.0) / freedom)
+        def found(share: float) -> Fit:
+            return Fit(gains, covariances, float(np.sqrt(plain.left(gains[moves]) / freedom)), share)
 
         scale = np.sqrt(np.diag(G))
         ridge = np.diag(np.finfo(float).eps * scale**2)
-        plain = np.linalg.solve(G + ridge, g)
-        brought = plain @ E @ plain / freedom
-        share = float(np.clip((left(plain) - self.op_rounding) / brought, 0.0, 1.0)) if brought > 0 else 0.0
+        biased = np.linalg.solve(G + ridge, g)
+        brought = biased @ E @ biased / freedom
+        over = sums.left(biased) / freedom - sums.op_rounding
+        share = float(np.clip(over / brought, 0.0, 1.0)) if brought > 0 else 0.0
         corrected = G - share * E
         if not g.size or np.linalg.eigvalsh(corrected / np.outer(scale, scale))[0] <= 0:
-            gains[moves] = plain
-            return Fit(gains, covariances, float(np.sqrt(left(plain))), share)
+            gains[moves] = biased
+            return found(share)
         inverse = np.linalg.inv(corrected + ridge)
         gains[moves] = inverse @ g
         # without one window at a time: windows that differ, and errors that are not white, are in it
-        others = corrected + ridge - (gram - share * rounded)
-        without = np.linalg.solve(others + ridge, (g - moment)[..., None])[..., 0] - gains[moves]
-        covariances[0][np.ix_(moves, moves)] = without.T @ without * (1 - 1 / len(gram))
-        white = inverse @ G @ inverse * left(gains[moves])
-        covariances[1][np.ix_(moves, moves)] = 0.0 if len(gram) >= levels.LAW_WINDOWS else white
-        doubt = levels.ROUNDING_LEFT * (gains[moves] - plain)
+        others = corrected + ridge - (sums.gram - share * sums.rounded)
+        without = np.linalg.solve(others + ridge, (g - sums.moment)[..., None])[..., 0] - gains[moves]
+        n = len(sums.gram)
+        covariances[0][np.ix_(moves, moves)] = without.T @ without * (1 - 1 / n)
+        white = inverse @ G @ inverse * sums.left(gains[moves]) / freedom
+        covariances[1][np.ix_(moves, moves)] = 0.0 if n >= levels.LAW_WINDOWS else white
+        doubt = levels.ROUNDING_LEFT * (gains[moves] - biased)
         covariances[(slice(None), *np.ix_(moves, moves))] += np.outer(doubt, doubt)
-        return Fit(gains, covariances, float(np.sqrt(left(gains[moves]))), share)
+        return found(share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,8 +239,9 @@ def _spans(x: Array, first: IntArray, size: IntArray) -> Array:
 def windows_of(cuts: Cuts, controller: Controller, i: int, sums: Sums) -> Windows:
     """The sums of every window for OP i of a controller."""
     rng = np.random.default_rng(0)
-    steps = cuts.pv_steps
-    tables, labels = [], tuple[Label, ...]()
+    steps, filters = cuts.pv_steps, (_Filter(), _whitening(cuts, controller, i, sums))
+    start, freedom, labels = list[Array](), list[IntArray](), tuple[Label, ...]()
+    tables: tuple[list[Moments], ...] = [], []
     for stretch, begin, length in zip(cuts.stretches, cuts.begin, cuts.length, strict=True):
         if not begin.size:
             continue
@@ -233,20 +256,81 @@ def windows_of(cuts: Cuts, controller: Controller, i: int, sums: Sums) -> Window
         x, memory = values(stretch.y)
         basis = _orthonormal(memory)
         place = np.minimum(begin[:, None] + np.arange(cuts.longest), stretch.u.size - 1)
-        inside = np.arange(cuts.longest) < length[:, None]
-        known = np.linalg.qr(basis * inside[..., None])[0]
-        freedom = length - np.minimum(basis.shape[1], length)
-        columns = _without(known, np.column_stack([stretch.u, x])[place] * inside[..., None])
-        gram = np.swapaxes(columns, 1, 2) @ columns
-        noise = np.zeros((begin.size, x.shape[1], x.shape[1]))
-        for _ in range(levels.ROUNDING_DRAWS if steps.any() else 0):
-            y = stretch.y + steps * (rng.random(stretch.y.shape) - 0.5)
-            moved = _without(known, (values(y)[0] - x)[place] * inside[..., None])
-            noise += np.swapaxes(moved, 1, 2) @ moved / levels.ROUNDING_DRAWS
-        tables.append((stretch.t[begin], gram[:, 1:, 1:], gram[:, 1:, 0], gram[:, 0, 0], freedom, noise))
-    joined = [np.concatenate(column) for column in zip(*tables, strict=True)]
-    start, gram, moment, power, freedom, noise = joined
-    return Windows(labels, start, gram, moment, power, freedom, noise, cuts.op_step**2 / 12)
+        inside = (np.arange(cuts.longest) < length[:, None])[..., None]
+        start.append(stretch.t[begin])
+        freedom.append(length - np.minimum(basis.shape[1], length))
+        columns = np.column_stack([stretch.u, x])[place] * inside
+        draws = range(levels.ROUNDING_DRAWS if steps.any() else 0)
+        shaken = [values(stretch.y + steps * (rng.random(stretch.y.shape) - 0.5))[0] - x for _ in draws]
+        moved = [one[place] * inside for one in shaken]
+        for behind, table in zip(filters, tables, strict=True):
+            known = np.linalg.qr(behind(basis * inside) * inside)[0]
+            own, *noise = (_without(known, behind(one) * inside) for one in (columns, *moved))
+            table.append(_moments(own, noise, cuts.op_step**2 / 12 * behind.power(cuts.longest)))
+    return Windows(labels, np.concatenate(start), np.concatenate(freedom), *map(_joined, tables))
+
+
+def _moments(columns: Array, noise: Sequence[Array], op_rounding: float) -> Moments:
+    """Of OP and the parts (n_w, samples, 1 + m), and of what simulated roundings add to the parts."""
+    gram, rounded = _gram(columns), [_gram(one) for one in noise]
+    expected = np.mean(rounded, axis=0) if rounded else np.zeros_like(gram[:, 1:, 1:])
+    return Moments(gram[:, 1:, 1:], gram[:, 1:, 0], gram[:, 0, 0], expected, op_rounding)
+
+
+def _gram(x: Array) -> Array:
+    return np.asarray(np.swapaxes(x, 1, 2) @ x)
+
+
+def _joined(some: Sequence[Moments]) -> Moments:
+    arrays = zip(*((one.gram, one.moment, one.power, one.rounded) for one in some), strict=True)
+    gram, moment, power, rounded = (np.concatenate(one) for one in arrays)
+    return Moments(gram, moment, power, rounded, some[0].op_rounding)
+
+
+@dataclass(frozen=True, eq=False)
+class _Filter:
+    """Polynomials in 1/z, of the numerator and the denominator."""
+
+    above: Array = field(default_factory=lambda: np.ones(1))
+    below: Array = field(default_factory=lambda: np.ones(1))
+
+    def __call__(self, x: Array) -> Array:
+        """Along the samples of each window (n_w, samples, n), from rest."""
+        return x if self.above.size == 1 else np.asarray(lfilter(self.above, self.below, x, axis=1))
+
+    def power(self, samples: int) -> float:
+        """Variance of what it makes of white noise of variance 1."""
+        return float(np.sum(lfilter(self.above, self.below, np.eye(1, samples)[0]) ** 2))
+
+
+def _whitening(cuts: Cuts, controller: Controller, i: int, sums: Sums) -> _Filter:
+    """Behind which white noise is left of what rounding does to OP.
+
+    OP's own rounding is white, and that of a PV reaches OP through the law. Behind the law's recursion both are moving
+    averages; the filter divides by their spectral factor, the roots within the unit circle.
+    """
+    steps, own = cuts.pv_steps, [s for s, begin in zip(cuts.stretches, cuts.begin, strict=True) if begin.size]
+    if not own or not steps.any():
+        return _Filter()
+    rest = np.median(np.concatenate([s.y[s.good] for s in own]), axis=0)
+
+    def struck(by: Array, samples: int) -> tuple[Part, ...]:
+        still = np.tile(rest, (samples, 1))
+        return law_parts(controller, i, still, still + by * np.eye(samples, 1), own[0].h, *sums, 1)
+
+    recursion = recursion_of([part.poles for part in struck(0 * steps, 1)])
+    size = recursion.size
+    answers = [np.sum([p.values for p in struck(by, size)], axis=0) for by in (0 * steps, *np.diag(steps)[steps > 0])]
+    averages = [np.convolve(one - answers[0], recursion)[:size] for one in answers[1:]]
+    spectrum = np.sum([np.convolve(one, one[::-1]) for one in (*averages, cuts.op_step * recursion)], axis=0)
+    roots = np.roots(spectrum)
+    return _Filter(recursion, np.atleast_1d(np.real(np.poly(roots[np.argsort(np.abs(roots))][: size - 1]))))
+
+
+def recursion_of(poles: Sequence[ArrayLike]) -> Array:
+    """The polynomial in 1/z behind which a law with these poles has no memory."""
+    each = np.unique(np.round(np.concatenate([np.zeros(0), *poles]), 12))
+    return np.atleast_1d(np.real(np.poly(each)))
 
 
 def _orthonormal(memory: Array) -> Array:
