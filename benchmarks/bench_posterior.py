@@ -1,11 +1,11 @@
 """The paper's grinding mill, simulated: are plants drawn from an answer as often unstable as the posterior's own?
 
 For each record (that of `bench_mill`) the analysis draws plants from its normal distribution, as it does for what it
-says of today's loop and of new settings. A random walk (Metropolis, covariance from the answer, adapted while it burns
-in) samples the likelihood of each row itself, noise model included. Printed are, for both, the share of plants that
-today's controller does not stabilise, the effective size of the walk, and how the net gain of (1, 2) spreads.
+says of today's loop and of new settings. Importance sampling draws from the likelihood of each row itself, noise model
+included. Printed are, for both, the share of plants that today's controller does not stabilise, how many independent
+draws the sample is worth, and how the net gain of (1, 2) spreads.
 
-    python benchmarks/bench_posterior.py [--records 6] [--draws 10000] [--steps 40000] [--workers 2]
+    python benchmarks/bench_posterior.py [--records 6] [--draws 10000] [--workers 2]
 """
 
 from __future__ import annotations
@@ -32,19 +32,22 @@ from trueplant.study.loops.metrics import drawn_peaks
 from trueplant.study.plant.updated import updated_plant
 from trueplant.tune import common_grid
 
-BURN_IN = 0.25
-"""Share of the walk that is given up."""
+ROUNDS, EACH_ROUND = 6, 4000
+"""In which the distribution that is drawn from settles, and draws of each."""
+TAILS = 5.0
+"""Degrees of freedom of that distribution: its tails are heavier than those of what is sought."""
 HIGHEST = 20.0
 """rad/min: well beyond the crossover of both loops."""
 SHARES = (0.05, 0.2, 0.5)
 """Of the answer's plants that are to be unstable."""
 
 
-def walk(estimate, steps, rng):
-    """Samples (n, size) of the row's parameters by its likelihood, and their effective number.
+def sampled(estimate, draws, rng):
+    """Samples (n, size) of the row's parameters by its likelihood, drawn by their weights, and their effective number.
 
-    It walks along the net gain, and the logarithms of the larger gain and of the dead times' difference, of elements
-    with two delayed terms: their products are what a record knows, so that it would hardly move along the parameters.
+    Importance sampling from a Student t distribution that takes mean and covariance from what it has seen. It is one
+    of the net gain, and of the logarithms of the larger gain and of the dead times' difference, of elements with two
+    delayed terms: their products are what a record knows, so that it is far from normal in the parameters.
     """
     fit = estimate.fit
     low, high = fit.row.bounds()
@@ -63,7 +66,7 @@ def walk(estimate, steps, rng):
             theta[dead + 1] = x[dead] + np.exp(x[dead + 1])
         return theta
 
-    def walked(theta):
+    def seen_from(theta):
         x = theta.copy()
         for gain, dead in pairs:
             x[gain], x[gain + 1] = np.log(theta[gain]), theta[gain] + theta[gain + 1]
@@ -78,25 +81,28 @@ def walk(estimate, steps, rng):
         volume = sum(x[gain] + x[dead + 1] for gain, dead in pairs)
         return volume - 0.5 * fit.left * np.log(cost) if np.isfinite(cost) else -np.inf
 
-    x = walked(np.concatenate([fit.theta, fit.ar]))
-    slopes = np.array([(theta_of(x + 1e-6 * d) - theta_of(x - 1e-6 * d)) / 2e-6 for d in np.eye(x.size)]).T
+    mean = seen_from(np.concatenate([fit.theta, fit.ar]))
+    slopes = np.array([(theta_of(mean + 1e-6 * d) - theta_of(mean - 1e-6 * d)) / 2e-6 for d in np.eye(mean.size)]).T
     spread = fit.variance * np.linalg.inv(slopes.T @ fit.information @ slopes)
-    root = _root(spread)
-    now, kept, scale = log_density(x), np.empty((steps, x.size)), 2.38 / np.sqrt(x.size)
-    burn = int(BURN_IN * steps)
-    for k in range(steps):
-        trial = x + scale * root @ rng.standard_normal(root.shape[1])
-        value = log_density(trial)
-        accepted = np.log(rng.random()) < value - now
-        if accepted:
-            x, now = trial, value
-        kept[k] = x
-        if k < burn:  # the scale settles on an acceptance of 0.25, the shape on what has been seen
-            scale *= np.exp((float(accepted) - 0.25) / np.sqrt(1 + k))
-            if k % 1000 == 999 and k >= burn // 4:
-                root = _root(np.cov(kept[k // 2 : k + 1].T))
-    sample = np.array([theta_of(x)[:size] for x in kept[burn:]])
-    return sample, min(_effective(column) for column in sample.T)
+    for _ in range(ROUNDS):
+        x, weights = _weighted(log_density, mean, spread, EACH_ROUND, rng)
+        mean = weights @ x
+        spread = (x - mean).T @ ((x - mean) * weights[:, None])
+    count = int(1.2 * draws * EACH_ROUND / _effective(_weighted(log_density, mean, spread, EACH_ROUND, rng)[1]))
+    x, weights = _weighted(log_density, mean, spread, count, rng)
+    picked = rng.choice(count, count, p=weights)
+    return np.array([theta_of(one)[:size] for one in x[picked]]), _effective(weights)
+
+
+def _weighted(log_density, mean, spread, count, rng):
+    """Points of a Student t distribution about a mean, and the weights, one in sum, that make them a density's."""
+    normal, size = rng.standard_normal((count, mean.size)), mean.size
+    stretched = rng.chisquare(TAILS, count) / TAILS
+    x = mean + normal @ _root(spread).T / np.sqrt(stretched)[:, None]
+    own = -0.5 * (TAILS + size) * np.log1p(np.sum(normal**2, axis=1) / stretched / TAILS)
+    logs = np.array([log_density(one) for one in x]) - own
+    weights = np.exp(logs - logs.max())
+    return x, weights / weights.sum()
 
 
 def _root(covariance):
@@ -105,12 +111,9 @@ def _root(covariance):
     return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def _effective(x):
-    """Independent samples that the mean of x is worth: its variance over that of the means of 50 batches."""
-    if np.ptp(x) == 0:
-        return float(x.size)
-    means = x[: x.size // 50 * 50].reshape(50, -1).mean(axis=1)
-    return float(x.var() / means.var(ddof=1) * 50)
+def _effective(weights):
+    """Independent samples that weighted ones are worth (Kong 1992)."""
+    return float(1 / np.sum(weights**2))
 
 
 def unstable(plants, controller, gain=1.0):
@@ -144,9 +147,9 @@ def net_gain(plants):
     return np.quantile(values[:, : structure.delayed].sum(axis=1), [0.05, 0.5, 0.95])
 
 
-def compare(seed, draws, steps):
-    """Factor on the gains and shares of unstable plants by the answer and by the walks; effective size of the walks;
-    quantiles of the net gain by both."""
+def compare(seed, draws):
+    """Factor on the gains, and shares of unstable plants by the answer and by the likelihood; what the latter's sample
+    is worth; quantiles of the net gain by both."""
     frame, project = record(seed)
     found = decided(project, frame)
     controller = mill("eq37").controller
@@ -155,34 +158,32 @@ def compare(seed, draws, steps):
     rng = np.random.default_rng(1000 + seed)
     parameters, sizes = {}, []
     for i, estimate in found.estimates.items():
-        sample, size = walk(estimate, steps, rng)
+        sample, size = sampled(estimate, draws, rng)
         sizes.append(size)
-        picked = sample[rng.permutation(len(sample))[:draws]]
         for spec, part in zip(estimate.row.specs, estimate.row.slices, strict=True):
-            parameters[i, spec.column] = spec.structure, picked[:, part]
-    walked = DrawnPlants(plant.nominal, parameters, min(len(v) for _, v in parameters.values()))
+            parameters[i, spec.column] = spec.structure, sample[:draws, part]
+    posterior = DrawnPlants(plant.nominal, parameters, min(len(v) for _, v in parameters.values()))
     gains = [1.0, *(gain_for(share, drawn, controller) for share in SHARES)]
-    shares = [(gain, unstable(drawn, controller, gain), unstable(walked, controller, gain)) for gain in gains]
-    return shares, min(sizes), net_gain(drawn), net_gain(walked)
+    shares = [(gain, unstable(drawn, controller, gain), unstable(posterior, controller, gain)) for gain in gains]
+    return shares, min(sizes), net_gain(drawn), net_gain(posterior)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--records", type=int, default=6)
     parser.add_argument("--draws", type=int, default=10_000)
-    parser.add_argument("--steps", type=int, default=100_000)
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ[name] = "1"
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        job = partial(compare, draws=options.draws, steps=options.steps)
+        job = partial(compare, draws=options.draws)
         for k, (shares, size, own, other) in enumerate(pool.map(job, range(options.records))):
-            print(f"record {k}: the walk is worth {size:.0f} draws", flush=True)
+            print(f"record {k}: the likelihood's sample is worth {size:.0f} draws", flush=True)
             spreads = " and ".join(np.array2string(one, precision=4) for one in (own, other))
-            print(f"  net gain of (1, 2), 5, 50, 95 %, by the answer and by the walk: {spreads}")
-            for gain, answer, by_walk in shares:
-                print(f"  gains times {gain:6.3f}: unstable {100 * answer:6.2f} and {100 * by_walk:6.2f} %", flush=True)
+            print(f"  net gain of (1, 2), 5, 50, 95 %, by the answer and by the likelihood: {spreads}")
+            for gain, answer, by_likelihood in shares:
+                print(f"  gains times {gain:6.3f}: unstable {100 * answer:6.2f} and {100 * by_likelihood:6.2f} %")
 
 
 if __name__ == "__main__":
