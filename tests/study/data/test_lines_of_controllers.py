@@ -15,11 +15,21 @@ from support.simulated import segment_of
 from trueplant.loop import PID, Controller, Kind, Sum, law_parts
 from trueplant.record import Segment
 from trueplant.result import ControllerCheck
+from trueplant.study import levels
 from trueplant.study.data import controller_check, law_judged, op_law, scan
 from trueplant.study.data.by_hand import hand_notes, without_hand
 from trueplant.study.data.law_samples import wrong_samples
 from trueplant.study.data.law_trend import law_trend
-from trueplant.study.data.law_windows import Cuts, Moments, Stretch, Windows, _whitening, cut, windows_of
+from trueplant.study.data.law_windows import (
+    Cuts,
+    Moments,
+    Stretch,
+    Windows,
+    _slowness,
+    _whitening,
+    cut,
+    windows_of,
+)
 
 Array = NDArray[np.float64]
 LAW = Controller.diagonal([PID(Kc=1.0)])
@@ -199,6 +209,25 @@ def test_gains_behind_coarse_pvs_are_as_sure_as_they_say_and_surer_than_by_op_as
     assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.25
     assert np.abs(off).max() < 4
     assert np.all(np.median(surer, axis=0) < 0.85)
+
+
+@pytest.mark.parametrize("step", [1.0, 2.5, 5.0, 10.0])
+def test_rounding_errors_of_a_slow_pv_follow_each_other(step: float) -> None:
+    """PV moves by one standard deviation a sample: the errors correlate by what they do in 40,000 simulated ones."""
+    y = np.cumsum(np.random.default_rng(3).standard_normal(40_000))
+    rounded = np.round(y / step) * step
+    error = rounded - y
+    assert _slowness(cut([stretch(rounded, rounded)], LAW, 0)) == pytest.approx(
+        np.corrcoef(error[1:], error[:-1])[0, 1], abs=0.03
+    )
+
+
+def test_what_rounding_may_have_left_of_a_gain_grows_with_how_slow_its_errors_are() -> None:
+    """Thirty windows that agree; errors that correlate by a half have three times the power at low frequencies."""
+    one, part = np.ones(30), np.ones((30, 1, 1))
+    sums = Moments(part, 0.9 * one[:, None], 0.9 * one, 0.1 * part, 0.0)
+    windows = Windows(((0, Kind.GAIN),), one, np.full(30, 20), sums, sums, slowness=0.5)
+    assert windows.fit().std(np.ones(1)) == pytest.approx(0.1 * (levels.ROUNDING_LEFT + 2.0), rel=0.01)
 
 
 @pytest.mark.holds("study.ROUNDING_LEFT")

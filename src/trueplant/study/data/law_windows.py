@@ -108,6 +108,8 @@ class Windows:
     """Of OP as it was recorded."""
     weighted: Moments
     """Of OP behind the filter that makes white noise of what rounding does to it: gains are known best by these."""
+    slowness: float = 0.0
+    """Correlation of the rounding errors of a PV from one sample to the next, below 1."""
 
     def __len__(self) -> int:
         return int(self.start.size)
@@ -166,7 +168,8 @@ class Windows:
         covariances[0][np.ix_(moves, moves)] = without.T @ without * (1 - 1 / n)
         white = inverse @ G @ inverse * sums.left(gains[moves]) / freedom
         covariances[1][np.ix_(moves, moves)] = 0.0 if n >= levels.LAW_WINDOWS else white
-        doubt = levels.ROUNDING_LEFT * (gains[moves] - biased)
+        # slow errors have so much more power where it is that of a gain
+        doubt = (levels.ROUNDING_LEFT + 2 * self.slowness / (1 - self.slowness)) * (gains[moves] - biased)
         covariances[(slice(None), *np.ix_(moves, moves))] += np.outer(doubt, doubt)
         return found(share)
 
@@ -267,7 +270,8 @@ def windows_of(cuts: Cuts, controller: Controller, i: int, sums: Sums) -> Window
             known = np.linalg.qr(behind(basis * inside) * inside)[0]
             own, *noise = (_without(known, behind(one) * inside) for one in (columns, *moved))
             table.append(_moments(own, noise, cuts.op_step**2 / 12 * behind.power(cuts.longest)))
-    return Windows(labels, np.concatenate(start), np.concatenate(freedom), *map(_joined, tables))
+    plain, weighted = map(_joined, tables)
+    return Windows(labels, np.concatenate(start), np.concatenate(freedom), plain, weighted, _slowness(cuts))
 
 
 def _moments(columns: Array, noise: Sequence[Array], op_rounding: float) -> Moments:
@@ -325,6 +329,19 @@ def _whitening(cuts: Cuts, controller: Controller, i: int, sums: Sums) -> _Filte
     spectrum = np.sum([np.convolve(one, one[::-1]) for one in (*averages, cuts.op_step * recursion)], axis=0)
     roots = np.roots(spectrum)
     return _Filter(recursion, np.atleast_1d(np.real(np.poly(roots[np.argsort(np.abs(roots))][: size - 1]))))
+
+
+def _slowness(cuts: Cuts) -> float:
+    """Correlation of a PV's rounding errors from one sample to the next, of the slowest PV.
+
+    A PV that moves by normal increments of standard deviation s has errors that correlate by the sum of exp(-2 (pi k
+    s/q)^2)/k^2 over the sum of 1/k^2 (Sripad and Snyder 1977). The mean move of the rounded PV is that of PV itself.
+    """
+    moves = [np.abs(np.diff(one.y, axis=0))[one.good[1:] & one.good[:-1]] for one in cuts.stretches]
+    coarse, k = cuts.pv_steps > 0, np.arange(1.0, 100.0)[:, None]
+    s = np.sqrt(np.pi / 2) * np.mean(np.concatenate(moves), axis=0)[coarse] / cuts.pv_steps[coarse]
+    correlations = np.sum(np.exp(-2 * (np.pi * k * s) ** 2) / k**2, axis=0) / np.sum(1 / k**2)
+    return float(min(np.max(correlations, initial=0.0), 1 - np.finfo(float).eps))
 
 
 def recursion_of(poles: Sequence[ArrayLike]) -> Array:
