@@ -121,12 +121,12 @@ def test_the_standard_errors_know_the_rounding(pv_digits, op_digits):
         assert np.sum(np.abs(z) > 3) <= 2, name
 
 
-def test_a_right_law_behind_a_pv_in_steps_of_twice_its_noise_is_not_called_another():
-    """Seeds 5000 to 5039: the steps of slow PVs make slow errors, of which a gain is told with doubt, or not at all."""
-    loops = [replace(one, pv_digits=2 * one.noise) for one in map(drawn, range(5000, 5040))]
+def test_a_right_law_behind_a_pv_in_steps_of_three_times_its_noise_is_seldom_called_another():
+    """Seeds 5000 to 5059: the steps of slow PVs make slow errors, of which gains are told with doubt, or not at all."""
+    loops = [replace(one, pv_digits=3 * one.noise) for one in map(drawn, range(5000, 5060))]
     said = [checked(loop).confirmed for loop in loops]
-    assert said.count(False) == 0
-    assert said.count(True) > 20
+    assert said.count(False) <= 3
+    assert said.count(True) > 15
 
 
 @pytest.mark.parametrize("declared_first", [True, False])
