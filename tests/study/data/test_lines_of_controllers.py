@@ -211,6 +211,15 @@ def test_gains_behind_coarse_pvs_are_as_sure_as_they_say_and_surer_than_by_op_as
     assert np.all(np.median(surer, axis=0) < 0.85)
 
 
+def test_of_two_pvs_that_are_one_no_gain_is_known_and_nothing_is_left() -> None:
+    law, own = rounded_pid(0)
+    twice = Controller({(0, 0): law.entries[0, 0], (0, 1): law.entries[0, 0]}, 1, 2)
+    both = replace(own, u=2 * own.u, r=np.hstack([own.r, own.r]), y=np.hstack([own.y, own.y]))
+    found = law_judged.judged([both], twice, 0, float(np.std(both.u)))
+    assert found is not None and not found.known and not found.off
+    assert found.left <= found.allowed
+
+
 @pytest.mark.parametrize("step", [1.0, 2.5, 5.0, 10.0])
 def test_rounding_errors_of_a_slow_pv_follow_each_other(step: float) -> None:
     """PV moves by one standard deviation a sample: the errors correlate by what they do in 40,000 simulated ones."""

@@ -151,12 +151,13 @@ class Windows:
 
         scale = np.sqrt(np.diag(G))
         ridge = np.diag(np.finfo(float).eps * scale**2)
-        biased = np.linalg.solve(G + ridge, g)
+        sizes, lost = np.outer(scale, scale), np.sqrt(np.finfo(float).eps)
+        biased = np.linalg.pinv(G / sizes, rcond=lost, hermitian=True) @ (g / scale) / scale
         brought = biased @ E @ biased / freedom
         over = sums.left(biased) / freedom - sums.op_rounding
         share = float(np.clip(over / brought, 0.0, 1.0)) if brought > 0 else 0.0
         corrected = G - share * E
-        if not g.size or np.linalg.eigvalsh(corrected / np.outer(scale, scale))[0] <= 0:
+        if not g.size or np.linalg.eigvalsh(corrected / sizes)[0] <= lost:
             gains[moves] = biased
             return found(share)
         inverse = np.linalg.inv(corrected + ridge)
