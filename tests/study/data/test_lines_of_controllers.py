@@ -25,7 +25,6 @@ from trueplant.study.data.law_windows import (
     Moments,
     Stretch,
     Windows,
-    _slowness,
     _whitening,
     cut,
     windows_of,
@@ -226,7 +225,7 @@ def test_rounding_errors_of_a_slow_pv_follow_each_other(step: float) -> None:
     y = np.cumsum(np.random.default_rng(3).standard_normal(40_000))
     rounded = np.round(y / step) * step
     error = rounded - y
-    assert _slowness(cut([stretch(rounded, rounded)], LAW, 0)) == pytest.approx(
+    assert cut([stretch(rounded, rounded)], LAW, 0).slowness == pytest.approx(
         np.corrcoef(error[1:], error[:-1])[0, 1], abs=0.03
     )
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -193,6 +194,20 @@ class Cuts:
     def samples(self) -> int:
         return int(sum(n.sum() for n in self.length))
 
+    @cached_property
+    def slowness(self) -> float:
+        """Correlation of a PV's rounding errors from one sample to the next, of the slowest PV.
+
+        A PV that moves by normal increments of standard deviation s has errors that correlate by the sum of exp(-2 (pi
+        k s/q)^2)/k^2 over the sum of 1/k^2 (Sripad and Snyder 1977). The mean move of the rounded PV is that of PV
+        itself.
+        """
+        moves = [np.abs(np.diff(one.y, axis=0))[one.good[1:] & one.good[:-1]] for one in self.stretches]
+        coarse, k = self.pv_steps > 0, np.arange(1.0, 100.0)[:, None]
+        s = np.sqrt(np.pi / 2) * np.mean(np.concatenate(moves), axis=0)[coarse] / self.pv_steps[coarse]
+        correlations = np.sum(np.exp(-2 * (np.pi * k * s) ** 2) / k**2, axis=0) / np.sum(1 / k**2)
+        return float(min(np.max(correlations, initial=0.0), 1 - np.finfo(float).eps))
+
 
 def cut(stretches: Sequence[Stretch], controller: Controller, i: int) -> Cuts:
     """Windows of good samples in which a set-point or a PV that writes OP i moves by more than its rounding."""
@@ -272,7 +287,7 @@ def windows_of(cuts: Cuts, controller: Controller, i: int, sums: Sums) -> Window
             own, *noise = (_without(known, behind(one) * inside) for one in (columns, *moved))
             table.append(_moments(own, noise, cuts.op_step**2 / 12 * behind.power(cuts.longest)))
     plain, weighted = map(_joined, tables)
-    return Windows(labels, np.concatenate(start), np.concatenate(freedom), plain, weighted, _slowness(cuts))
+    return Windows(labels, np.concatenate(start), np.concatenate(freedom), plain, weighted, cuts.slowness)
 
 
 def _moments(columns: Array, noise: Sequence[Array], op_rounding: float) -> Moments:
@@ -330,19 +345,6 @@ def _whitening(cuts: Cuts, controller: Controller, i: int, sums: Sums) -> _Filte
     spectrum = np.sum([np.convolve(one, one[::-1]) for one in (*averages, cuts.op_step * recursion)], axis=0)
     roots = np.roots(spectrum)
     return _Filter(recursion, np.atleast_1d(np.real(np.poly(roots[np.argsort(np.abs(roots))][: size - 1]))))
-
-
-def _slowness(cuts: Cuts) -> float:
-    """Correlation of a PV's rounding errors from one sample to the next, of the slowest PV.
-
-    A PV that moves by normal increments of standard deviation s has errors that correlate by the sum of exp(-2 (pi k
-    s/q)^2)/k^2 over the sum of 1/k^2 (Sripad and Snyder 1977). The mean move of the rounded PV is that of PV itself.
-    """
-    moves = [np.abs(np.diff(one.y, axis=0))[one.good[1:] & one.good[:-1]] for one in cuts.stretches]
-    coarse, k = cuts.pv_steps > 0, np.arange(1.0, 100.0)[:, None]
-    s = np.sqrt(np.pi / 2) * np.mean(np.concatenate(moves), axis=0)[coarse] / cuts.pv_steps[coarse]
-    correlations = np.sum(np.exp(-2 * (np.pi * k * s) ** 2) / k**2, axis=0) / np.sum(1 / k**2)
-    return float(min(np.max(correlations, initial=0.0), 1 - np.finfo(float).eps))
 
 
 def recursion_of(poles: Sequence[ArrayLike]) -> Array:
